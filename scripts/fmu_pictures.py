@@ -16,11 +16,11 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 from tse.impl.core import STIFFNESS  # noqa: E402
-from tse.impl.fmu.slave import slave  # noqa: E402
 from tse.impl.rows import columns  # noqa: E402
 from tse.impl.tables import markdown_table  # noqa: E402
 from tse.impl.verdict import NAMES  # noqa: E402
-from tselab.figures import demo_picture  # noqa: E402
+from tselab.fmu.run import slave  # noqa: E402
+from tselab.montecarlo.pictures import demo_picture  # noqa: E402
 
 BUILT = ROOT / "build" / "fmu" / "fmu"
 DURATION, STEP = 60.0, 0.01  # s

@@ -24,9 +24,9 @@ from tse.impl.core import STIFFNESS, Config, Library, library_path
 from tse.impl.files import atomic
 from tse.impl.logs.log import read_log
 from tselab.montecarlo import estimators, studies
+from tselab.montecarlo.accuracy import START
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.scores import inside
-from tselab.study import START
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))

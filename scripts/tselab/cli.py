@@ -19,9 +19,7 @@ from tselab.commands.calibrate import calibrate
 from tselab.commands.fleet import fleet
 from tselab.commands.fmu import fmu
 from tselab.commands.gap import gap
-from tselab.commands.signals import signals
-from tselab.montecarlo import STUDIES
-from tselab.options import (
+from tselab.commands.options import (
     CALIBRATE,
     FILE,
     FORM,
@@ -33,6 +31,8 @@ from tselab.options import (
     saying,
     show_progress,
 )
+from tselab.commands.signals import signals
+from tselab.montecarlo import STUDIES
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -621,8 +621,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
     the logs of a car with a hidden effect, and all that 'tselab gap' makes of them.
     """
     from tse.impl.tables import simulated_vehicle
-    from tselab.demo import gap_summary, run_demo, run_gap, summary
-    from tselab.logger import logger_summary, run_logger
+    from tselab.demo import gap_summary, logger_summary, run_demo, run_gap, run_logger, summary
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
@@ -678,8 +677,8 @@ def accuracy(
     from tse.impl.core import Config, SimConfig
     from tse.impl.estimate import write_table
     from tse.impl.files import atomic
-    from tselab.study import accuracy as run
-    from tselab.study import markdown
+    from tselab.montecarlo.accuracy import accuracy as run
+    from tselab.montecarlo.accuracy import markdown
 
     settings: dict[str, float] = dict(Config.form(form))
     sim_settings: dict[str, float] = {}
@@ -791,7 +790,7 @@ def _study(
     from tselab.montecarlo import studies
     from tselab.montecarlo.engine import Interrupted, Plan
     from tselab.montecarlo.engine import run as run_all
-    from tselab.montecarlo.write import write
+    from tselab.montecarlo.pictures import write
 
     study = studies.study(name, plan.get("cases", ()))
     todo = Plan(study, runs or study.runs, first_seed, **plan)

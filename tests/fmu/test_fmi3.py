@@ -35,9 +35,9 @@ from fmu_support import (
     unit,
 )
 
-from tse.impl.fmu.archive import open_archive
 from tselab.fmu import checks
-from tselab.fmu.binaries import read_binary
+from tselab.fmu.archive import open_archive
+from tselab.fmu.platforms import read_binary
 from tselab.fmu.validate import validate
 
 if not headers("3").is_dir():

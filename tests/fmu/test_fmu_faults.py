@@ -13,7 +13,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2LastSuccessfulTime
 from fmu_support import ESTIMATOR, VEHICLE, Instance, Unit, run, unit
 
-from tse.impl.fmu.platforms import read_build
+from tselab.fmu.platforms import read_build
 
 NAN = math.nan
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tse.impl.fmu.slave import slave
 from tselab.cli import cli
+from tselab.fmu.run import slave
 
 fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,8 +70,7 @@ def known_car(ssp):
 
 def test_the_vehicle_of_the_system_is_that_of_the_study_and_current(ssp):
     from tse.impl.core import Config
-    from tse.impl.fmu.archive import read_description
-    from tse.impl.fmu.parameters import parameter_set
+    from tselab.fmu.run import parameter_set, read_description
 
     variables = {v.name: v for v in read_description(ssp.with_name("TireStiffnessEstimator.fmu")).modelVariables}
     text = parameter_set(variables, Config(), "the car of the paper's study")
@@ -84,9 +83,9 @@ def test_a_vehicle_file_becomes_the_parameters_that_a_run_sets(of, ssp, tmp_path
     from fmpy.ssp.ssd import read_ssv
 
     from tse.impl.config import make_config
-    from tse.impl.fmu.run import settings
     from tse.impl.tables import example_vehicle
     from tse.impl.vehicle import read_vehicle
+    from tselab.fmu.run import settings
 
     (tmp_path / "car.toml").write_text(example_vehicle(), encoding="utf-8")
     command = ["fmu", "parameters", str(ssp.with_name(of)), "--vehicle", str(tmp_path / "car.toml")]

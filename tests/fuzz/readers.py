@@ -292,8 +292,8 @@ def archives() -> list[bytes]:
 
 
 def read_archive(data: bytes, folder: Path) -> None:
-    from tse.impl.fmu.archive import open_archive, unpacked
-    from tse.impl.fmu.slave import slave
+    from tselab.fmu.archive import open_archive, unpacked
+    from tselab.fmu.run import slave
 
     (folder / "m.fmu").write_bytes(data)
     with contextlib.suppress(UserError), slave(folder / "m.fmu"):

@@ -13,7 +13,7 @@ import pytest
 
 from conftest import tselab_here
 from tse.impl.errors import UserError
-from tse.impl.fmu import archive
+from tselab.fmu import archive
 
 DESCRIPTION = ("modelDescription.xml", b"<fmiModelDescription/>")
 Make = Callable[[zipfile.ZipFile], None]

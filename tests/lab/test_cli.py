@@ -108,7 +108,7 @@ def test_accuracy_is_the_same_in_one_process_and_in_two(tmp_path):
 
 
 def test_interval_of_a_share_is_clopper_pearson():
-    from tselab.study import clopper_pearson
+    from tselab.montecarlo.accuracy import clopper_pearson
 
     assert clopper_pearson(0, 60)[1] == pytest.approx(1 - 0.025 ** (1 / 60))
     assert clopper_pearson(0, 60)[0] == 0
@@ -117,7 +117,7 @@ def test_interval_of_a_share_is_clopper_pearson():
 def test_longest_run_is_counted():
     import numpy as np
 
-    from tselab.study import _longest
+    from tselab.montecarlo.accuracy import _longest
 
     assert _longest(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3
     assert _longest(np.zeros(4, bool)) == 0

@@ -21,9 +21,8 @@ from tse.impl.errors import UserError
 if importlib.util.find_spec("fmpy") is None or shutil.which("cmake") is None:
     pytest.skip("FMPy or cmake is not installed", allow_module_level=True)
 
-from tse.impl.fmu import archive, platforms
 from tse.impl.formula import Number, parse, write_formula
-from tselab.fmu import build, checks, clients, validate
+from tselab.fmu import archive, build, checks, clients, platforms, validate
 
 FMUS = ("SingleTrackVehicle", "TireStiffnessEstimator")
 PLATFORMS3 = ("win64", "darwin64")
@@ -141,7 +140,7 @@ def test_slices_are_joined_as_the_loader_of_macos_wants_them():
 
 
 def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere):
-    from tselab.fmu.binaries import read_binary
+    from tselab.fmu.platforms import read_binary
 
     machines = {
         "linux64": ("linux", ("x86_64",)),
@@ -166,7 +165,7 @@ def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere):
 
 
 def test_binaries_of_fmi_3_stand_in_folders_of_one_processor(everywhere):
-    from tselab.fmu.binaries import read_binary
+    from tselab.fmu.platforms import read_binary
 
     for name in FMUS3:
         fmu = archive.open_archive(everywhere / f"{name}.fmu")

@@ -19,9 +19,9 @@ from scipy import stats
 from conftest import COMMAND, tselab, tselab_here
 from tse.impl.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
 from tse.impl.errors import UserError
-from tselab.montecarlo import STUDIES, corrupt, drives, engine, estimators, findings, scores, studies, summary
+from tselab.montecarlo import STUDIES, drives, engine, estimators, findings, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
-from tselab.montecarlo.write import write
+from tselab.montecarlo.pictures import write
 
 
 def plan(study: str, *cases: str, runs: int = 1, **more) -> engine.Plan:
@@ -226,27 +226,27 @@ def test_low_excitation_has_half_a_percent_of_slip():
 
 @pytest.mark.parametrize("kind", ["dropout", "stuck"])
 def test_a_corruption_of_each_length_and_nothing_else(kind):
-    t = np.round(np.arange(0, corrupt.SLOTS_END, 0.01), 9)
+    t = np.round(np.arange(0, drives.SLOTS_END, 0.01), 9)
     clean = np.zeros(len(t), library().dtype(INPUT))
     for name in ("accel_x", "accel_y"):
         clean[name] = np.random.default_rng(0).standard_normal(len(t))
     rows = clean.copy()
-    hit = getattr(corrupt, kind)(t, rows, np.random.default_rng(1), "accel_x")
+    hit = getattr(drives, kind)(t, rows, np.random.default_rng(1), "accel_x")
     edges = np.flatnonzero(np.diff(hit.astype(int))) + 1
     lengths = sorted((edges[1::2] - edges[::2]) * 0.01)
-    assert lengths == pytest.approx(corrupt.LENGTHS, abs=0.011)
+    assert lengths == pytest.approx(drives.LENGTHS, abs=0.011)
     assert (edges[2::2] - edges[1:-1:2]).min() * 0.01 > scores.SETTLE_AFTER + 2  # time to judge what it left
     assert (rows["accel_y"] == clean["accel_y"]).all() and (rows["accel_x"][~hit] == clean["accel_x"][~hit]).all()
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         part = rows["accel_x"][a:b]
         assert np.isnan(part).all() if kind == "dropout" else (part == clean["accel_x"][a - 1]).all()
     again = clean.copy()
-    assert (getattr(corrupt, kind)(t, again, np.random.default_rng(2), "accel_x") != hit).any()
+    assert (getattr(drives, kind)(t, again, np.random.default_rng(2), "accel_x") != hit).any()
 
 
 def test_outliers_hit_one_in_a_hundred():
     rows = np.zeros(20000, library().dtype(INPUT))
-    unusable = corrupt.outliers(np.arange(20000.0), rows, np.random.default_rng(1), 0.01, 10.0)
+    unusable = drives.outliers(np.arange(20000.0), rows, np.random.default_rng(1), 0.01, 10.0)
     assert not unusable.any() and not rows["steer_angle"].any()
     for name in ("accel_x", "accel_y", "yaw_rate"):
         hit = rows[name] != 0

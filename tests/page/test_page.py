@@ -18,10 +18,10 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import page  # noqa: E402
 
 from tse.impl import maneuvers  # noqa: E402
-from tse.impl.fleet import single  # noqa: E402
 from tse.impl.core import Config, SimConfig  # noqa: E402
 from tse.impl.errors import UserError  # noqa: E402
 from tse.impl.estimate import write_table  # noqa: E402
+from tse.impl.fleet import single  # noqa: E402
 from tse.impl.fleet.single import prepare  # noqa: E402
 from tse.impl.simulate import simulate  # noqa: E402
 from tse.impl.vehicle import filter_values, read_vehicle  # noqa: E402

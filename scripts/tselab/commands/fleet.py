@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tselab.commands.gap import JOBS
-from tselab.options import CALIBRATE, FILE, FORM, PROGRESS, key_values, reading, show_progress
+from tselab.commands.options import CALIBRATE, FILE, FORM, PROGRESS, key_values, reading, show_progress
 
 if TYPE_CHECKING:
     from tse.impl.fleet.keep import Done

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tse.impl.errors import UserError
-from tselab.options import FILE, FORM, JSON, PROGRESS, key_values, reading, show_progress
+from tselab.commands.options import FILE, FORM, JSON, PROGRESS, key_values, reading, show_progress
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -70,8 +70,8 @@ def build(
     Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one modelDescription.xml, which is of one
     version, so they are two files. Both compute the same bits; the system (SSP) holds those of 2.0.
     """
-    from tse.impl.fmu.platforms import FMI
     from tselab.fmu.build import build as run
+    from tselab.fmu.platforms import FMI
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
@@ -116,11 +116,10 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None, as_js
 
     Exit code: 0 no findings, 1 findings, 2 a file that is no FMU. What could not run is said, and no finding.
     """
-    from tse.impl.fmu.archive import open_archive
     from tse.impl.results import say_json
     from tse.impl.tables import text_table
     from tselab.fmu import clients as others
-    from tselab.fmu import results as tables
+    from tselab.fmu.archive import open_archive
     from tselab.fmu.validate import validate as run
 
     def say(text: str) -> None:
@@ -153,7 +152,7 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None, as_js
             found += sum(r.is_finding for r in compared)
             all_rows += compared
     if results is not None:
-        for path in tables.write(results, all_verdicts, all_rows):
+        for path in others.write(results, all_verdicts, all_rows):
             echo(f"Written: {path}")
     if as_json:
         say_json({"findings": found, "fmus": documents})
@@ -178,10 +177,9 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     """
     from tse.impl.config import make_config
     from tse.impl.files import atomic, check_writable
-    from tse.impl.fmu.archive import open_archive, read_description
-    from tse.impl.fmu.parameters import parameter_set
-    from tse.impl.fmu.run import is_estimator
     from tse.impl.vehicle import read_vehicle
+    from tselab.fmu.archive import open_archive, read_description
+    from tselab.fmu.run import is_estimator, parameter_set
 
     out = out or Path(f"{vehicle_path.stem}.ssv")
     check_writable(out)
@@ -242,8 +240,8 @@ def run(
     from tse.impl.estimate import write_table
     from tse.impl.files import check_distinct, check_writable
     from tse.impl.fleet.single import prepare
-    from tse.impl.fmu import run as runs
-    from tse.impl.fmu.archive import open_archive
+    from tselab.fmu import run as runs
+    from tselab.fmu.archive import open_archive
 
     open_archive(path)
     out = out or Path(f"{log_path.stem}.est.csv")

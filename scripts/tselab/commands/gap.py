@@ -14,7 +14,7 @@ import click
 
 from tse.impl.errors import UserError
 from tse.impl.files import real
-from tselab.options import FILE, JSON, PROGRESS, for_programs, reading, saying
+from tselab.commands.options import FILE, JSON, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading

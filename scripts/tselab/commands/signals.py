@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from tselab.options import FILE
+from tselab.commands.options import FILE
 
 if TYPE_CHECKING:
     from tse.impl.logs.propose import Proposal

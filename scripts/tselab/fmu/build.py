@@ -12,9 +12,9 @@ from pathlib import Path
 
 from tse.impl.errors import UserError
 from tse.impl.files import alone
-from tse.impl.fmu import platforms
-from tse.impl.fmu.archive import content, pack
-from tse.impl.fmu.platforms import FMI, PLATFORMS, read_build
+from tselab.fmu import platforms
+from tselab.fmu.archive import content, pack
+from tselab.fmu.platforms import FMI, PLATFORMS, read_build
 
 Say = Callable[[str], None]
 

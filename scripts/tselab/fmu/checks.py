@@ -11,9 +11,9 @@ from pathlib import Path, PurePosixPath
 
 from lxml import etree
 
-from tse.impl.fmu import platforms
-from tse.impl.fmu.archive import Archive, unpacked
-from tselab.fmu.binaries import Binary, read_binary
+from tselab.fmu import platforms
+from tselab.fmu.archive import Archive, unpacked
+from tselab.fmu.platforms import Binary, read_binary
 
 COMMON = """fmi2GetTypesPlatform fmi2GetVersion fmi2SetDebugLogging fmi2Instantiate fmi2FreeInstance fmi2SetupExperiment
     fmi2EnterInitializationMode fmi2ExitInitializationMode fmi2Terminate fmi2Reset fmi2GetReal fmi2GetInteger fmi2GetBoolean

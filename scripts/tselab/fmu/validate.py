@@ -18,9 +18,9 @@ from lxml import etree
 
 from tse.impl import __version__
 from tse.impl.files import alone
-from tse.impl.fmu.archive import Archive, need_fmpy
 from tselab.fmu import checks
-from tselab.fmu.binaries import need_lief
+from tselab.fmu.archive import Archive, need_fmpy
+from tselab.fmu.platforms import need_lief
 
 
 @dataclass

@@ -1,12 +1,11 @@
 """Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated data.
 
-case.py        what a case is; driving one of it            corrupt.py   what goes wrong with a log
-drives.py      manoeuvres that only studies need            scores.py    one drive and one estimate become a row of numbers
-estimators.py  what can be run on a drive
-engine.py      all runs: processes, Dask, resuming
-studies.py     the studies: their cases, in one list        summary.py   rows become tables
-findings.py    the tables that only one study has           pictures.py  its picture
-write.py       the files that a study leaves
+case.py        what a case is; driving one of it            drives.py    manoeuvres, and what goes wrong with a log
+estimators.py  what can be run on a drive                   scores.py    one drive and one estimate become a row of numbers
+peers.py       Kalman filters beside it                     summary.py   rows become tables
+accuracy.py    the paper's set-up, without cases            findings.py  the tables that only one study has
+engine.py      all runs: processes, Dask, resuming          pictures.py  pictures, and the files that a study leaves
+studies.py     the studies: their cases, in one list
 """
 
 STUDIES = {  # name: (usual number of runs, title)

@@ -11,10 +11,10 @@ import pandas as pd
 
 from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, library
 from tse.impl.errors import UserError
-from tselab import peers
+from tselab.montecarlo import peers
+from tselab.montecarlo.accuracy import START
 from tselab.montecarlo.case import Drive
-from tselab.peers import Known
-from tselab.study import START
+from tselab.montecarlo.peers import Known
 
 # Variants of the robust form, robust-NAME: what was tried.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {

@@ -10,6 +10,7 @@ from scipy import stats
 
 from tse.impl.core import STIFFNESS, SimConfig
 from tse.impl.rows import MEASURES
+from tselab.montecarlo.accuracy import clopper_pearson
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
@@ -26,7 +27,6 @@ from tselab.montecarlo.summary import (
     settled,
     three,
 )
-from tselab.study import clopper_pearson
 
 SETTLING = (
     f"Settling: until the error is below 10 % for {SETTLED_FOR:g} s; for good: until it stays below up to the next change or the "

@@ -1,4 +1,5 @@
-"""The picture of a study, by matplotlib."""
+"""Pictures by matplotlib: of the demonstration and the accuracy study, for README, and of each study; what a study leaves in its
+directory."""
 
 from __future__ import annotations
 
@@ -9,16 +10,94 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tse.impl.core import STIFFNESS
+from tse.impl import __version__
+from tse.impl.core import STIFFNESS, library
+from tse.impl.errors import UserError
+from tse.impl.estimate import write_table
 from tse.impl.files import atomic
 from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
+from tse.impl.verdict import NAMES, UNITS
+from tselab.montecarlo import findings
 from tselab.montecarlo.case import Drive
 from tselab.montecarlo.engine import Plan, trace
-from tselab.montecarlo.summary import HEADS, of
+from tselab.montecarlo.summary import HEADS, Table, of, overview, summarise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFrame) -> None:
+    """True and estimated stiffness with band, above what the driver does."""
+    try:
+        import matplotlib
+    except ImportError:
+        raise UserError("the picture needs matplotlib: pip install 'tse[figures]'") from None
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams.update({"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8,
+                         "text.color": INK, "axes.labelcolor": INK, "xtick.color": "#52606d",
+                         "ytick.color": "#52606d"})  # fmt: skip
+    figure, axes = plt.subplots(
+        4, 1, figsize=(9, 7.6), dpi=200, sharex=True, height_ratios=[1, 1, 1, 0.62], layout="constrained"
+    )
+    time = est["time"].to_numpy()
+    for axis, key in zip(axes, STIFFNESS, strict=False):
+        mean, sd = est[key].to_numpy() / 1000, est[f"{key}_sd"].to_numpy() / 1000
+        valid = est[f"{key}_valid"].to_numpy() == 1
+        true = truth[f"true_{key}"].to_numpy()[: len(time)] / 1000
+        axis.fill_between(time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval")
+        axis.fill_between(
+            time,
+            0,
+            1,
+            where=~valid,
+            transform=axis.get_xaxis_transform(),
+            color=GREY,
+            alpha=0.16,
+            lw=0,
+            label="not valid",
+        )
+        axis.plot(time, true, color=ORANGE, lw=1.8, ls=(0, (5, 2)), label="truth")
+        axis.plot(time, mean, color=BLUE, lw=1.6, label="estimate")
+        axis.set_ylim(0.35 * true.max(), 1.4 * true.max())
+        axis.set_ylabel(UNITS[key])
+        axis.set_title(NAMES[key], loc="left", fontsize=11, fontweight="bold", pad=4)
+    handles, labels = axes[0].get_legend_handles_labels()
+    order = [labels.index(x) for x in ("truth", "estimate", "95 % interval", "not valid")]
+    figure.legend(
+        [handles[i] for i in order],
+        [labels[i] for i in order],
+        loc="outside upper right",
+        ncols=4,
+        frameon=False,
+    )
+    axes[3].plot(time, 1000 * log["steer_angle"].to_numpy()[: len(time)], color=INK, lw=1.1)
+    axes[3].set_ylabel("steering\n[mrad]")
+    speed = axes[3].twinx()
+    speed.plot(time, truth["true_vel_x"].to_numpy()[: len(time)], color="#1a7f5a", lw=1.5)
+    speed.set_ylabel("speed\n[m/s]", color="#1a7f5a")
+    speed.spines[["top", "left"]].set_visible(False)
+    axes[3].set_xlabel("time [s]")
+    for axis in axes:
+        axis.grid(color="#edf0f3", lw=0.8)
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.set_xlim(time[0], time[-1] if len(time) > 1 else 1)
+    level = truth["road_level"].to_numpy()[: len(time)]
+    for i in np.flatnonzero(np.diff(level)):
+        axes[0].annotate(f"road level {level[i]:g} → {level[i + 1]:g}", (time[i + 1], 0.96), xycoords=("data", "axes fraction"),
+                         xytext=(6, 0), textcoords="offset points", fontsize=10, color="#52606d", va="top")  # fmt: skip
+        for axis in axes:
+            axis.axvline(time[i + 1], color=GREY, lw=0.9)
+    with atomic(path, "wb") as file:
+        figure.savefig(file, format="png", metadata={"Software": None})
+    plt.close(figure)
+
+
+# ---- the picture of a study
+
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, "#b8860b", "#5a9bd4", "#8b1a4a", "#3d5a3d")
 RED, EDGE = "#c0392b", "#c8ced4"  # red as the paper's figures
@@ -137,3 +216,58 @@ def _dots(plan: Plan, summary: pd.DataFrame) -> Figure:
     axes[0, 0].set_yticks(range(len(cases)), cases)
     axes[0, 0].set_ylim(len(cases) - 0.5, -0.5)
     return figure
+
+
+# ---- NAME.csv, NAME.md and, with matplotlib, NAME.png
+
+
+def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
+    """Write all files. Returned: the Markdown, and which files."""
+    lines = summarise(plan, runs)
+    tables = findings.findings(plan, runs, lines)
+    if plan.study.base not in ("paper", "robust"):  # their own tables say it all
+        tables += [overview(plan, lines), *findings.changes(plan, lines)]
+    facts = run_facts(plan, lines)
+    text = markdown(plan, facts, tables)
+    path = {end: out / f"{plan.study.name}.{end}" for end in ("csv", "md", "png")}
+    write_table(lines, path["csv"])
+    with atomic(path["md"]) as file:
+        file.write(text)
+    if not draw(plan, runs, lines, path["png"]):
+        del path["png"]
+    return text, list(path.values())
+
+
+def command(plan: Plan) -> str:
+    """What to type for the same result."""
+    parts = [f"tselab montecarlo --study {plan.study.name} --runs {plan.runs}"]
+    if plan.study.name == "paper":
+        parts = [f"tselab paper --runs {plan.runs}"]
+    parts += [f"--first-seed {plan.first_seed}"] if plan.first_seed != 1 else []
+    parts += [f"--form {plan.form}"] if plan.form != "default" else []
+    parts += [f"--set {k}={v:g}" for k, v in {**plan.settings, **plan.sim_settings}.items()]
+    parts += [f"--cases {','.join(plan.cases)}"] if plan.cases else []
+    return " ".join(parts)
+
+
+def run_facts(plan: Plan, lines: pd.DataFrame) -> list[tuple[str, str]]:
+    """What is needed to repeat it, and what it cost."""
+    lib, first = library(), lines.iloc[0]
+    seeds = f"seeds {plan.seeds[0]} .. {plan.seeds[-1]}" if plan.runs > 1 else f"seed {plan.first_seed}"
+    settings = [f"{k} = {v:g}" for k, v in {**plan.settings, **plan.sim_settings}.items()]
+    return [
+        ("Runs", f"{plan.runs} of each case, {seeds}"),
+        ("Settings", f"form {plan.form}" + "".join(f", {s}" for s in settings)),
+        ("Command", f"`{command(plan)}`"),
+        ("Library", f"tse {lib.version}, {lib.format}; tselab {__version__}"),
+        ("Cost", f"{first['simulate_s'] + first['estimate_s']:.2f} s a run of case {first['case']} and estimator "
+         f"{first['estimator']}, {first['simulate_s']:.2f} s of it simulation and scores"),
+    ]  # fmt: skip
+
+
+def markdown(plan: Plan, facts: list[tuple[str, str]], tables: list[Table]) -> str:
+    """The result as text."""
+    lines = [f"# {plan.study.title}", "", *(f"- {name}: {value}" for name, value in facts)]
+    for table in tables:
+        lines += ["", table.markdown()]
+    return "\n".join([*lines, "", f"Intervals of all values: {plan.study.name}.csv; each run: runs.csv.", ""])

@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 
 from tse.impl.core import REASON, STIFFNESS, library
 from tse.impl.rows import MEASURES
+from tselab.montecarlo.accuracy import DIVERGED_AFTER, DIVERGED_ERROR, DIVERGED_FOR, _longest
 from tselab.montecarlo.case import LINEAR, Case, Drive, G
-from tselab.study import DIVERGED_AFTER, DIVERGED_ERROR, DIVERGED_FOR, _longest
 
 SETTLE_AFTER = DIVERGED_AFTER  # s after start, event or disturbance, before errors are judged
 VALID_AFTER = 5.0  # s, before the valid flag is judged

@@ -11,7 +11,7 @@ import numpy as np
 from tse.impl.core import Config, SimConfig
 from tse.impl.errors import UserError
 from tse.impl.rows import DRIVES, MEASURES
-from tselab.montecarlo import STUDIES, corrupt, drives
+from tselab.montecarlo import STUDIES, drives
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
 
@@ -49,7 +49,7 @@ NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _waves(), sim={"
 NOISE_THIRD = Case("noise-third", "sensor noise a third of the setting", _waves(), sim={"noise": 1 / 3})
 LOW = Case("low-excitation", "slip 0.5 %, steering 0.005 rad", _waves(steer=drives.LOW_STEER, torque=None))
 OUTLIERS = Case("outliers", "1 % of the inertial samples 10 sigma off", _waves(),
-                corrupt=partial(corrupt.outliers, share=0.01, sigmas=10.0))  # fmt: skip
+                corrupt=partial(drives.outliers, share=0.01, sigmas=10.0))  # fmt: skip
 ROAD = Case("road-change", "all stiffness to 70 % at 20 s", _waves(40.0, road=((20.0, 0.7),)), events=(20.0,))
 
 ROAD_03 = Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
@@ -63,10 +63,10 @@ def _stress() -> tuple[Case, ...]:
         "true_bias_yaw_rate": 0.2 * DEGREE,
         "bias_walk": 1.0,
     }
-    after_15 = ((corrupt.FIRST, corrupt.SLOTS_END),)
+    after_15 = ((drives.FIRST, drives.SLOTS_END),)
     pulses = ((drives.PULSES[0] - 5, drives.PULSES[0]), (drives.PULSES_END - 15, drives.PULSES_END))
     friction = {"sim": {"friction": 0.9}, "windows": pulses, "needs": ("friction",)}
-    slots = _waves(corrupt.SLOTS_END)
+    slots = _waves(drives.SLOTS_END)
     return (
         NOMINAL,
         Case("paper-prior", "vx starts 1 m/s sd off", _waves(), draw=_paper_prior,
@@ -91,9 +91,9 @@ def _stress() -> tuple[Case, ...]:
         *(Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f}) for f in (0.98, 0.99, 0.995)),
         Case("forgetting-0.999", "forgetting 0.999, judged after two memories", _waves(40.0), config={"forgetting": 0.999},
              windows=((20.0, 40.0),)),
-        *(Case(f"dropout-{c}", f"{c} missing for 0.1 .. 5 s", slots, corrupt=partial(corrupt.dropout, channel=c),
+        *(Case(f"dropout-{c}", f"{c} missing for 0.1 .. 5 s", slots, corrupt=partial(drives.dropout, channel=c),
                windows=after_15) for c in (*DRIVES, *MEASURES)),
-        *(Case(f"stuck-{c}", f"{c} stuck for 0.1 .. 5 s", slots, corrupt=partial(corrupt.stuck, channel=c),
+        *(Case(f"stuck-{c}", f"{c} stuck for 0.1 .. 5 s", slots, corrupt=partial(drives.stuck, channel=c),
                windows=after_15) for c in (*DRIVES, *MEASURES)),
         Case("stop-and-go", "standstill, launch, stop, four times", partial(drives.listed, name="stop-and-go", duration=80.0),
              windows=((20.0, 80.0),)),
@@ -133,7 +133,7 @@ def _regimes() -> tuple[Case, ...]:
              partial(drives.motorway, duration=100.0, at=40.0, friction=0.2, steer=(0.012, 0.02), torque=(400.0, 700.0)),
              sim={"friction": 0.9}, **ice),
         *(Case(f"pause-{s}", f"a row comes {s} s after the one before, at 20 s", _waves(40.0),
-               corrupt=partial(corrupt.pause, at=20.0, length=s), windows=((20.0, 40.0),), estimators=TWO) for s in PAUSES),
+               corrupt=partial(drives.pause, at=20.0, length=s), windows=((20.0, 40.0),), estimators=TWO) for s in PAUSES),
         *(Case(f"spread-{s}-noise-{name}", f"stiffness scatters by {s} %, noise {name} of the setting", _waves(60.0),
                config={"initial_spread": 0.05}, sim={"noise": noise} | dict.fromkeys(SPREADS, s / 100),
                windows=((40.0, 60.0),), estimators=TWO)

@@ -13,8 +13,8 @@ from tse.impl.core import STIFFNESS
 from tse.impl.rows import MEASURES
 from tse.impl.tables import markdown_table
 from tselab.montecarlo import scores
+from tselab.montecarlo.accuracy import DIVERGED_ERROR, DIVERGED_FOR, clopper_pearson
 from tselab.montecarlo.engine import Plan
-from tselab.study import DIVERGED_ERROR, DIVERGED_FOR, clopper_pearson
 
 RESAMPLES = 2000  # of a bootstrap interval
 LEVEL = 0.95

@@ -1,4 +1,4 @@
-"""FMU and SSP files: opening anybody's, packing our own."""
+"""FMU and SSP files: open anybody's, pack our own."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from tse.impl.files import atomic
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription
+
 
 EPOCH = (1980, 1, 1, 0, 0, 0)  # the first date that a zip file knows
 # An FMU with binaries for all platforms has 60 files of 5 MB; tools pack tables of 100 MB, in which a byte may be packed 100 times.
