@@ -124,7 +124,7 @@ def test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not():
 # ---- modules of tse and tselab
 
 SCRIPTS = SRC.parent / "scripts"
-COMMANDS = re.compile(r"tselab\.(cli|options|__main__|commands\.\w+)")  # options in, messages out
+COMMANDS = re.compile(r"tselab\.(cli|__main__|commands\.\w+)")  # options in, messages out
 LATE = {  # what is imported in functions, and is no package that may be missing: it costs a second, and few need it
     ("tse._estimate", "tse.impl.report"),
     ("tse.impl.processes", "tse.impl"),  # in a function that is sent to the workers as code

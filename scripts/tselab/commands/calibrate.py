@@ -24,7 +24,7 @@ class Calibrate(Run):
         click.Command.format_epilog(self, ctx, formatter)
 
 
-@click.command(cls=Calibrate, short_help="Find what the car and the sensors of a log are.")
+@click.command(cls=Calibrate)
 @LOGS
 @VEHICLE
 @click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MOST_ERRORS = 10  # that the terminal names
 
 
-@click.command(short_help="Estimate many logs of many cars.")
+@click.command()
 @click.argument("words", metavar="LOG|FOLDER|GLOB ...", nargs=-1, required=True)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars.")
 @click.option("--vehicles", "table", metavar="TABLE.csv", type=FILE, help="Which car each log is of: columns log, vehicle, car, "

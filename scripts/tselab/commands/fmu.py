@@ -19,7 +19,7 @@ REALS = ("double", "float", "fixed")
 PLATFORM_NAMES = ("linux64", "win64", "darwin64", "aarch64-linux", "aarch64-darwin")
 
 
-@click.group(short_help="Build, check and run FMUs.")
+@click.group()
 def fmu() -> None:
     """Build, check and run FMUs (FMI 2.0 and 3.0, co-simulation).
 

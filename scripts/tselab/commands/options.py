@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -128,3 +130,34 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
 JSON = click.option(
     "--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words."
 )
+JOBS = click.option(
+    "--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes."
+)
+FIRST_SEED = click.option(
+    "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
+)
+RESTART = click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
+
+
+class Lazy(click.Command):
+    """A command whose help ends in tables of the library."""
+
+    def __init__(self, *args: Any, tables: tuple[tuple[str, str], ...] = (), **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        self.tables = tables
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from tse.impl import tables
+
+        super().format_epilog(ctx, formatter)
+        for title, name in self.tables:
+            formatter.write(f"\n{title}:\n")
+            try:
+                formatter.write(textwrap.indent(getattr(tables, name)(), "  ") + "\n")
+            except UserError as error:
+                formatter.write(f"  ({error})\n")
+
+
+def check_range(name: str, value: float | None, low: float, high: float, unit: str) -> None:
+    if value is not None and not low <= value <= high:
+        raise UserError(f"option --{name}: {value:g} is outside its range {low:g} .. {high:g} {unit}")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 
 
-@click.command(short_help="What a log holds, and a proposal of signals.toml.")
+@click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--write", "out", metavar="SIGNALS.toml", type=FILE, help="Write the proposal there.")
 @click.option(

@@ -4,11 +4,13 @@ units, rates and latencies."""
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
 import numpy as np
 import pandas as pd
 
@@ -32,10 +34,45 @@ from tse.impl.simulate import simulate, with_references
 from tse.impl.tables import simulated_vehicle
 from tse.impl.vehicle import read_vehicle
 from tse.impl.verdict import NAMES
+from tselab.commands.options import FILE, PROGRESS, show_progress
 from tselab.montecarlo.pictures import demo_picture
 
 if TYPE_CHECKING:
     from tse.impl.gap.workflow import Result
+
+
+@click.command()
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    default=Path("demo"),
+    show_default=True,
+    help="Directory; made if needed.",
+)
+@click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
+@PROGRESS
+def demo(out: Path, seed: int, progress: bool | None) -> None:
+    """Simulate double lane changes with a road change, estimate, compare; do it again from an MF4 of other names, units, rates
+    and latencies; then find a hidden effect.
+
+    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; in
+    the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
+    the logs of a car with a hidden effect, and all that 'tselab gap' makes of them.
+    """
+    from tse.impl.tables import simulated_vehicle
+
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a directory is needed")
+    made = run_demo(out, seed, show_progress(progress))
+    click.echo(summary(made, out))
+    try:
+        logged = run_logger(out / "logger", made.log, simulated_vehicle(), made.est.table)
+        click.echo("\n" + logger_summary(logged, out / "logger"))
+    except UserError as error:
+        click.echo(f"\nleft out: {error}")
+    say = (lambda text: click.echo(f"gap: {text}", err=True)) if show_progress(progress) else (lambda _: None)
+    click.echo("\n" + gap_summary(run_gap(out / "gap", seed, say, os.cpu_count() or 1), out / "gap"))
 
 
 DURATION, ROAD_CHANGE = 72.0, (36.0, 0.7)
