@@ -1,8 +1,11 @@
 """Headers that are written from src/tables are committed as they would be written; numbers of the filter have two homes."""
 
+from __future__ import annotations
+
 import re
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,3 +35,64 @@ def test_the_default_filter_has_at_most_26_constants():
         r"^\w+ *= \{ value = ", (ROOT / "src" / "tables" / "constants.toml").read_text(encoding="utf-8"), re.M
     )
     assert 20 < len(rows) <= 26
+
+
+# ---- A name of src/ is that of one function: what a debugger, a search and a reader find is the same. Alternatives that the
+# preprocessor chooses between stand in one file. And it is short: what a function does is read on one screen.
+
+
+SRC = Path(__file__).resolve().parents[1] / "src"
+HEAD = r"^(?!typedef\b|enum\b|extern\b)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)(?:\s*/\*[^\n]*\*/)?"
+BODY = r"(?:\s*\{.*\}[^\n]*|\s*\{[^\n]*\n(?:[^}\n][^\n]*\n|\n)*\})"  # in one line, or to the first brace in column 0
+FUNCTION = re.compile(HEAD + BODY, re.M)
+FORMATS = {"number/fixed.c", "number/real_ops.h"}  # the same operations for each number format
+TABLE = re.compile(r" */\* table: .*?/\* end of table \*/\n", re.S)
+MOST_LINES = 40  # of a body, braces not counted
+
+
+def functions():
+    """(file, name, lines of the body) of every function that is defined."""
+    for path in sorted(SRC.rglob("*.[ch]")):
+        for found in FUNCTION.finditer(path.read_text()):
+            body = TABLE.sub("", found[0].partition("\n{\n")[2])  # "": in one line; rows that a script writes are data
+            yield path.relative_to(SRC).as_posix(), found[1], body.count("\n")
+
+
+def test_every_function_is_seen():
+    """Every brace in column 0 that ends a function belongs to one that was found."""
+    for path in sorted(SRC.rglob("*.[ch]")):
+        text = path.read_text()
+        found = [x for x in FUNCTION.finditer(text) if x[0].endswith("\n}")]
+        assert len(found) == len(re.findall(r"^\{$", text, re.M)), path
+
+
+def test_no_two_files_define_functions_of_one_name():
+    files = defaultdict(set)
+    for file, name, _ in functions():
+        files[name].add(file)
+    twice = {name: sorted(where) for name, where in files.items() if len(where) > 1 and where != FORMATS}
+    assert not twice
+
+
+def test_no_two_files_define_a_type_or_a_macro_of_one_name():
+    """A macro that its file undefines is no name of another's. A build has one of a number format's."""
+    files = defaultdict(set)
+    for path in sorted(SRC.rglob("*.[ch]")):
+        text = path.read_text()
+        gone = set(re.findall(r"^#undef (\w+)", text, re.M))
+        for name in {*re.findall(r"^#define (\w+)", text, re.M)} - gone:
+            files[name].add(path.relative_to(SRC).as_posix())
+        for name in re.findall(r"^(?:typedef struct \w+ \{.*)?\} (\w+);", text, re.M):
+            files[name].add(path.relative_to(SRC).as_posix())
+    assert not {name: sorted(where) for name, where in files.items() if len(where) > 1 and where != FORMATS}
+
+
+def test_a_macro_of_a_public_header_is_a_constant():
+    """But for a number of each format, and the name that a public function has in it."""
+    public = (SRC.parent / "include" / "tse").glob("*.h")
+    with_arguments = {x for path in public for x in re.findall(r"^# *define +(\w+)\(", path.read_text(), re.M)}
+    assert with_arguments == {"TSE_R", "TSE_S", "TSE_NAME"}
+
+
+def test_no_function_is_longer_than_a_screen():
+    assert not [x for x in functions() if x[2] > MOST_LINES]
