@@ -67,7 +67,6 @@ for name, text, law in (
         "quantiles of F(3, dof): the squared radius of three jointly spherical t, over 3",
         lambda nu: stats.f(3, nu),
     ),
-    ("radius2_table", "quantiles of F(2, dof): the squared radius of two of them, over 2", lambda nu: stats.f(2, nu)),
 ):
     print("/* %s */" % text)
     print("static const double %s[][%d] = {" % (name, len(probability)))

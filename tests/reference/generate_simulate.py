@@ -3,8 +3,8 @@
 
 A car with turning wheels, written with forces in newtons and torques in newton metres: driven by torques, braked to a
 standstill and held, and backwards, integrated row by row with scipy's DOP853 at a tolerance of 1e-11. Between rows the
-driver is linear and the stiffness is that of the row before. Slip is taken over at least 1 m/s; brakes oppose rotation,
-linearly up to 0.2 rad/s.
+driver is linear and the stiffness is that of the row before. The drivers are functions of the row, here and in the test.
+Slip is taken over at least 1 m/s; brakes oppose rotation, linearly up to 0.2 rad/s.
 
     python3 generate_simulate.py > simulate_table.h        needs numpy, scipy; deterministic
 """
@@ -90,7 +90,7 @@ print("  " + ", ".join(repr(v) for v in values) + "\n};\n")
 
 runs = []
 for speed, driver in ((20.0, driving), (2.5, stopping), (0.0, reversing)):
-    rows = np.array([[float("%.5g" % v) for v in driver(k)] for k in range(ROWS)])
+    rows = np.array([driver(k) for k in range(ROWS)])
     x = np.array([speed, 0.0, 0.0, speed / RF, speed / RR])
     results = []
     for k in range(ROWS):
@@ -101,20 +101,12 @@ for speed, driver in ((20.0, driving), (2.5, stopping), (0.0, reversing)):
             x = out.y[:, -1]
         if k % EVERY == 0:
             results.append([*x, *accels(x, rows[k, 1], rows[k, 6])])
-    runs.append((speed, rows, results))
+    runs.append((speed, results))
 
 print("static const double simulated_speed[] = { " + ", ".join(repr(run[0]) for run in runs) + " };\n")
-print("/* dt, steering angle, torque front, rear, brake front, rear, road level */")
-print("static const double simulated_driver[][SIMULATED_ROWS][7] = {")
-for _, rows, _ in runs:
-    print("  {")
-    for row in rows:
-        print("    { " + ", ".join("%.5g" % v for v in row) + " },")
-    print("  },")
-print("};\n")
 print("/* every %d rows: vel_x, vel_y, yaw rate, wheel speed front, rear, accel_x, accel_y */" % EVERY)
 print("static const double simulated_truth[][SIMULATED_ROWS / SIMULATED_EVERY][7] = {")
-for _, _, results in runs:
+for _, results in runs:
     print("  {")
     for row in results:
         print("    { " + ", ".join("%.10g" % v for v in row) + " },")

@@ -127,17 +127,25 @@ static tse_sim_config table_sim(double speed)
   return s;
 }
 
-static tse_sim_input table_input(const double *t)
+/* Row k of driver j, as in tests/reference/generate_simulate.py: driving, stopping, reversing. */
+static tse_sim_input table_input(int j, int k)
 {
+  const double t = 0.015 * k, press = fmin(k / 20.0, 1.0), brake = k >= 70 && k < 90 ? 150.0 : 0.0;
+  const double road = k < 60 ? 1.0 : 1.25 - 0.75 * (k < 110);
+  const double row[3][7] = {
+    { 0.01 + 0.01 * (k % 2), 0.03 * sin(5 * t), 500 * sin(4 * t), 250 * cos(3 * t), brake, brake / 2, road },
+    { 0.01, 0.1 * press, 0.0, 0.0, 1500 * press, 1000 * press, 1.0 },
+    { 0.01, 0.2 * sin(0.05 * k), -450 * fmin(k / 10.0, 1.0), 100 * sin(0.1 * k), 0.0, 0.0, 1.0 },
+  };
   tse_sim_input u;
   memset(&u, 0, sizeof u);
-  u.dt = real(t[0]);
-  u.steer_angle = real(t[1]);
-  u.wheel_torque_front = real(t[2]);
-  u.wheel_torque_rear = real(t[3]);
-  u.brake_torque_front = real(t[4]);
-  u.brake_torque_rear = real(t[5]);
-  u.road_level = real(t[6]);
+  u.dt = real(row[j][0]);
+  u.steer_angle = real(row[j][1]);
+  u.wheel_torque_front = real(row[j][2]);
+  u.wheel_torque_rear = real(row[j][3]);
+  u.brake_torque_front = real(row[j][4]);
+  u.brake_torque_rear = real(row[j][5]);
+  u.road_level = real(row[j][6]);
   return u;
 }
 
@@ -150,7 +158,7 @@ static void table_run(int j, double substep, double *state, double *accel)
   start(&c, &s);
   *state = *accel = 0;
   for (int k = 0; k < SIMULATED_ROWS; k++) {
-    const tse_sim_input u = table_input(simulated_driver[j][k]);
+    const tse_sim_input u = table_input(j, k);
     tse_sim_output y;
     step(&u, &y);
     if (k % SIMULATED_EVERY != 0) continue;
