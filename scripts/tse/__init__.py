@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from tse._filter import UNKNOWN_AGE, Filter, Form
     from tse._fleet import Fleet, fleet
     from tse._gap import Gap, gap
-    from tse._log import Log, LogLike, read_log
-    from tse._replay import Replayed, replay
-    from tse._signals import Signals, signals
-    from tse._simulate import Simulated, simulate
+    from tse._log import Log, LogLike, Signals, read_log, signals
+    from tse._simulate import Replayed, Simulated, replay, simulate
     from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
     from tse._vehicle import VehicleLike, read_vehicle
     from tse.errors import Error, InputError, LearntError, SettingError
@@ -122,14 +120,14 @@ _LATER = {  # loaded by who uses it: the command is a user, too, and --help need
             "Replayed",
             "replay",
         ),
-        "tse._replay",
+        "tse._simulate",
     ),
     **dict.fromkeys(
         (
             "Signals",
             "signals",
         ),
-        "tse._signals",
+        "tse._log",
     ),
     **dict.fromkeys(
         (
