@@ -91,9 +91,7 @@ def build(
 @fmu.command(short_help="Check FMUs with every validator there is.")
 @click.argument("paths", metavar="FMU ...", type=FILE, nargs=-1, required=True)
 @click.option("--clients", is_flag=True, help="Also run each FMU in every client that is installed, and compare.")
-@click.option(
-    "--results", metavar="DIR", type=FILE, help="Write the tables there: fmu_validators.md, fmu_clients.csv and .md."
-)
+@click.option("--results", metavar="DIR", type=FILE, help="Write the tables there: fmu_validators.md, fmu_clients.md.")
 @JSON
 def validate(paths: tuple[Path, ...], clients: bool, results: Path | None, as_json: bool) -> None:
     """Check FMUs, also other people's, with every validator there is.

@@ -21,12 +21,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from tse.impl import maneuvers
 from tse.impl.core import Config, SimConfig
 from tse.impl.errors import UserError
-from tse.impl.estimate import write_table
 from tse.impl.files import atomic
 from tse.impl.rows import columns
 from tse.impl.simulate import HISTORIES, drive
@@ -416,12 +414,8 @@ def write(folder: Path, verdicts: Mapping[str, Sequence[Verdict]], rows: Sequenc
         file.write(validators(verdicts))
     ran = [r for r in rows if not r.skipped]
     if ran:
-        written += [folder / "fmu_clients.csv", folder / "fmu_clients.md"]
-        table = [
-            {"fmu": r.fmu, "client": r.client, "version": r.version, "run": r.run, "difference": r.text} for r in ran
-        ]
-        write_table(pd.DataFrame(table), written[1])
-        with atomic(written[2]) as file:
+        written += [folder / "fmu_clients.md"]
+        with atomic(written[1]) as file:
             file.write(clients(ran))
     return written
 
