@@ -4,10 +4,9 @@
 #define LEARNT_WITH_BYTES
 #include "filter/filter.h"
 #include "paper/paper.h"
-#include "unit_support.h"
+#include "driven.h"
 
 #include "tse/learnt.h"
-#include "tse/simulate.h"
 #include "learnt_table.h"
 
 #define DAY 86400u
@@ -779,12 +778,7 @@ static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
 
 /* -------------------------------------------------------------------------------------------- drives */
 
-typedef struct drive {
-  tse_sim sim;
-  double t, steer, torque;
-} drive;
-
-static void set_off(drive *d, const tse_config *c, int32_t seed, double steer, double torque)
+static void depart(drive *d, const tse_config *c, int32_t seed, double steer, double torque)
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
@@ -792,29 +786,9 @@ static void set_off(drive *d, const tse_config *c, int32_t seed, double steer, d
   s.true_cy_front = setting(0.8);
   s.true_cy_rear = setting(1.2);
   s.seed = seed;
-  d->t = 0;
+  set_off_with(d, c, &s);
   d->steer = steer;
   d->torque = torque;
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&d->sim, c, &s, NULL));
-}
-
-static tse_output run(const tse_params *p, tse_filter_paper *filter, drive *d, int rows)
-{
-  tse_output y;
-  memset(&y, 0, sizeof y);
-  for (int i = 0; i < rows; i++) {
-    tse_sim_input u;
-    tse_sim_output out;
-    memset(&u, 0, sizeof u);
-    u.dt = real(0.01);
-    u.steer_angle = real(fmod(d->t, 4.0) < 2.0 ? d->steer : -d->steer);
-    u.wheel_torque_front = real(fmod(d->t, 5.0) < 2.5 ? d->torque : -d->torque);
-    u.road_level = real(1);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&d->sim, &u, &out));
-    TEST_ASSERT_TRUE(tse_step(p, &filter->filter, &out.row, &y) >= 0);
-    d->t += 0.01;
-  }
-  return y;
 }
 
 static uint32_t known_of(const uint8_t *bytes) { return word(bytes + 12); }
@@ -835,19 +809,19 @@ static void test_only_what_was_once_valid_counts_as_learnt_and_what_was_loaded_s
     const tse_params p = prepared(&c);
     uint8_t lively[TSE_LEARNT_BYTES], quiet[TSE_LEARNT_BYTES], later[TSE_LEARNT_BYTES];
     drive d;
-    set_off(&d, &c, 1, 0.02, 700);
+    depart(&d, &c, 1, 0.02, 700);
     reset(&p, &f);
     (void)run(&p, &f, &d, 2000);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, lively));
     TEST_ASSERT_EQUAL_HEX32(7, known_of(lively));
 
-    set_off(&d, &c, 2, 0, 0);
+    depart(&d, &c, 2, 0, 0);
     reset(&p, &f);
     (void)run(&p, &f, &d, 1000);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, quiet));
     TEST_ASSERT_EQUAL_HEX32(0, known_of(quiet));
 
-    set_off(&d, &c, 2, 0, 0);
+    depart(&d, &c, 2, 0, 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, lively, sizeof lively, 9 * DAY));
     (void)run(&p, &f, &d, 1000);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, later));
@@ -871,11 +845,11 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
     const tse_params p = prepared(&c);
     uint8_t bytes[TSE_LEARNT_BYTES];
     drive d;
-    set_off(&d, &c, 1, 0.02, 700);
+    depart(&d, &c, 1, 0.02, 700);
     reset(&p, &f);
     (void)run(&p, &f, &d, 4000);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, bytes));
-    set_off(&d, &c, 2, 0.02, 700);
+    depart(&d, &c, 2, 0.02, 700);
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, DAY));
     for (int i = 0; i < 10; i++) {
       const tse_output y = run(&p, &f, &d, 20);

@@ -1,7 +1,6 @@
 /* tests/unit/paper/test_row.c <-> src/paper/row.c, algorithm1.c: the paper's filter, row by row. */
 #include "paper/paper.h"
-#include "unit_support.h"
-#include "tse/simulate.h"
+#include "driven.h"
 
 static tse_filter_paper f, other, before;
 
@@ -15,42 +14,6 @@ static const struct {
 };
 static int form;
 
-/* ------------------------------------------------------------------------------- a car that is driven */
-
-typedef struct drive {
-  tse_sim sim;
-  double t, dt, road, steer, torque;
-} drive;
-
-/* The paper's Sec. IV-A: 20 m/s, steering square wave of 4 s, front torque square wave of 5 s. */
-static void set_off(drive *d, const tse_config *c, double speed)
-{
-  tse_sim_config s;
-  tse_sim_config_default(&s);
-  s.speed = setting(speed);
-  s.seed = 5;
-  d->t = 0.0;
-  d->dt = 0.01;
-  d->road = 1.0;
-  d->steer = 0.02;
-  d->torque = 700.0;
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&d->sim, c, &s, NULL));
-}
-
-static tse_input next_row(drive *d)
-{
-  tse_sim_input u;
-  tse_sim_output y;
-  memset(&u, 0, sizeof u);
-  u.dt = real(d->dt);
-  u.steer_angle = real(fmod(d->t, 4.0) < 2.0 ? d->steer : -d->steer);
-  u.wheel_torque_front = real(fmod(d->t, 5.0) < 2.5 ? d->torque : -d->torque);
-  u.road_level = real(d->road);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&d->sim, &u, &y));
-  d->t += d->dt;
-  return y.row;
-}
-
 static tse_config some_settings(int32_t particles)
 {
   tse_config c;
@@ -59,17 +22,6 @@ static tse_config some_settings(int32_t particles)
   c.initial_vel_x_sd = c.initial_vel_y_sd = setting(0.1); /* the drives below start straight on */
   c.initial_yaw_rate_sd = setting(0.01);
   return c;
-}
-
-static tse_output run(const tse_params *p, tse_filter_paper *filter, drive *d, int rows)
-{
-  tse_output y;
-  memset(&y, 0, sizeof y);
-  for (int i = 0; i < rows; i++) {
-    const tse_input u = next_row(d);
-    TEST_ASSERT_TRUE(tse_step(p, &filter->filter, &u, &y) >= 0);
-  }
-  return y;
 }
 
 static tse_input still_row(double gyro)
