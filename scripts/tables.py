@@ -27,13 +27,23 @@ ROOT = Path(__file__).resolve().parents[1]
 REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
 SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
 CONFIG = ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "formula", "filter")
+SECTIONS = dict.fromkeys(
+    ("sensors", "latency", "velocity", "pedals"), "sensors"
+)  # table: file that has it beside others
+SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"
 Row = dict[str, Any]
 
 
 def read(name: str) -> Row:
     """Return a table as it is in its file."""
-    return tomllib.loads((ROOT / "src" / "tables" / f"{name}.toml").read_text(encoding="utf-8"))
+    table = tomllib.loads((ROOT / "src" / "tables" / f"{file_of(name)}.toml").read_text(encoding="utf-8"))
+    return table[name] if name in SECTIONS else table
+
+
+def file_of(name: str) -> str:
+    """Return the file of src/tables that has a table, less its end."""
+    return SECTIONS.get(name, name)
 
 
 def settings(name: str) -> dict[str, Row]:

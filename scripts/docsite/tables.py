@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from pathlib import Path
 
+import tables as sources
 from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
 from tse.impl.files import read_toml
 
@@ -72,7 +73,7 @@ def group_of(setting: str) -> str:
     if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
         return "effects"
     for name in GROUPS:
-        rows = read_toml(TABLES / f"{name}.toml")
+        rows = sources.read(name)
         if setting in (rows["setting"] if name == "formula" else rows):
             return name
     raise ValueError(f"setting {setting} stands in no table of src/tables")
@@ -98,7 +99,7 @@ def config_page() -> str:
     fields, text = library().fields(CONFIG), []
     for name, title in GROUPS.items():
         own = [f for f in fields if group_of(f.name) == name]
-        text.append(f"## {title}\n\n`src/tables/{name}.toml`, {len(own)} settings.\n\n{settings(own)}")
+        text.append(f"## {title}\n\n`src/tables/{sources.file_of(name)}.toml`, {len(own)} settings.\n\n{settings(own)}")
     total = sum(1 for _ in fields)
     return (
         f"# tse_config: settings\n\n`tse_config` has {total} members, in SI units; `tse_config_default()` fills in the defaults, "

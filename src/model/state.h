@@ -157,7 +157,7 @@ typedef struct tse_ud {
   tse_real d[TSE_STATES], e[TSE_EXTRAS]; /* the diagonal, and their part of it */
 } tse_ud;
 
-/* What is kept of a measured velocity, in the order of src/tables/velocity.toml. */
+/* What is kept of a measured velocity, in the order of src/tables/sensors.toml. */
 typedef struct tse_velocity {
   tse_real noise[TSE_VELOCITIES];     /* [1] variance of a channel as found, over the setting's */
   tse_real innovation[TSE_VELOCITIES], last[TSE_VELOCITIES], since[TSE_VELOCITIES]; /* [m/s, rad] of the last value, itself; [s] its age */

@@ -1,4 +1,4 @@
-"""Brake switch and wheel torques from the log to the filter: src/tables/pedals.toml, tse.impl.logs.log, config, units, logs."""
+"""Brake switch and wheel torques from the log to the filter: src/tables/sensors.toml, tse.impl.logs.log, config, units, logs."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def make_config(
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:
-    """Return the settings about optional channels, rows of src/tables/velocity.toml and pedals.toml, by the channels."""
+    """Return the settings about optional channels, rows of src/tables/sensors.toml, by the channels."""
     names = [f.name for f in library().fields(CONFIG)]
     first, last = names.index("ins_velocity_sd"), names.index("velocity_scale_sd")
     return {VELOCITIES: names[first : last + 1], TORQUES: ["wheel_torque_least"]}

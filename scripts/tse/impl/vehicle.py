@@ -178,7 +178,7 @@ def sensor_settings() -> list[str]:
 
 
 def latency_settings() -> dict[str, str]:
-    """Settings that belong in its [latency] table, rows of src/tables/latency.toml, by their keys there: the channels."""
+    """Settings that belong in its [latency] table, rows of src/tables/sensors.toml, by their keys there: the channels."""
     settings = {f"{c.name}_latency": c.name for c in library().channels}
     return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
 

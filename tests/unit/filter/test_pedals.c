@@ -1,4 +1,4 @@
-/* tests/unit/filter/test_pedals.c <-> src/filter/row.c, update.c, predict.c, output.c: brake switch and wheel torques, src/tables/pedals.toml. */
+/* tests/unit/filter/test_pedals.c <-> src/filter/row.c, update.c, predict.c, output.c: brake switch and wheel torques, src/tables/sensors.toml. */
 #include "filter_support.h"
 
 static tse_filter f, other;
