@@ -14,6 +14,7 @@ import pytest
 from gap_logs import car, write_log
 from tests.gap.changed import changed
 from tse.impl.core import Config, Replay
+from tse.impl.estimate import write_table
 from tse.impl.gap import workflow
 from tse.impl.gap.catalogue import catalogue
 from tse.impl.gap.data import BURN_IN, prepare, prepare_all
@@ -23,7 +24,7 @@ from tse.impl.gap.infer import excerpt as ex
 from tse.impl.gap.infer.hypotheses import NAME_AT
 from tse.impl.gap.infer.naming import Named, name
 from tse.impl.gap.problem import STIFFNESS, Problem
-from tse.impl.gap.selftest import make
+from tse.impl.gap.simulate import simulate
 from tse.impl.logs.log import read_log
 from tse.impl.rows import MEASURES, Log
 from tse.impl.vehicle import read_vehicle
@@ -121,18 +122,23 @@ LOG_SEED, HIDE_SEED = 11, 1
 class Clean:
     """A log of a car that lacks nothing, and what its verdict says that it could not have shown."""
 
-    folder: Path
     vehicle: Path
     problem: Problem
-    read: list[Log]
+    log: Log
     undetectable: dict[str, dict]
 
     def named_when_hidden(self, effect: str, times: float) -> list[Named]:
         told = self.undetectable[effect]
         size = {told["parameter"]: times * told["smallest_detectable"]}
-        read, config = workflow.read(
-            make(self.problem, self.read, size, self.folder, HIDE_SEED), read_vehicle(self.vehicle)
-        )
+        (log,), config, rng = self.problem.logs, self.problem.config, np.random.default_rng(HIDE_SEED)
+        columns = {"time": log.time} | {k: self.log.data[k].to_numpy(float) for k in log.inputs}
+        hidden = simulate(self.problem.model(size), log, MEASURES, self.problem.stiffness(size, 0), {})
+        for c, x in hidden.items():
+            bias = getattr(config, f"{c}_bias_sd") * rng.standard_normal()
+            columns[c] = x + bias + getattr(config, f"{c}_sd") * rng.standard_normal(len(x))
+        path = self.vehicle.parent / "hidden.csv"
+        write_table(pd.DataFrame(columns), path)
+        read, config = workflow.read([path], read_vehicle(self.vehicle))
         return name(Problem(prepare_all(read, config), config), list(catalogue().values())).named
 
 
@@ -145,7 +151,7 @@ def clean(tmp_path_factory) -> Clean:
     assert result.verdict == "none"
     told = json.loads(json.dumps(finite(result.as_json()), allow_nan=False))["undetectable"]
     read, _ = workflow.read([log], read_vehicle(vehicle))
-    return Clean(folder, vehicle, result.problem, read, {d["id"]: d for d in told})
+    return Clean(vehicle, result.problem, read[0], {d["id"]: d for d in told})
 
 
 @pytest.mark.parametrize("effect", ["steering_ratio", "lateral_load_transfer"])

@@ -209,8 +209,6 @@ def test_nothing_hidden_is_exit_0(tmp_path):
     (("gap", "check", "nowhere.csv", "--vehicle", "car.toml"), "no such file"),
     (("gap", "plan", "--separate", "relaxation", "--vehicle", "car.toml"), "is not two effects"),
     (("gap", "plan", "--separate", "relaxation,body_rol", "--vehicle", "car.toml"), "did you mean body_roll"),
-    (("gap", "selftest", "log.csv", "--hide", "nonsense", "--vehicle", "car.toml"), "no effect 'nonsense'"),
-    (("gap", "selftest", "log.csv", "--hide", "bank", "--size", "0", "--vehicle", "car.toml"), "hides nothing"),
 ])  # fmt: skip
 def test_bad_input_is_exit_2_and_a_sentence(tmp_path, case, args, text, monkeypatch, capsys):
     shutil.copy(case.vehicle, tmp_path / "car.toml")
@@ -234,7 +232,6 @@ def test_help_tells_of_the_workflow_its_commands_and_the_columns():
         "--hold-out",
         "check",
         "plan",
-        "selftest",
         "vehicle_speed",
         "wheel_torque_rear",
         "Exit code",

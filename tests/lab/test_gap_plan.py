@@ -1,4 +1,4 @@
-"""tselab gap check, plan, selftest; the optional columns."""
+"""tselab gap check, plan; the optional columns."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from tse.impl.gap.check import check
 from tse.impl.gap.data import prepare
 from tse.impl.gap.drives import library, prepared
 from tse.impl.gap.problem import Problem
-from tse.impl.gap.selftest import selftest
 from tse.impl.logs.log import read_log
 from tse.impl.rows import average
 from tse.impl.vehicle import read_vehicle
@@ -135,28 +134,6 @@ def test_check_prints_a_table(folder, vehicle):
     log = write_log(folder / "print.csv", vehicle, "sweep", {}, 1, seconds=12.0)
     done = tselab_here("gap", "check", log, "--vehicle", vehicle)
     assert done.code == 3 and "smallest that shows" in done.out and "Drive also: braking" in done.out, done.err
-
-
-# ---- selftest
-
-
-def test_selftest_finds_what_it_hid(folder, vehicle):
-    logs = [write_log(folder / f"own_{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "brakes"), 1)]
-    out = folder / "selftest"
-    out.mkdir()
-    found = selftest(logs, vehicle, "gyro_scale", 1.0, out)
-    assert found.found and found.words[0].startswith("Hidden: scale of the gyro")
-    named = next(n for n in found.result.naming.named if n.effect.id == "gyro_scale")
-    assert named.values["gyro_scale_error"] == pytest.approx(0.02, rel=0.15)
-    made, own = pd.read_csv(found.logs[0]), pd.read_csv(logs[0])
-    np.testing.assert_array_equal(made["steer_angle"], own["steer_angle"])  # the user's inputs
-    assert np.std(made["yaw_rate"] - own["yaw_rate"]) > 0.002  # not the user's measurements
-
-
-def test_selftest_says_when_it_is_not_found(folder, vehicle):
-    log = write_log(folder / "straight.csv", vehicle, "sweep", {}, 1, seconds=12.0)
-    done = tselab_here("gap", "selftest", log, "--hide", "rolling_resistance", "--size", 0.3, "--vehicle", vehicle)
-    assert done.code == 1 and "Not found." in done.out, done.out + done.err
 
 
 # ---- optional columns

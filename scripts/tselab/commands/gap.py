@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import json
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -266,56 +265,6 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
         results.say_json({"effects": [found.first, found.second], "separable": found.separable, "manoeuvres": rows})
         return
     click.echo(found.text(top))
-
-
-@gap.command(short_help="Hide an effect in your own inputs, and find it again.")
-@LOGS
-@click.option("--hide", "effect", metavar="ID", required=True, help="The effect.")
-@click.option(
-    "--size", type=click.FloatRange(-100.0, 100.0), default=1.0, show_default=True, help="Times its typical size."
-)
-@VEHICLE
-@reading
-@click.option("--out", metavar="DIR", type=FILE, help="Keep the made logs and the verdict there.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of noise and biases.")
-@JOBS
-@PROGRESS
-@JSON
-def selftest(
-    logs: tuple[Path, ...],
-    effect: str,
-    size: float,
-    vehicle_path: Path,
-    out: Path | None,
-    seed: int,
-    jobs: int,
-    progress: bool | None,
-    reading: Reading,
-    as_json: bool,
-) -> int:
-    """Hide an effect in your own inputs, and find it again.
-
-    \b
-    tselab gap selftest log.csv --hide body_roll --vehicle car.toml
-    tselab gap selftest log_*.csv --hide relaxation --size 0.5 --vehicle car.toml
-
-    Steering and wheel speeds of the logs are kept; the other channels are simulated with the effect, the noise and the biases of
-    the vehicle file's sensors; the workflow runs on that. Exit code: 0 found again, 1 not.
-    """
-    from tse.impl.gap.selftest import selftest as make
-
-    with tempfile.TemporaryDirectory() as scratch, saying(progress) as say:
-        if out is not None:
-            make_directory(out)
-        found = make(logs, vehicle_path, effect, size, out or Path(scratch), seed, jobs, say, reading)
-    if as_json:
-        from tse.impl import results
-
-        results.say_json({"hidden": effect, "size": size, "found": found.found, "text": found.words, "written": out})
-        return 0 if found.found else 1
-    for line in found.words:
-        click.echo(line)
-    return 0 if found.found else 1
 
 
 def _there(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
