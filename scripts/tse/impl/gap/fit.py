@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tse.impl.gap.catalogue import Effect, Key, Parameter
+from tse.impl.gap.catalogue import Key, Parameter
 from tse.impl.gap.data import BLOCK, CHANNELS
-from tse.impl.gap.problem import PROFILES, STIFFNESS, Problem
+from tse.impl.gap.problem import Problem
 
 MOST_LAG = 4.0  # s: of autocorrelation that are looked at
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
@@ -30,7 +30,13 @@ class Fit:
         return float(self.residuals @ self.residuals)
 
 
-def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[Key, float], most: int = 12) -> Fit:
+def fit(
+    problem: Problem,
+    parameters: Sequence[Parameter],
+    start: Mapping[Key, float],
+    most: int = 12,
+    tolerance: float = TOLERANCE,
+) -> Fit:
     """Fit the parameters from `start`; what it does not name starts at its default."""
     parameters = list(parameters)
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
@@ -55,33 +61,10 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[Key, f
         return np.vstack([problem.jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
     result = least_squares(
-        residuals, x0, jacobian, bounds=(low, high), x_scale=scale, ftol=TOLERANCE, xtol=1e-5, gtol=None, max_nfev=most
+        residuals, x0, jacobian, bounds=(low, high), x_scale=scale, ftol=tolerance, xtol=1e-5, gtol=None, max_nfev=most
     )
     rows = len(result.fun) - int(known.sum())
     return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
-
-
-def fit_with(problem: Problem, effects: Sequence[Effect], start: Mapping[Key, float]) -> Fit:
-    """Stiffness and these effects together. A shape has no effect while its strength is near zero, so strengths come first."""
-    strengths = [*STIFFNESS, *(p for e in effects for p in problem.strengths(e))]
-    shapes = [p for e in effects for p in e.shapes]
-    kick = dict(start)
-    for e in effects:
-        for p in problem.strengths(e):
-            kick.setdefault(p.name, p.default if e.id in PROFILES else p.default + 0.25 * (p.sign or 1) * p.scale)
-    first = fit(problem, strengths, kick, most=8)
-    if not shapes:
-        return first
-    return fit(problem, [*strengths, *(_typical(p) for p in shapes)], kick | first.values)
-
-
-def _typical(p: Parameter) -> Parameter:
-    """A shape is only searched where it is plausible: it is there to let a form give, not to make another effect of it."""
-    return (
-        p
-        if p.typical_high <= p.typical_low
-        else Parameter(**(vars(p) | {"low": p.typical_low, "high": p.typical_high}))
-    )
 
 
 def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:

@@ -5,9 +5,9 @@ worth nats at the noise of the sensors; the worse of the two directions counts."
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +16,18 @@ from tse.impl.core import Config, similar
 from tse.impl.errors import UserError
 from tse.impl.gap.catalogue import Effect, Key, catalogue
 from tse.impl.gap.drives import Candidate, library, prepared
-from tse.impl.gap.fit import Fit, fit, fit_with
+from tse.impl.gap.fit import fit
 from tse.impl.gap.infer.detect import WAVE
 from tse.impl.gap.problem import KNOT, PROFILES, STIFFNESS, Problem
-from tse.impl.gap.simulate import simulate
 from tse.impl.tables import text_table
 from tse.impl.vehicle import read_vehicle
 
 NEED = 8.0  # nats: by which two effects are separable
 RIVAL_SHARE = 0.1  # of the nats by which an effect shows: the forms of a real car are not known better
 NOTHING = 0.1  # nats: by which an effect shows: less is not excited
-ROUNDS = 4  # of polishing a fit without noise, most
+EXACT = 1e-6  # relative change of the sum of squares at which a fit ends: without noise it is the whole difference
+MOST_STEPS = 30  # of a fit
 SAME = 0.02  # of the nats by which an effect shows: less is the integration's steps, and no model is that good
-TINY = 0.001  # of the noise is put on what is measured, so that a perfect fit has an end
 LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
 
 
@@ -117,36 +116,27 @@ def pair(separate: str) -> tuple[Effect, Effect]:
 
 def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
     """Nats of the worse direction, and of the weaker effect against stiffness alone."""
-    both, shows, shares = [], [], [0.0]
+    problem = Problem(prepared(candidate, config), config)
+    both, shows, shares = [], [], []
     for hidden, other in ((first, second), (second, first)):
-        problem = Problem(prepared(candidate, config), config)
-        hide(problem, hidden, typical(problem, hidden))
+        problem.measure(typical(problem, hidden))
         if nats(problem, problem.residuals({})) < NOTHING:  # nothing to fit: it is not excited
             shows.append(0.0)
             both.append(0.0)
             continue
-        plain = fit(problem, STIFFNESS, {})
+        plain = fit(problem, STIFFNESS, {}, tolerance=EXACT)
         shows.append(nats(problem, plain.residuals))
-        with_it = _polished(problem, fit_with(problem, [other], plain.values))
+        shapes = [replace(p, low=p.typical_low, high=p.typical_high) for p in other.shapes]
+        parameters = [*STIFFNESS, *problem.strengths(other), *shapes]
+        with_it = fit(problem, parameters, plain.values | typical(problem, other), MOST_STEPS, EXACT)
         left = min(nats(problem, with_it.residuals), shows[-1])
         both.append(left if left > SAME * shows[-1] else 0.0)
         shares.append(both[-1] / max(shows[-1], 1e-9))
-    return Option(candidate.name, candidate.seconds, min(both), min(shows), min(shares[1:] or shares))
-
-
-def _polished(problem: Problem, f: Fit) -> Fit:
-    """Fits of logs with noise end early; without noise what is left is the whole difference, and must be the least."""
-    for _ in range(ROUNDS):
-        better = fit(problem, f.parameters, f.values)
-        end = f.energy - better.energy < 0.01 * f.energy or better.energy < 1e-3 * len(better.residuals)
-        f = better if better.energy < f.energy else f
-        if end:
-            break
-    return f
+    return Option(candidate.name, candidate.seconds, min(both), min(shows), min(shares, default=0.0))
 
 
 def nats(problem: Problem, residuals: np.ndarray) -> float:
-    """Expected for the true model against one that leaves these residuals of a log without noise, when there is noise."""
+    """Expected for the true model against one that leaves this of a log without noise, when there is noise."""
     total = 0.0
     for c in np.unique(problem.rows.channel):
         mine = problem.rows.channel == c
@@ -165,15 +155,3 @@ def typical(problem: Problem, e: Effect, size: float = 1.0) -> dict[Key, float]:
     return values | {
         p.name: float(np.clip(p.default + size * (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths
     }
-
-
-def hide(problem: Problem, e: Effect, values: Mapping[Key, float]) -> None:
-    """Put what a car with the effect would measure into the logs, without noise; the layout is made again."""
-    model = problem.model(values)
-    for i, log in enumerate(problem.logs):
-        clean = simulate(
-            model, log, log.channels, problem.stiffness(values, i), problem.profiles(values, i), problem.later(values)
-        )
-        rng = np.random.default_rng(i)
-        log.measured |= {c: x + TINY * log.noise[c] * rng.standard_normal(len(x)) for c, x in clean.items()}
-    problem.__init__(problem.logs, problem.config, problem.jobs)  # type: ignore[misc]

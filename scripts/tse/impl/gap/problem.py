@@ -84,6 +84,14 @@ class Problem:
         """The same of other logs."""
         return Problem(logs, self.config, self.jobs)
 
+    def measure(self, values: Mapping[Key, float]) -> None:
+        """Put what a car with these values would measure in the place of what was measured, with a thousandth of the noise, so that
+        a perfect fit has an end."""
+        noise = np.random.default_rng(0).standard_normal(len(self.weight))
+        self._measured = self.predict(values) + np.where(
+            self.weight > 0, 0.001 * noise / np.maximum(self.weight, 1e-300), 0.0
+        )
+
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
