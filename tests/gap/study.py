@@ -36,7 +36,6 @@ SEEDS = 3  # of the whole study
 # Some of every kind, in a quarter of an hour of one processor.
 SHORT = ("clean-101", "clean-102", "body_roll-1x-1", "relaxation-1x-1", "cg_shift-1x-1", "steering_offset+relaxation-1x-11",
          "speed_dependent_ratio-1x-1", "low_grip_patch-1x-1", "active_front_steering-1x-1")  # fmt: skip
-LOGGED = "with speed and torque logged"
 
 
 def run(spec_json: str) -> dict:
@@ -54,7 +53,7 @@ def run(spec_json: str) -> dict:
         seconds = time.perf_counter() - start
     verdict = result.as_json()
     return {
-        "name": spec.name, "seed": spec.seed, "optional": spec.optional, "size": spec.size,
+        "name": spec.name, "seed": spec.seed, "size": spec.size,
         "truth": case.truth["effects"], "outside": case.truth["outside"],
         "verdict": verdict["verdict"], "exit": result.exit_code, "named": verdict["effects"],
         "sensors": [s["id"] for s in verdict["sensors"]], "possible": verdict["possible"], "closed": verdict["closed"],
@@ -92,8 +91,6 @@ def group(case: dict) -> str:
     if case["outside"]:
         return "outside the catalogue"
     ids = truth_ids(case)
-    if case.get("optional"):
-        return LOGGED if ids else f"nothing hidden, {LOGGED}"
     if not ids:
         return "nothing hidden"
     if len(ids) > 1:
@@ -240,7 +237,7 @@ def chosen(seeds: int, only: list[str], sizes: int | None = None) -> list:
     double size, which come last."""
     from tests.gap.generator.study import study
 
-    most = {"clean": 7 * seeds, "logged-clean": 2 * seeds, "logged-misread": 2 * seeds}
+    most = {"clean": 7 * seeds}
     seen: dict[str, int] = {}
     specs = []
     for spec in study():
@@ -291,7 +288,7 @@ def main() -> int:
     specs = chosen(options.seeds, options.only, options.sizes)
     if options.short:
         specs = [s for s in chosen(1, []) if s.name in SHORT]
-    kept = ("name", "effects", "seed", "size", "optional", "misread")
+    kept = ("name", "effects", "seed", "size")
     texts = [json.dumps({k: getattr(s, k) for k in kept}) for s in specs]
     if in_processes(_job, texts, options.jobs, "case") is None:
         return 130

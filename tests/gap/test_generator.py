@@ -21,7 +21,6 @@ from generator.manoeuvres import SETTLE, Program
 from generator.model import OUTPUTS, SLOW, STEP, simulate
 from generator.road import slope
 from generator.sensors import imu
-from generator.study import LOGGED
 from generator.tyre import LATERAL_C, load_factor, magic_formula, side_force_weight
 
 G = 9.81
@@ -790,11 +789,8 @@ def test_the_study_has_every_effect_in_its_sizes_and_names_are_unique():
     names = [s.name for s in specs]
     assert len(set(names)) == len(names)
     assert sum(not s.effects for s in specs) >= 20
-    plain = [s for s in specs if not s.optional]
     for key in (*CATALOGUE, *OUTSIDE):
-        assert len([s for s in plain if list(s.effects) == [key] and s.size == 1]) == 3
-    for key in LOGGED:
-        assert len([s for s in specs if list(s.effects) == [key] and s.optional]) == 3
+        assert len([s for s in specs if list(s.effects) == [key] and s.size == 1]) == 3
     assert sum(len(s.effects) == 2 for s in specs) == 12
 
 

@@ -11,7 +11,7 @@ from gap_logs import car, write_log
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.gap import workflow
-from tse.impl.gap.data import Smoother, fresh, prepare
+from tse.impl.gap.data import fresh, prepare, smoothed
 from tse.impl.gap.parallel import apart, is_copy
 from tse.impl.gap.problem import Problem
 from tse.impl.vehicle import read_vehicle
@@ -27,7 +27,7 @@ def test_a_slow_signal_held_in_a_fast_log_is_taken_where_it_is_new(hold: int) ->
     found = fresh(held)
     assert found[1:].mean() == pytest.approx(1.0 / hold, abs=2e-3)
     np.testing.assert_array_equal(held[found][2:], SIGNAL[found][2:])
-    late = np.abs(Smoother(TIME, held).of(held) - SIGNAL)[50:-50].max()
+    late = np.abs(smoothed(TIME, held) - SIGNAL)[50:-50].max()
     assert late < 0.003  # held as it is: late by half of the hold, 0.01 and more
 
 

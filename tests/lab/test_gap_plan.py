@@ -12,7 +12,6 @@ from tse.impl.core import Config, Replay
 from tse.impl.gap import plan as planning
 from tse.impl.gap.catalogue import catalogue
 from tse.impl.gap.check import check
-from tse.impl.gap.data import prepare
 from tse.impl.gap.drives import library, prepared
 from tse.impl.gap.problem import Problem
 from tse.impl.logs.log import read_log
@@ -110,24 +109,12 @@ def test_check_sees_what_quick_steering_shows_and_names_what_is_missing(folder, 
     enough = {e.title: e.enough for e in found.excitation}
     assert enough == {"steering to 3 Hz": True, "lateral acceleration of 5-6 m/s2": False, "braking in a turn": False,
                       "steering at two speeds": False, "steps of brake and throttle": False}  # fmt: skip
-    assert found.without == ["vehicle_speed", "wheel_torque_front", "wheel_torque_rear"]
 
 
 def test_check_is_content_with_braking_in_turns(folder, vehicle):
     logs = [write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("brakes", "steps"), 1)]
     enough = {e.title: e.enough for e in check(logs, vehicle).excitation}
     assert enough["braking in a turn"] and enough["steps of brake and throttle"] and enough["steering at two speeds"]
-
-
-def test_torque_channel_makes_drag_visible(folder, vehicle):
-    """The reason for the optional columns."""
-    torque = {"wheel_torque_front": 8.0, "wheel_torque_rear": 8.0}
-    log = write_log(folder / "torque.csv", vehicle, "brakes", {}, 4, **torque)
-    found = check([log], vehicle)
-    assert {d.id: d.visible for d in found.effects}["aero_drag"]
-    assert found.without == ["vehicle_speed"]
-    plain = check([write_log(folder / "no_torque.csv", vehicle, "brakes", {}, 4)], vehicle)
-    assert not {d.id: d.visible for d in plain.effects}["aero_drag"]
 
 
 def test_check_prints_a_table(folder, vehicle):
@@ -154,7 +141,6 @@ def test_optional_columns_are_kept_checked_and_averaged(folder, vehicle):
         "wheel_torque_rear is not numeric" in n for n in log.notes
     )
     assert average(log, 0.1).extra["wheel_torque_front"][5] == pytest.approx(table["wheel_torque_front"][50:60].mean())
-    assert "vehicle_speed" in prepare(log, Config(read_vehicle(vehicle).values)).channels
 
 
 def test_column_in_other_units_is_not_used_and_the_log_is_not_refused(folder, vehicle):

@@ -21,7 +21,7 @@ from tse.impl.logs.propose.text import toml_text
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.readers.recording import How
 from tse.impl.logs.signals import read_signals
-from tse.impl.rows import MEASURES, TORQUES, Log, Reading, average
+from tse.impl.rows import MEASURES, Log, Reading, average
 from tse.impl.vehicle import Vehicle, read_vehicle
 
 
@@ -127,10 +127,10 @@ def test_what_contradicts_the_speed_or_the_acceleration_is_said(made, drive: pd.
     assert bool(found) == bool(words), found
 
 
-def test_gap_compares_torques_and_no_switch_or_velocity(vehicle, drive: pd.DataFrame) -> None:
+def test_gap_compares_no_torque_switch_or_velocity(vehicle, drive: pd.DataFrame) -> None:
     log = read_frame(drive.assign(ins_vel_x=20.0))
     config, _ = make_config(vehicle, log)
-    assert set(prepare(log, config).measured) == {*MEASURES, *TORQUES}
+    assert set(prepare(log, config).measured) == {*MEASURES}
 
 
 def test_a_switch_that_is_averaged_is_a_share(drive: pd.DataFrame) -> None:

@@ -71,7 +71,6 @@ OPTIONAL = {
 }
 VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")
-COMPARED = ("vehicle_speed", *TORQUES)  # by tselab gap
 MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
 FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
 HINTS = {

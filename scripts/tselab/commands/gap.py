@@ -55,7 +55,7 @@ class Gap(click.Group):
 
 
 class Run(click.Command):
-    """--hold-out takes all files up to the next option. Lists the optional columns."""
+    """--hold-out takes all files up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -71,14 +71,6 @@ class Run(click.Command):
         if HOLD_OUT in args and HOLD_OUT not in spread:
             spread.append(HOLD_OUT)  # alone: click says what is missing
         return super().parse_args(ctx, spread)
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tse.impl.rows import COMPARED, OPTIONAL
-
-        used = {name: OPTIONAL[name] for name in COMPARED}
-        rows = [(name, f"{unit}, {low:g} .. {high:g}: {text}") for name, (unit, low, high, text, _) in used.items()]
-        with formatter.section("Columns that are used besides those of 'tselab estimate', when LOG.csv has them"):
-            formatter.write_dl(rows)
 
 
 @click.group(cls=Gap, short_help="Find, name and add what the model lacks.")

@@ -15,7 +15,7 @@ from .filters import backlash, delayed, second_order
 from .manoeuvres import CORE, HOLD_OUT, SETTLE, SIXTH, Program, drive_program
 from .model import STEP, Drive, simulate
 from .road import LENGTHS, profile
-from .sensors import COLUMNS, log_of, misread
+from .sensors import COLUMNS, log_of
 
 BATCH = 72  # logs simulated at once: more cost memory, fewer cost time
 Wish = float | dict[str, float]
@@ -33,8 +33,6 @@ class Spec:
     hold_out: tuple[str, ...] = HOLD_OUT
     duration: float = 30.0
     noise: float = 1.0  # of all sensors; 0: none, and no bias
-    optional: bool = False  # written with speed and torques
-    misread: bool = False  # and these late and out of scale
 
 
 @dataclass
@@ -65,15 +63,14 @@ class Case:
         lines += ["", "[sensors]", *(f"{k} = {v:.6g}" for k, v in SENSORS.items())]
         return "\n".join([*lines, "", "[effects.exact_kinematics]", "share = 0.0", ""])
 
-    def write(self, folder: Path | str, optional: bool | None = None) -> Path:
-        """Write log_*.csv, hold_out_*.csv, car.toml and truth.json. `optional`: with speed and torques; None: as the Spec says."""
+    def write(self, folder: Path | str, optional: bool = False) -> Path:
+        """Write log_*.csv, hold_out_*.csv, car.toml and truth.json. `optional`: with speed and torques."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        columns = COLUMNS if (self.spec.optional if optional is None else optional) else COLUMNS[:7]
+        columns = COLUMNS if optional else COLUMNS[:7]
         for kind, logs in (("log", self.logs), ("hold_out", self.hold_out)):
             for name, log in logs.items():
-                read = misread(log) if self.spec.misread else log
-                rows = np.column_stack([read[c] for c in columns])
+                rows = np.column_stack([log[c] for c in columns])
                 path = folder / f"{kind}_{name}.csv"
                 np.savetxt(path, rows, fmt="%.7g", delimiter=",", header=",".join(columns), comments="")
         (folder / "car.toml").write_text(self.vehicle_toml(), encoding="utf-8")

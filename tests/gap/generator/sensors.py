@@ -70,14 +70,3 @@ def log_of(
     log["wheel_torque_front"] = slow["tf"] + jitter(TORQUE_NOISE)
     log["wheel_torque_rear"] = slow["tr"] + jitter(TORQUE_NOISE)
     return log, bias
-
-
-def misread(log: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The log with optional channels as a production car has them: a GNSS at 10 Hz, its last value held, 0.1 s late and 1 % out;
-    torques by a map and by brake pressures, 40 ms late, 8 % more in front and 7 % less in the rear."""
-    time, found = log["time"], dict(log)
-    found["vehicle_speed"] = 1.01 * np.interp(np.floor(time / 0.1 + 1e-6) * 0.1 - 0.1, time, log["vehicle_speed"])
-    for axle, scale in (("front", 1.08), ("rear", 0.93)):
-        name = f"wheel_torque_{axle}"
-        found[name] = scale * np.interp(time - 0.04, time, log[name])
-    return found

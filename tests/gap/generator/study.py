@@ -13,9 +13,6 @@ PAIRS = (
     ("gyro_scale", "imu_lever_arm"), ("wheel_radius", "combined_slip"), ("crosswind", "body_roll"),
     ("imu_misalignment", "yaw_inertia"), ("steering_offset", "relaxation"), ("longitudinal_load_transfer", "imu_scale_ay"),
 )  # fmt: skip
-# With speed and torques in the logs: what they show, what they must not harm, and that they make no names by themselves.
-LOGGED = ("aero_drag", "rolling_resistance", "mass", "body_roll", "relaxation", "wheel_radius")
-LOGGED_CLEAN = (121, 122, 123, 124)  # as they are, and read late and out of scale
 
 
 def study() -> list[Spec]:
@@ -26,7 +23,4 @@ def study() -> list[Spec]:
             specs += [Spec(f"{key}-{label}-{seed}", {key: 1.0}, seed, size) for seed in SEEDS]
     specs += [Spec(f"{key}-1x-{seed}", {key: 1.0}, seed) for key in OUTSIDE for seed in SEEDS]
     specs += [Spec(f"{a}+{b}-1x-{seed}", {a: 1.0, b: 1.0}, seed) for seed, (a, b) in enumerate(PAIRS, start=1)]
-    specs += [Spec(f"logged-{key}-1x-{seed}", {key: 1.0}, seed, optional=True) for key in LOGGED for seed in SEEDS]
-    specs += [Spec(f"logged-clean-{seed}", {}, seed, optional=True) for seed in LOGGED_CLEAN]
-    specs += [Spec(f"logged-misread-{seed}", {}, seed, optional=True, misread=True) for seed in LOGGED_CLEAN]
     return specs

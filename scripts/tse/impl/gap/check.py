@@ -19,7 +19,7 @@ from tse.impl.gap.infer.hypotheses import threshold
 from tse.impl.gap.localise.excitation import Excitation, excitation
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.results import CODES, IN_PART, NOTHING, USABLE
-from tse.impl.rows import COMPARED, Reading
+from tse.impl.rows import Reading
 from tse.impl.tables import text_table
 from tse.impl.vehicle import read_vehicle
 
@@ -31,7 +31,6 @@ class Check:
     effects: list[detect.Detectable]
     excitation: list[Excitation]
     gap: dict[str, float]
-    without: list[str]  # optional columns that no log has
     notes: list[str]
 
     @property
@@ -47,7 +46,6 @@ class Check:
             "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
             "manoeuvres": [asdict(e) for e in self.excitation],
             "gap": self.gap,
-            "columns_not_logged": self.without,
             "usable": CODES[self.code],
             "notes": self.notes,
         }
@@ -74,8 +72,6 @@ class Check:
         for e in self.excitation:
             if not e.enough:
                 lines.append(f"Drive also: {e.advice}.")
-        if self.without:
-            lines.append(f"Columns that would show more, if they were logged: {', '.join(self.without)}.")
         parts = ", ".join(f"{c} {x:.2f}" for c, x in self.gap.items())
         lines.append(f"Gap with fitted stiffness, residual over sensor noise: {parts}; 1 is noise alone.")
         return "\n".join(lines + [f"note: {n}" for n in self.notes])
@@ -100,11 +96,9 @@ def check(
     baseline = fit(problem, STIFFNESS, {})
     say("every effect")
     found = detect.detectable(problem, baseline, list(catalogue().values()))
-    have = {c for log in problem.logs for c in log.channels}
     return Check(
         found,
         excitation(problem, baseline.values),
         gap(problem, baseline.residuals),
-        [c for c in COMPARED if c not in have],
         [*(n for log in read for n in log.notes), *notes],
     )

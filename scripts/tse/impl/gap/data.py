@@ -15,24 +15,19 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from tse.impl.core import NOMINAL, Config
+from tse.impl.core import Config
 from tse.impl.errors import UserError
-from tse.impl.gap.simulate import simulate
-from tse.impl.noise import Noise, channel_noise, filled, fresh, noise_of
-from tse.impl.rows import COMPARED, DRIVES, MEASURES, OPTIONAL, Log
+from tse.impl.noise import channel_noise, filled, fresh, noise_of
+from tse.impl.rows import DRIVES, MEASURES, Log
 from tse.impl.spline import smoothing_spline
 
-CHANNELS = MEASURES + tuple(OPTIONAL)
+CHANNELS = MEASURES
 SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
 STEEPEST = 0.6  # rad: of road-wheel angle: beyond it the model is another one
 BLOCK = 0.04  # s: residuals are averaged over so long
 BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
 SHORTEST = 3.0  # s: shorter stretches say less than their start costs
 LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
-# m/s, N m: no optional channel is held to be quieter
-FLOOR = {"vehicle_speed": 0.02, "wheel_torque_front": 5.0, "wheel_torque_rear": 5.0}
-HELD = 0.5  # share of values that repeat the one before above which a channel is one that is slower than the rows
-SEED = 1  # of the draw that says what the smoothing of inputs leaves
 
 
 @dataclass
@@ -62,9 +57,6 @@ class Prepared:
         default_factory=dict
     )  # s since the value of a row was new, mean, where a slow signal is held
     late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
-    blur: dict[str, np.ndarray] = field(
-        default_factory=dict
-    )  # sd, per row, of what noise of the inputs does to a prediction
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -95,12 +87,9 @@ def prepare(log: Log, config: Config) -> Prepared:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {name: np.where(fresh(x), x, np.nan) for name in MEASURES for x in (log.data[name].to_numpy(float),)}
-    compared = [name for name in log.extra if name in COMPARED]
-    measured |= {name: renewed(log.extra[name].to_numpy(float)) for name in compared}
     measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
-    smooth = {name: Smoother(log.time, x) for name, x in raw.items()}
-    inputs = {name: s.of(raw[name]) for name, s in smooth.items()}
+    inputs = {name: smoothed(log.time, x) for name, x in raw.items()}
     speed = 0.5 * (
         config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"]
     )
@@ -109,8 +98,8 @@ def prepare(log: Log, config: Config) -> Prepared:
         good &= ~_hole(log.time, x)
     noise, quiet = {}, {}
     for name, x in measured.items():
-        found = _noise(log, name, x, moving) if name in MEASURES else None
-        noise[name] = found.sd if found else _plain_noise(x, FLOOR.get(name, 0.0))
+        found = noise_of(log, name, moving) if name in log.slower else channel_noise(name, x, moving)
+        noise[name] = found.sd if found else _plain_noise(x)
         if found and found.unraised < found.sd:
             quiet[name] = found.unraised / found.sd
     per_block = max(1, round(BLOCK / log.sample_time))
@@ -123,10 +112,7 @@ def prepare(log: Log, config: Config) -> Prepared:
             f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
         )
     held = {name: age for name in (*DRIVES, *MEASURES) if (age := _age(log.time, log.data[name].to_numpy(float))) > 0}
-    found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held)
-    if stretches and compared:
-        found.blur = _blur(found, raw, smooth, config)
-    return found
+    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held)
 
 
 def prepare_all(logs: Sequence[Log], config: Config) -> list[Prepared]:
@@ -145,55 +131,13 @@ def in_time(log: Prepared, config: Config) -> Prepared:
     return replace(log, inputs=inputs, late={c: by for c, by in late.items() if c in log.measured})
 
 
-class Smoother:
+def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The smoothing spline through the values that are there; through all of them, if they have no noise."""
-
-    def __init__(self, time: np.ndarray, x: np.ndarray):
-        self.time, self.good = time, np.isfinite(x) & fresh(x)
-        y = x[self.good]
-        rough = len(y) >= 8 and np.std(np.diff(y, 3)) > 1e-9 * max(1.0, float(np.max(np.abs(y))))
-        self.penalty = _smoothness(time[self.good], y) if rough else None
-
-    def of(self, x: np.ndarray) -> np.ndarray:
-        """Smoothed by as much as the signal that this was made for."""
-        if self.penalty is None:
-            return filled(x)
-        return smoothing_spline(self.time[self.good], x[self.good], self.penalty)(self.time)
-
-
-# There are two rules for values that are held, this one and fresh(). A receiver of speed or torque has no steady beat: fresh()
-# would take all of its rows. A coarse accelerometer repeats itself more often than not: renewed() would drop rows that are
-# measured, and keep those in which the noise jumps.
-def renewed(x: np.ndarray) -> np.ndarray:
-    """Of a receiver that is slower than the rows only the rows where it has a new value: a held one is old, and by a time that
-    goes up and down."""
-    repeats = np.append(False, x[1:] == x[:-1])
-    return np.where(repeats, np.nan, x) if repeats.sum() > HELD * np.isfinite(x).sum() else x
-
-
-def _blur(
-    log: Prepared, raw: dict[str, np.ndarray], smooth: dict[str, Smoother], config: Config
-) -> dict[str, np.ndarray]:
-    """What the noise of the inputs does to the predictions of the optional channels, and smoothing it away does: a wheel torque
-    is a small slip times a large stiffness, and what smoothing leaves of the wheel speeds' noise is more of it than the noise
-    of the torque. One parametric draw: the smoothed inputs as truth, noise again, smoothed again, simulated again."""
-    rng = np.random.default_rng(SEED)
-    again = {}
-    for name, x in log.inputs.items():
-        sd = float(np.sqrt(np.nanmean((raw[name] - x) ** 2)))
-        drawn = np.where(np.isfinite(raw[name]), x + sd * rng.standard_normal(len(x)), np.nan)
-        again[name] = smooth[name].of(drawn)
-    stiffness = dict.fromkeys(NOMINAL, 1.0)
-    names = [c for c in log.channels if c in OPTIONAL]
-    first = simulate(config, log, names, stiffness, {})
-    other = simulate(config, replace(log, inputs=again), names, stiffness, {})
-    speed = np.maximum(config.wheel_radius_front * log.inputs["wheel_speed_front"], SLOWEST)
-    found = {}
-    for c in names:
-        per = 1.0 / speed if c.startswith("wheel_torque") else np.ones_like(speed)  # slip is a speed over the speed
-        used = np.concatenate([((other[c] - first[c]) / per)[s.first : s.last][s.used] for s in log.stretches])
-        found[c] = float(np.sqrt(np.mean(used**2))) * per
-    return found
+    good = np.isfinite(x) & fresh(x)
+    y = x[good]
+    if len(y) < 8 or np.std(np.diff(y, 3)) <= 1e-9 * max(1.0, float(np.max(np.abs(y)))):
+        return filled(x)
+    return smoothing_spline(time[good], y, _smoothness(time[good], y))(time)
 
 
 def _age(time: np.ndarray, x: np.ndarray) -> float:
@@ -243,15 +187,9 @@ def _hole(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.minimum(np.abs(left), np.abs(right)) > 0.5 * LONGEST_HOLE
 
 
-def _noise(log: Log, name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
-    return noise_of(log, name, moving) if name in log.slower else channel_noise(name, x, moving)
-
-
-def _plain_noise(x: np.ndarray, floor: float) -> float:
+def _plain_noise(x: np.ndarray) -> float:
     good = x[np.isfinite(x)]
-    if len(good) < 8:
-        return max(floor, 1e-6)
-    return max(floor, 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6))
+    return 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6) if len(good) >= 8 else 1e-6
 
 
 def _stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[Stretch]:

@@ -14,18 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tse.impl.core import NOMINAL, Config
-from tse.impl.gap import optional
 from tse.impl.gap.catalogue import Effect, Key, Own, Parameter, of_the_car, profiles
 from tse.impl.gap.data import CHANNELS, Prepared, blocks
 from tse.impl.gap.parallel import is_copy
 from tse.impl.gap.simulate import simulate
-from tse.impl.rows import MEASURES, OPTIONAL
+from tse.impl.rows import MEASURES
 
 STIFFNESS = tuple(
     Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")
     for name in NOMINAL
 )
-WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they may have
 
 
 # Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
@@ -77,7 +75,6 @@ class Problem:
         self._missing = [{c: rows for c, rows in log.items() if rows.any()} for log in missing]
         self._measured, self.weight, self.rows = self._layout()
         self.noise_energy = self._noise_energy()
-        self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
 
     def of(self, logs: Sequence[Prepared]) -> Problem:
@@ -121,13 +118,10 @@ class Problem:
                 mean, count = blocks(log, log.measured[channel])
                 measured.append(mean)
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
-                if channel in log.blur:
-                    variance = variance + blocks(log, log.blur[channel])[0] ** 2  # the same over a block: slow
                 usual = (
                     float(np.median(count[count > 0])) if count.any() else 1.0
                 )  # a slow sensor has fewer rows with a value
-                enough = 0 if channel in OPTIONAL else 0.5 * usual  # and a slow receiver not one in every block
-                weight.append(np.where(count > enough, 1.0 / np.sqrt(variance), 0.0))
+                weight.append(np.where(count > 0.5 * usual, 1.0 / np.sqrt(variance), 0.0))
                 n = len(mean)
                 columns.append(
                     (np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group))
@@ -202,8 +196,15 @@ class Problem:
         return found
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
-        """What the model says, one value per entry of the residual vector, without bias; the optional channels as they read."""
-        return self._predict(values)[0]
+        """What the model says, one value per entry of the residual vector, without bias."""
+        config, later, parts = self.model(values), self.later(values), []
+        for i, log in enumerate(self.logs):
+            simulated = simulate(config, log, log.channels, self.stiffness(values, i), self.profiles(values, i), later)
+            for channel in log.channels:  # means over the same rows as those of what was measured
+                missing = self._missing[i].get(channel)
+                x = simulated[channel] if missing is None else np.where(missing, np.nan, simulated[channel])
+                parts.append(blocks(log, x)[0])
+        return np.concatenate(parts)
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
         """The same for many values, as many at once as there are jobs."""
@@ -211,30 +212,6 @@ class Problem:
             return [self.predict(values) for values in asked]
         with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
             return list(pool.map(self.predict, asked))
-
-    def readings(self, values: Mapping[Key, float]) -> list[list[optional.Reading]]:
-        """How the optional channels read, of each log."""
-        return self._predict(values)[1]
-
-    def _predict(self, values: Mapping[Key, float]) -> tuple[np.ndarray, list[list[optional.Reading]]]:
-        config = self.model(values)
-        later = self.later(values)
-        parts, readings = [], []
-        for i, log in enumerate(self.logs):
-            simulated = simulate(config, log, log.channels, self.stiffness(values, i), self.profiles(values, i), later)
-            for channel, missing in self._missing[i].items():  # means over the same rows as those of what was measured
-                simulated[channel] = np.where(missing, np.nan, simulated[channel])
-            predicted = {channel: blocks(log, simulated[channel])[0] for channel in log.channels}
-            how: list[optional.Reading] = []
-            if any(c in OPTIONAL for c in predicted):
-                mine = {c: (self.rows.log == i) & self.rows.of(c) for c in predicted if c in OPTIONAL}
-                time = self.rows.time[next(iter(mine.values()))]
-                measured, weight = ({c: x[m] for c, m in mine.items()} for x in (self._measured, self.weight))
-                read_as, how = optional.read(time, {c: predicted[c] for c in mine}, measured, weight)
-                predicted |= read_as
-            readings.append(how)
-            parts.extend(predicted[channel] for channel in log.channels)
-        return np.concatenate(parts), readings
 
     def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Quantities of the simulation, one value per entry of the residual vector."""
@@ -253,7 +230,7 @@ class Problem:
 
     def whiten(self, difference: np.ndarray) -> np.ndarray:
         """Take the bias of each log and sensor out and divide by the noise."""
-        w2 = np.where(self._biased, self.weight**2, 0.0)
+        w2 = self.weight**2
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
         return self.weight * (difference - mean[self.rows.group])
@@ -265,11 +242,7 @@ class Problem:
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
         first = [int(np.argmax(self.rows.group == g)) for g in range(self._groups)]
-        return {
-            (int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g])
-            for g, i in enumerate(first)
-            if self._biased[i]
-        }
+        return {(int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g]) for g, i in enumerate(first)}
 
     def jacobian(
         self, values: Mapping[Key, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0

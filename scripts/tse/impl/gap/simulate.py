@@ -13,8 +13,6 @@ from tse.impl.core import Config, Replay
 if TYPE_CHECKING:
     from tse.impl.gap.data import Prepared
 
-OF = {"vehicle_speed": "vel_x"}  # channels of a log by another name than the model's
-
 
 def simulate(
     config: Config,
@@ -27,7 +25,6 @@ def simulate(
     """Predicted channels, one value per row, as late as the log has them; NaN between stretches. Biases are not in it.
 
     `later`: s, by channel: how much later it is than the vehicle file says."""
-    wanted = {c: OF.get(c, c) for c in channels}
     later = later or {}
     out = {c: np.full(len(log.time), np.nan) for c in channels}
     for s in log.stretches:
@@ -35,7 +32,7 @@ def simulate(
         dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
         inputs = {n: x[rows] for n, x in (log.inputs | profiles).items()}
         inputs |= {n: log.later(n, by, rows) for n, by in later.items() if by and n in log.inputs}
-        replay = Replay(tuple(dict.fromkeys(wanted.values())), dt=dt, **inputs)
+        replay = Replay(tuple(channels), dt=dt, **inputs)
         gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
         found = replay.run(
             config,
@@ -43,7 +40,7 @@ def simulate(
             time=float(log.time[s.first] - log.time[0]),
             **stiffness,
         )
-        for c, name in wanted.items():
+        for c, x in found.items():
             late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
-            out[c][rows] = CubicSpline(t, found[name])(np.clip(t - late, t[0], t[-1])) if late else found[name]
+            out[c][rows] = CubicSpline(t, x)(np.clip(t - late, t[0], t[-1])) if late else x
     return out

@@ -13,7 +13,6 @@ from tse.impl import __version__
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.formula import Formula
-from tse.impl.gap import optional
 from tse.impl.gap.catalogue import Key, catalogue
 from tse.impl.gap.data import prepare_all
 from tse.impl.gap.fit import Fit, gap
@@ -253,7 +252,6 @@ def run(
         after = held.residuals(values)
         changes = show.compare(held, held.residuals(found.naming.baseline.values), after)
         elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
-    notes += optional.words(problem.readings(found.naming.final.values))
     if not found.naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
     left = remainder.remainder(problem, found.last.residuals, found.last.values, NOISE_LIMIT)

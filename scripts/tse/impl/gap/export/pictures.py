@@ -16,8 +16,7 @@ from tse.impl.gap.infer.show import Change
 from tse.impl.plots import BLUE, GREY, INK, ORANGE, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
-CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s", "vehicle_speed": "m/s",
-                 "wheel_torque_front": "Nm", "wheel_torque_rear": "Nm"}  # fmt: skip
+CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 MOST_POINTS = 3000  # per line; longer logs are thinned, to their peaks
 HOLE = 1.0  # s without a value from which a line is broken: a log may not have the channel all the time
 MOST_LOGS = 12  # that can be chosen; of a fleet, the worst

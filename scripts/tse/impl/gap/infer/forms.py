@@ -31,7 +31,7 @@ BY = {"accel_y": LATERAL, "yaw_rate": LATERAL, "accel_x": LONGITUDINAL}
 
 
 def names(channel: str) -> list[str]:
-    """The shapes of a channel; of the optional ones there are none."""
+    """The shapes of a channel."""
     return [f"{rate}{by}" for rate in RATES for by in BY.get(channel, ())]
 
 

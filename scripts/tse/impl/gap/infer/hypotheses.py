@@ -20,8 +20,9 @@ SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "i
 EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation", "tyre_saturation", "combined_slip",
              "lateral_load_transfer", "longitudinal_load_transfer")  # fmt: skip
 # Not asked: what a stiffness takes up at any size, altogether or but for a twentieth (aligning_moment, on the logs of two
-# generators): forms are known no better than that, so that what is left of it is what any other tyre leaves.
-ABSORBED = ("steering_compliance", "aligning_moment")
+# generators): forms are known no better than that, so that what is left of it is what any other tyre leaves. And what slows a car:
+# wheel speeds drive the model, and what is left of it in accel_x is what any road is, too.
+ABSORBED = ("steering_compliance", "aligning_moment", "aero_drag", "rolling_resistance")
 EXPECTED = 1.0  # how many of all other effects a car lacks before anybody has looked
 SENSOR_SHARE = 0.1  # of cars, that a given sensor error is there
 EVERY_SHARE = 0.15  # that what every car has is large enough to matter, and not in the file

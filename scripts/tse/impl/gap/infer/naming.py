@@ -18,17 +18,14 @@ from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tse.impl.gap.infer.search import Judged, Search, judge
 from tse.impl.gap.infer.space import Layout
 from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
-from tse.impl.rows import DRIVES, OPTIONAL, TORQUES
-from tse.impl.vehicle import GRAVITY, latency_settings
+from tse.impl.rows import DRIVES
+from tse.impl.vehicle import latency_settings
 
 EARLY = {  # delays below zero
     "steering_delay": "steering angle logged late, so the wheels turn before it",
     "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
     "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
 }
-# What slows a car shows in torque or speed alone: wheel speeds drive the model, and what is left of it in accel_x is what any road
-# is, too.
-BY_TORQUE = ("aero_drag", "rolling_resistance")
 LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
 # share of the probability that an effect or something in its place is missing, from which that something is a look-
 # alike
@@ -97,8 +94,7 @@ def name(
 ) -> Naming:
     """`baseline`: plain_car()."""
     baseline = baseline or plain_car(problem)
-    asked = [h for h in hypotheses(effects) if h.id not in BY_TORQUE or _has_torque(problem)]
-    search = Search(Layout(problem), asked, problem.jobs, say)
+    search = Search(Layout(problem), hypotheses(effects), problem.jobs, say)
     best = search.run()
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
@@ -133,11 +129,6 @@ def name(
     ]
     closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
     return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged)
-
-
-def _has_torque(problem: Problem) -> bool:
-    """Or speed."""
-    return any(c in OPTIONAL for log in problem.logs for c in log.channels)
 
 
 def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
@@ -240,10 +231,6 @@ def _named(
     left = min(excess(problem, as_fit(problem, without, slopes=False).residuals), full)
     closes = left - excess(problem, last.residuals)
     found.share, found.alone = closes / max(full, 1e-300), closes / max(left, 1e-300)
-    if h.id == "rolling_resistance" and any(c in TORQUES for log in problem.logs for c in log.channels):
-        c = problem.config
-        torque = found.values["rolling_resistance_coefficient"] * c.mass * GRAVITY * c.wheel_radius_front
-        found.remarks.append(f"wheel torques that together are a constant {torque:.0f} Nm too high would look the same")
     return found
 
 

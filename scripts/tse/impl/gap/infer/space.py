@@ -16,7 +16,7 @@ from tse.impl.gap.data import BLOCK, CHANNELS
 from tse.impl.gap.infer import forms, noise
 from tse.impl.gap.infer.forms import AXLES
 from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior
-from tse.impl.gap.problem import STIFFNESS, WITH_BIAS, Problem
+from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.noise import smooth
 
@@ -52,12 +52,12 @@ class Layout:
                 continue
             channel = CHANNELS[rows.channel[used[0]]]
             w, y = problem.weight[used], problem.measured[used]
-            away = y - (np.median(y) if channel in WITH_BIAS else 0.0)
+            away = y - np.median(y)
             self.groups.append((int(rows.log[used[0]]), channel))
             self.rows.append(used)
             self.time.append(rows.time[used].astype(float))
             self.size.append(np.maximum(np.sqrt(smooth(away**2, window)) * w, LEAST_SIZE))
-            self.bias.append(w / np.median(w) if channel in WITH_BIAS else np.zeros(len(w)))
+            self.bias.append(w / np.median(w))
         self.channels = tuple(dict.fromkeys(c for _, c in self.groups))
         self.one = [np.ones(len(t)) for t in self.time]
         self.power = dict.fromkeys(self.channels, 1.0)
