@@ -206,7 +206,7 @@ def judge(layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, flo
     if parent:
         space.knows(parent.noise, parent.residuals)
     found = engine.fit(space, space.first, parent.noise if parent else None, most=MOST_STEPS, chords=True)
-    residuals = found.residuals
+    residuals, found.x = found.residuals, space.centred(found.x)
     gram = {c: np.zeros((len(found.x), len(found.x))) for c in space.channels}
     for table, (_, c) in zip(found.slopes, space.groups, strict=True):
         gram[c] += table.T @ table / space.power[c]

@@ -134,6 +134,17 @@ class Space:
         """What the simulation takes."""
         return dict(zip(self.names[: self.shares], map(float, x), strict=False))
 
+    def centred(self, x: np.ndarray) -> np.ndarray:
+        """The same residuals with stiffnesses of the car about which those of the logs lie: a search that follows its slopes hardly
+        moves along what is the car's and that of all logs alike."""
+        x, n = x.copy(), len(STIFFNESS)
+        own = x[len(self.parameters) : self.shares].reshape(-1, n)
+        if len(own):
+            mean = np.clip(x[:n] + own.mean(axis=0), self.low[:n], self.high[:n]) - x[:n]
+            x[:n] += mean
+            own -= mean
+        return x
+
     def piece(self, g: int, residual: np.ndarray) -> Piece:
         layout = self.layout
         return Piece(self.time[g], layout.one[g], layout.size[g], layout.bias[g], residual)
