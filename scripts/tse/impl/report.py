@@ -74,13 +74,14 @@ def write_report(
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
     """Write a page that needs nothing else. `sections`: title, text and figure, of plots.py or of plotly; without the figure none.
-    `words`: what else the template asks for."""
+    `words`: what else the template asks for; `filters` among them are those that it pipes through."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("tse.impl"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters |= words.pop("filters", {})
     page = environment.get_template(template).render(
         sections=[
             {"id": f"plot{i}", "title": title, "text": text, "height": height}

@@ -122,6 +122,7 @@ def _run(
 ) -> int:
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
     from tse.impl.gap import workflow
+    from tse.impl.gap.export.gain import words
     from tse.impl.gap.export.output import write_all
 
     _there(logs, hold_out)
@@ -145,7 +146,7 @@ def _run(
         click.echo(f"These logs could not have shown, at its typical size: {ids}.")
     for line in result.notes:
         click.echo(f"note: {line}", err=True)
-    for line in written.gain.words():
+    for line in words(written.gain):
         click.echo(line)
     click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")
     return result.exit_code

@@ -7,9 +7,9 @@ their bands are wrong somewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,38 +26,7 @@ FEWEST_VALID = 50  # rows; fewer do not show a log's stiffness
 LEAST_VALID = 0.5
 
 
-@dataclass(frozen=True)
-class Drive:
-    """The estimator over one log, before and after."""
-
-    log: str
-    part: str  # fit, held_out
-    evidence: tuple[float, float]  # nats per row
-    valid: tuple[dict[str, float], dict[str, float]]  # share of the rows
-    stiffness: tuple[dict[str, float], dict[str, float]]  # median of the valid means, N and N/rad; NaN: none
-
-
-@dataclass(frozen=True)
-class Gain:
-    """All logs together."""
-
-    drives: list[Drive]
-    evidence: tuple[float, float]
-    valid: tuple[dict[str, float], dict[str, float]]
-    spread: tuple[
-        dict[str, float], dict[str, float]
-    ]  # sd over the logs, share of the mean; NaN: fewer than two show it
-
-    def words(self) -> list[str]:
-        """For the terminal."""
-        lines = []
-        for key in STIFFNESS:
-            spread, valid = [s[key] for s in self.spread], [v[key] for v in self.valid]
-            text = f"valid {100 * valid[0]:.0f} -> {100 * valid[1]:.0f} % of the time"
-            if np.isfinite(spread).all():
-                text = f"differs between logs that show it by {100 * spread[0]:.1f} -> {100 * spread[1]:.1f} % (sd), {text}"
-            lines.append(f"The estimator's {NAMES[key][0].lower() + NAMES[key][1:]}: {text}.")
-        return lines
+BOTH = ("before", "after")
 
 
 def gain(
@@ -66,54 +35,61 @@ def gain(
     after: Vehicle,
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
-) -> Gain:
-    """`logs`: (part, name, log)."""
-    tasks = [(part, name, log, vehicle) for part, name, log in logs for vehicle in (before, after)]
+) -> dict[str, Any]:
+    """For verdict.json: of all logs together and of each, before and after: nats per row, share of the rows that are valid, and
+    stiffness: median of the valid means. `logs`: (part, name, log)."""
 
-    def one(task: tuple[str, str, Log, Vehicle]) -> pd.DataFrame:
-        _, name, log, vehicle = task
+    def one(task: tuple[tuple[str, str, Log], Vehicle]) -> pd.DataFrame:
+        (_, name, log), vehicle = task
         say(f"the estimator over {name}")
         return estimate(log, make_config(vehicle, log)[0]).table
 
     with ThreadPoolExecutor(max(1, jobs)) as pool:  # the library runs without Python's lock
-        tables = list(pool.map(one, tasks))
+        tables = list(pool.map(one, [(log, vehicle) for log in logs for vehicle in (before, after)]))
     drives = []
-    for i, (part, name, _) in enumerate(logs):
-        pair = tables[2 * i], tables[2 * i + 1]
+    for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
         # the same rows on both sides: where both used a measurement
         used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
-        drives.append(
-            Drive(
-                name,
-                part,
-                tuple(float(t.loc[used, "log_evidence"].mean()) if used.any() else float("nan") for t in pair),
-                tuple({k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS} for t in pair),
-                tuple(_stiffness(t) for t in pair),
-            )
-        )
-    rows = np.array([len(log) for _, _, log in logs], float)
-    evidence = tuple(float(np.average([d.evidence[k] for d in drives], weights=rows)) for k in (0, 1))
-    valid = tuple(
-        {s: float(np.average([d.valid[k][s] for d in drives], weights=rows)) for s in STIFFNESS} for k in (0, 1)
-    )
-    return Gain(drives, evidence, valid, _spread(drives))
+        drives.append({
+            "log": name, "part": part, "evidence": _both(pair, lambda t, u=used: float(t.loc[u, "log_evidence"].mean())),
+            "valid": _both(pair, lambda t: {k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS}),
+            "stiffness": _both(pair, lambda t: {k: _median(t.loc[t[f"{k}_valid"] == 1, k]) for k in STIFFNESS}),
+        })  # fmt: skip
+    rows = [len(log) for _, _, log in logs]
+
+    def mean(of: Callable[[dict[str, Any]], float]) -> float:
+        return float(np.average([of(d) for d in drives], weights=rows))
+
+    return {
+        "log_evidence_per_row": {w: mean(lambda d, w=w: d["evidence"][w]) for w in BOTH},
+        "valid": {w: {k: mean(lambda d, w=w, k=k: d["valid"][w][k]) for k in STIFFNESS} for w in BOTH},
+        "stiffness_sd_between_logs": {w: {k: _spread(drives, w, k) for k in STIFFNESS} for w in BOTH},
+        "logs": drives,
+    }
 
 
-def _stiffness(table: pd.DataFrame) -> dict[str, float]:
-    found = {}
+def words(gained: Mapping[str, Any]) -> list[str]:
+    """For the terminal."""
+    lines = []
     for key in STIFFNESS:
-        valid = table[f"{key}_valid"] == 1
-        found[key] = float(table.loc[valid, key].median()) if valid.sum() >= FEWEST_VALID else float("nan")
-    return found
+        spread, valid = ([gained[of][w][key] for w in BOTH] for of in ("stiffness_sd_between_logs", "valid"))
+        text = f"valid {100 * valid[0]:.0f} -> {100 * valid[1]:.0f} % of the time"
+        if np.isfinite(spread).all():
+            text = f"differs between logs that show it by {100 * spread[0]:.1f} -> {100 * spread[1]:.1f} % (sd), {text}"
+        lines.append(f"The estimator's {NAMES[key][0].lower() + NAMES[key][1:]}: {text}.")
+    return lines
 
 
-def _spread(drives: Sequence[Drive]) -> tuple[dict[str, float], dict[str, float]]:
-    """Over the logs that show a stiffness, and know it both before and after."""
-    spreads: tuple[dict[str, float], dict[str, float]] = ({}, {})
-    for key in STIFFNESS:
-        values = np.array([[d.stiffness[k][key] for k in (0, 1)] for d in drives if d.valid[1][key] >= LEAST_VALID])
-        values = values[np.isfinite(values).all(axis=1)] if len(values) else values
-        for k in (0, 1):
-            enough = len(values) >= 2
-            spreads[k][key] = float(np.std(values[:, k], ddof=1) / np.mean(values[:, k])) if enough else float("nan")
-    return spreads
+def _both(pair: Sequence[pd.DataFrame], of: Callable[[pd.DataFrame], Any]) -> dict[str, Any]:
+    return dict(zip(BOTH, map(of, pair), strict=True))
+
+
+def _median(valid: pd.Series) -> float:
+    return float(valid.median()) if len(valid) >= FEWEST_VALID else float("nan")
+
+
+def _spread(drives: Sequence[Mapping[str, Any]], when: str, key: str) -> float:
+    """sd over the logs that show a stiffness and know it both before and after, share of the mean; NaN: fewer than two do."""
+    known = [d["stiffness"] for d in drives if d["valid"]["after"][key] >= LEAST_VALID]
+    values = [k[when][key] for k in known if all(np.isfinite(k[w][key]) for w in BOTH)]
+    return float(np.std(values, ddof=1) / np.mean(values)) if len(values) >= 2 else float("nan")

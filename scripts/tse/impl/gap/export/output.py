@@ -6,7 +6,7 @@ import importlib.util
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ class Written:
     """What was made."""
 
     files: list[Path]
-    gain: gain.Gain
+    gain: dict[str, Any]
 
 
 def write_all(
@@ -59,11 +59,11 @@ def write_all(
     shown = report.Shown(result, named, rows, changes, gained, [*old.filled])
     report.write_report(out / REPORT, shown)
     with atomic(out / VERDICT) as file:
-        json.dump(finite(result.as_json() | {"estimator": finite(estimator(gained))}), file, indent=1, allow_nan=False)
+        json.dump(finite(result.as_json() | {"estimator": gained}), file, indent=1, allow_nan=False)
         file.write("\n")
     files = [out / VERDICT, improved, header, *add.formula_files(out, improved), out / REPORT, out / RESIDUALS]
     if importlib.util.find_spec("matplotlib") is not None:
-        pictures.picture(out / PICTURE, rows, changes, headline(result))
+        pictures.picture(out / PICTURE, rows, headline(result))
         files.append(out / PICTURE)
     return Written(files, gained)
 
@@ -77,20 +77,6 @@ def headline(result: Result) -> str:
     if result.verdict == "possible":
         return f"Possible: {result.naming.possible[0]['id']}"
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
-
-
-def estimator(gained: gain.Gain) -> dict[str, Any]:
-    """The estimator's own gain, for verdict.json."""
-
-    def pair(values: tuple[Any, Any]) -> dict[str, Any]:
-        return {"before": values[0], "after": values[1]}
-
-    return {
-        "log_evidence_per_row": pair(gained.evidence),
-        "valid": pair(gained.valid),
-        "stiffness_sd_between_logs": pair(gained.spread),
-        "logs": [{k: pair(v) if isinstance(v, tuple) else v for k, v in asdict(d).items()} for d in gained.drives],
-    }
 
 
 def finite(value: Any) -> Any:

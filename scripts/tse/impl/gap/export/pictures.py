@@ -118,8 +118,8 @@ def _part_title(part: str) -> str:
 # ---- the picture
 
 
-def picture(path: Path, table: pd.DataFrame, parts: Mapping[str, Mapping[str, Change]], title: str) -> None:
-    """gap.png: the moment in which the gap closed most, and the gap per channel before and after."""
+def picture(path: Path, table: pd.DataFrame, title: str) -> None:
+    """gap.png: the moment in which the gap closed most."""
     try:
         import matplotlib
     except ImportError:
@@ -130,9 +130,9 @@ def picture(path: Path, table: pd.DataFrame, parts: Mapping[str, Mapping[str, Ch
     style = {"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8,
              "text.color": INK, "axes.labelcolor": INK, "xtick.color": "#52606d", "ytick.color": "#52606d"}  # fmt: skip
     with plt.rc_context(style):
-        figure = plt.figure(figsize=(10, 5.2), dpi=160, layout="constrained")
-        grid = figure.add_gridspec(2, 2, width_ratios=[1.55, 1], height_ratios=[2.1, 1])
-        above, below, bars = (figure.add_subplot(g) for g in (grid[0, 0], grid[1, 0], grid[:, 1]))
+        figure, (above, below) = plt.subplots(
+            2, 1, figsize=(9, 5), dpi=120, layout="constrained", sharex=True, height_ratios=[2.1, 1]
+        )
         moment, channel, where = best_moment(table)
         time = moment["time"]
         above.plot(time, moment["measured"], color=INK, lw=3.2, alpha=0.35, label="measured", solid_capstyle="round")
@@ -143,18 +143,15 @@ def picture(path: Path, table: pd.DataFrame, parts: Mapping[str, Mapping[str, Ch
         above.legend(frameon=False, ncols=3, loc="upper right", fontsize=9.5)
         low, high = above.get_ylim()
         above.set_ylim(low, high + 0.16 * (high - low))
-        above.tick_params(labelbottom=False)
         below.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
         below.plot(time, moment["residual_before"], color=ORANGE, lw=1.1)
         below.plot(time, moment["residual_after"], color=BLUE, lw=1.1)
         below.set_ylabel("residual\nover noise")
         below.set_xlabel("time [s]")
-        _draw_bars(bars, parts)
-        for axis in (above, below, bars):
+        for axis in (above, below):
             axis.grid(color="#edf0f3", lw=0.8)
             axis.set_axisbelow(True)
             axis.spines[["top", "right"]].set_visible(False)
-        bars.grid(axis="x", visible=False)
         figure.suptitle(title, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
         with atomic(path, "wb") as file:
             figure.savefig(file, format="png", metadata={"Software": None})
@@ -171,35 +168,3 @@ def best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
     channel, log, window = t.groupby(["channel", "log", "window"], observed=True)["won"].sum().idxmax()
     found = t[(t["channel"] == channel) & (t["log"] == log) & (t["window"] == window)].sort_values("time")
     return found, str(channel), f"{log}{', held out' if found['part'].iloc[0] == 'held_out' else ''}"
-
-
-def _draw_bars(axis: object, parts: Mapping[str, Mapping[str, Change]]) -> None:
-    labels, place = [], 0.0
-    ticks = []
-    top = max(c.before for changes in parts.values() for c in changes.values())
-    for part, changes in parts.items():
-        start = place
-        for channel, c in changes.items():
-            axis.bar(place - 0.2, c.before, 0.38, color=ORANGE)
-            axis.bar(place + 0.2, c.after, 0.38, color=BLUE)
-            low, high = c.before * (1 + c.ci95[0]), c.before * (1 + c.ci95[1])
-            error = [[max(c.after - low, 0.0)], [max(high - c.after, 0.0)]]
-            axis.errorbar(place + 0.2, c.after, yerr=error, color=INK, lw=1, capsize=2)
-            labels.append(channel.replace("_", "\n", 1))
-            ticks.append(place)
-            place += 1.0
-        middle = 0.5 * (start + place - 1.0)
-        axis.text(
-            middle,
-            1.13 * top,
-            {"fit": "fitted", "held_out": "held out"}[part],
-            ha="center",
-            color="#52606d",
-            fontsize=10,
-        )
-        place += 0.5
-    axis.axhline(1.0, color=INK, lw=1.1, ls=(0, (4, 3)))
-    axis.set_xticks(ticks, labels, fontsize=9)
-    axis.set_ylim(0, 1.22 * top)
-    axis.set_title("Residual over noise (rms)", loc="left", fontsize=11, fontweight="bold")
-    axis.set_xlabel("dashed: the sensors' noise alone", fontsize=9.5, color="#52606d")

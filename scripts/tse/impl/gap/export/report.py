@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
-import plotly.offline
 
-from tse.impl import __version__
 from tse.impl.core import STIFFNESS, library
-from tse.impl.files import atomic
 from tse.impl.gap.catalogue import catalogue
 from tse.impl.gap.data import CHANNELS
 from tse.impl.gap.export import pictures
-from tse.impl.gap.export.gain import Gain
 from tse.impl.gap.infer.show import Change
 from tse.impl.gap.workflow import Result
-from tse.impl.report import packed
+from tse.impl.report import write_page
 from tse.impl.verdict import NAMES
 
 HEADLINE = {
@@ -42,7 +36,7 @@ class Shown:
     vehicle: str
     table: pd.DataFrame
     parts: Mapping[str, Mapping[str, Change]]
-    gain: Gain | None = None
+    gain: Mapping[str, Any]
     notes: list[str] = field(default_factory=list)
 
 
@@ -57,30 +51,11 @@ def write_report(path: Path, shown: Shown) -> None:
          "a name to hide it.", pictures.overlay(shown.table)),
     ]  # fmt: skip
     write_page(
-        path, "gap.html.j2", sections,
+        path, "gap.html.j2", sections, filters={"percent": percent, "number": number, "by_size": by_size},
         title=HEADLINE[result.verdict], shown=shown, result=result, naming=result.naming, catalogue=catalogue(),
-        most_conditions=MOST_CONDITIONS, gain=gain_rows(shown.gain) if shown.gain else [], facts=facts(shown),
+        most_conditions=MOST_CONDITIONS, gain=gain_rows(shown.gain), facts=facts(shown),
         place=library().formula_places[result.formula.place].text if result.formula else "",
     )  # fmt: skip
-
-
-def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, go.Figure]], **values: Any) -> None:
-    """Write a page. `sections`: title, text and figure of each; `values`: what else its template takes."""
-    loader = jinja2.PackageLoader("tse.impl")
-    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"percent": percent, "number": number, "by_size": by_size}
-    page = environment.get_template(template).render(
-        sections=[
-            {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)
-        ],
-        figures=packed("[" + ",".join(f.to_json() for _, _, f in sections) + "]"),
-        plotly=packed(plotly.offline.get_plotlyjs()),
-        library=library(),
-        version=__version__,
-        **values,
-    )
-    with atomic(path) as file:
-        file.write(page)
 
 
 def percent(x: float) -> str:
@@ -97,18 +72,27 @@ def by_size(found: Sequence[Any]) -> list[Any]:
     return sorted(found, key=lambda d: d.smallest / d.typical)
 
 
-def gain_rows(gain: Gain) -> list[tuple[str, str, str]]:
+def gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """What the estimator gains, in rows: what, before, after."""
-    rows = [("log evidence per row [nat], mean over all logs", *(f"{x:.3f}" for x in gain.evidence))]
+
+    def row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
+        return title, say(of["before"]), say(of["after"])
+
+    rows = [row("log evidence per row [nat], mean over all logs", gain["log_evidence_per_row"], "{:.3f}".format)]
     for key in STIFFNESS:
-        rows.append((f"{NAMES[key]}: valid", *(f"{100 * v[key]:.0f} % of the time" for v in gain.valid)))
+        rows.append(row(f"{NAMES[key]}: valid", gain["valid"], lambda v, k=key: f"{100 * v[k]:.0f} % of the time"))
     for key in STIFFNESS:
-        cells = [f"{100 * s[key]:.1f} %" if np.isfinite(s[key]) else "too few logs know it" for s in gain.spread]
-        rows.append((f"{NAMES[key]}: sd from log to log", *cells))
-    for d in gain.drives:
-        held = " (held out)" if d.part == "held_out" else ""
-        rows.append((f"{d.log}{held}: log evidence per row [nat]", *(f"{x:.3f}" for x in d.evidence)))
+        rows.append(
+            row(f"{NAMES[key]}: sd from log to log", gain["stiffness_sd_between_logs"], lambda v, k=key: known(v[k]))
+        )
+    for d in gain["logs"]:
+        held = " (held out)" if d["part"] == "held_out" else ""
+        rows.append(row(f"{d['log']}{held}: log evidence per row [nat]", d["evidence"], "{:.3f}".format))
     return rows
+
+
+def known(spread: float) -> str:
+    return f"{100 * spread:.1f} %" if np.isfinite(spread) else "too few logs know it"
 
 
 def facts(shown: Shown) -> list[tuple[str, str]]:

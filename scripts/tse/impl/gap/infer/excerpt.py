@@ -16,8 +16,8 @@ import numpy as np
 from tse.impl.gap.catalogue import Parameter
 from tse.impl.gap.data import BURN_IN, Prepared, Stretch
 from tse.impl.gap.fit import Fit
-from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior, hypotheses, start_of
-from tse.impl.gap.infer.space import REACH, STIFFNESS_SD, Layout, slopes
+from tse.impl.gap.infer.hypotheses import fit_prior, hypotheses, start_of
+from tse.impl.gap.infer.space import REACH, STIFFNESS_SD
 from tse.impl.gap.problem import STIFFNESS, Problem
 
 MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
@@ -39,22 +39,15 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
     Cost: as many simulations of everything as the catalogue has parameters."""
     if not is_long(problem):
         return problem
-    layout = Layout(problem)
-    residuals = layout.split(baseline.residuals)
-    asked = hypotheses()
-    tables = _slopes(layout, baseline, asked, residuals)
+    table, rows = _slopes(problem, baseline), problem.rows
     pieces: list[tuple[int, Stretch]] = []
     says: list[np.ndarray] = []
     for i, log in enumerate(problem.logs):
         for piece in _pieces(log):
             first, last = log.time[piece.first] + BURN_IN, log.time[piece.last - 1]
-            information = np.zeros((tables[0].shape[1],) * 2)
-            for table, time, (owner, _) in zip(tables, layout.time, layout.groups, strict=True):
-                if owner == i:
-                    rows = table[(time >= first) & (time <= last)]
-                    information += rows.T @ rows
+            mine = table[(rows.log == i) & (rows.time >= first) & (rows.time <= last)]
             pieces.append((i, piece))
-            says.append(information / ENTRY_SD**2)
+            says.append(mine.T @ mine / ENTRY_SD**2)
     chosen = best(says, [piece.used.sum() * _step(problem.logs[i]) for i, piece in pieces], MOST_SECONDS)
     logs = []
     for i, log in enumerate(problem.logs):
@@ -96,22 +89,11 @@ def _pieces(log: Prepared) -> list[Stretch]:
     return found
 
 
-def _slopes(
-    layout: Layout, baseline: Fit, asked: Sequence[Hypothesis], residuals: list[np.ndarray]
-) -> list[np.ndarray]:
-    """A table for each group: slopes in units of prior sd, and the residual itself, without what is the bias's."""
+def _slopes(problem: Problem, baseline: Fit) -> np.ndarray:
+    """Of the residuals, in units of prior sd, and the residuals themselves."""
+    asked = hypotheses()
     parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
-    shapes = {p.name: start_of(p) for h in asked for p in h.effect.shapes}
-    problem, before = layout.problem, layout.problem.fixed
-    try:
-        problem.fixed = before | shapes
-        raw = layout.split(problem.weight * np.nan_to_num(problem.measured - problem.predict(baseline.values)))
-        found = slopes(layout, baseline.values, raw, parameters, REACH)
-    finally:
-        problem.fixed = before
-    unit = np.array([STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters])
-    tables = []
-    for table, r, bias in zip(found, residuals, layout.bias, strict=True):
-        whole = np.column_stack([np.nan_to_num(table) * unit, r])
-        tables.append(whole - np.outer(bias, bias @ whole / max(float(bias @ bias), 1e-300)))
-    return tables
+    at = baseline.values | {p.name: start_of(p) for h in asked for p in h.effect.shapes}
+    unit = [STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters]
+    slopes = problem.jacobian(at, problem.residuals(at), parameters, REACH)
+    return np.column_stack([np.nan_to_num(slopes) * unit, baseline.residuals])
