@@ -363,24 +363,24 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
     """And a gap of the held-out logs is no all-clear."""
     baseline = naming.plain_car(late)
 
-    def judged(probability: float | None, elsewhere: list[Remainder]) -> workflow.Result:
+    def judged(probability: float | None, elsewhere: list[Remainder]) -> tuple[int, list[str]]:
         values, ci95 = {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}
         named = [] if probability is None else [Named(catalogue()["body_roll"], values, ci95, 0.4, 40.0, probability)]
         found = naming.Naming(baseline, baseline, named, 0.4, [], [], True)
-        return workflow.judge(late, found, [], [], [], [], {}, [], elsewhere=elsewhere)
+        return workflow.judge(workflow.Found(found), [], [], elsewhere)[1:]
 
     sure, unsure = judged(0.95, []), judged(0.61, [])
-    assert sure.exit_code == 10 and sure.words[0].startswith("gravity in accel_y")
-    assert unsure.exit_code == 11 and unsure.words[0].startswith("possibly ")
-    assert judged(None, []).exit_code == 0
+    assert sure[0] == 10 and sure[1][0].startswith("gravity in accel_y")
+    assert unsure[0] == 11 and unsure[1][0].startswith("possibly ")
+    assert judged(None, [])[0] == 0
     swing = 5.0 * np.sin(np.pi * late.rows.time)
     assert len(workflow.what_is_left(late, replace(baseline, residuals=baseline.residuals + swing))) == 3
     assert (
         workflow.what_is_left(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []
     )  # noise, though larger
-    gap = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
-    assert gap.exit_code == 20 and "yaw_rate 3.08 times the noise" in gap.words[-1]
-    assert "Nothing" not in " ".join(gap.words) and "nothing is missing" not in " ".join(gap.words)
+    code, words = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
+    assert code == 20 and "yaw_rate 3.08 times the noise" in words[-1]
+    assert "Nothing" not in " ".join(words) and "nothing is missing" not in " ".join(words)
 
 
 def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left(late: Problem) -> None:
@@ -395,7 +395,7 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
         )
         maybe = [{"id": effect, "probability": possible, "why": "below 90 %"}] if possible else []
         found = naming.Naming(baseline, baseline, named, closed, maybe, [], True)
-        return workflow.judge(late, found, [], [], remains, [], {}, []).exit_code
+        return workflow.judge(workflow.Found(found), [], remains)[1]
 
     assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (10, 20, 20)
     assert (code("body_roll", 0.06, []), code("grade", 0.8, [])) == (10, 10)

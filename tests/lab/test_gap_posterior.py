@@ -37,9 +37,8 @@ def case(tmp_path_factory):
     problem = Problem([prepare(read_log(p), config) for p in paths], config)
     found = fit(problem, PARAMETERS, {})
     naming = Naming(found, found, [], 0.0, [], [], True)
-    result = workflow.judge(problem, naming, [], [], [], [], {}, [])
     improved = folder / "improved.toml"
-    improved.write_text(add.improved(read_vehicle(vehicle), problem, result), encoding="utf-8")
+    improved.write_text(add.improved(read_vehicle(vehicle), problem, workflow.Found(naming)), encoding="utf-8")
     return folder, vehicle, problem, found, improved
 
 

@@ -230,19 +230,14 @@ class Problem:
 
     def whiten(self, difference: np.ndarray) -> np.ndarray:
         """Take the bias of each log and sensor out and divide by the noise."""
-        w2 = self.weight**2
-        total = np.bincount(self.rows.group, w2, self._groups)
-        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
-        return self.weight * (difference - mean[self.rows.group])
+        return self.weight * self.unbiased(difference)
 
-    def biases(self, values: Mapping[Key, float]) -> dict[tuple[int, str], float]:
-        """The bias of each log and sensor."""
-        difference = self._measured - self.predict(values)
+    def unbiased(self, difference: np.ndarray) -> np.ndarray:
+        """Take the bias of each log and sensor out."""
         w2 = self.weight**2
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
-        first = [int(np.argmax(self.rows.group == g)) for g in range(self._groups)]
-        return {(int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g]) for g, i in enumerate(first)}
+        return difference - mean[self.rows.group]
 
     def jacobian(
         self, values: Mapping[Key, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0

@@ -39,14 +39,37 @@ LEAST_NAMED = 0.5
 
 
 @dataclass
-class Result:
+class Found:
+    """Names, and the formula beside them."""
+
+    naming: name.Naming
+    discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
+    rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
+
+    @property
+    def formula(self) -> Formula | None:
+        """The one that is proposed."""
+        return self.discovery.formula if self.discovery else None
+
+    @property
+    def final(self) -> Fit:
+        """Names and the formula, fitted."""
+        return self.discovery.fit if self.discovery and self.discovery.fit else self.naming.final
+
+    @property
+    def after(self) -> dict[Key, float]:
+        """The same as what a simulation takes."""
+        return dict(self.final.values) | (self.formula.settings() if self.formula else {})
+
+
+@dataclass(kw_only=True)
+class Result(Found):
     """Everything that a run found."""
 
     verdict: str  # none, named, possible, not_in_catalogue
     exit_code: int
     words: list[str]
     problem: Problem  # what was fitted
-    naming: name.Naming
     conditions: list[where.Condition]
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]
@@ -56,25 +79,8 @@ class Result:
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
-    discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
-    rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
     held: Problem | None = None  # what was not
     read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
-
-    @property
-    def formula(self) -> Formula | None:
-        """The one that is proposed."""
-        return self.discovery.formula if self.discovery else None
-
-    @property
-    def final(self) -> Fit:
-        """What stands in the end: names and the formula."""
-        return Found(self.naming, self.discovery).last
-
-    @property
-    def after(self) -> dict[Key, float]:
-        """The same as what a simulation takes."""
-        return Found(self.naming, self.discovery).values
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
@@ -168,26 +174,6 @@ def read(paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None
     return logs, Config(vehicle.values)
 
 
-@dataclass
-class Found:
-    """Names, and the formula beside them."""
-
-    naming: name.Naming
-    discovery: Discovery | None = None
-    rivals: list[dict[str, Any]] = field(default_factory=list)
-
-    @property
-    def last(self) -> Fit:
-        """Names and the formula, fitted."""
-        return self.discovery.fit if self.discovery and self.discovery.fit else self.naming.final
-
-    @property
-    def values(self) -> dict[Key, float]:
-        """The same as what a simulation takes."""
-        formula = self.discovery.formula if self.discovery else None
-        return dict(self.last.values) | (formula.settings() if formula else {})
-
-
 def run(
     logs: Sequence[Path],
     vehicle_path: Path,
@@ -248,17 +234,22 @@ def run(
     elsewhere: list[remainder.Remainder] = []
     if held is not None:
         say("held-out logs")
-        values = show.of_the_car(held, found.values)
+        values = show.of_the_car(held, found.after)
         after = held.residuals(values)
         changes = show.compare(held, held.residuals(found.naming.baseline.values), after)
         elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
     if not found.naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
-    left = remainder.remainder(problem, found.last.residuals, found.last.values, NOISE_LIMIT)
-    result = judge(problem, found.naming, conditions, entries, left, seen, changes, notes, found.discovery, elsewhere)
-    result.held, result.rivals = held, found.rivals
-    result.read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
-    return result
+    left = remainder.remainder(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
+    read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
+    verdict, exit_code, words = judge(found, entries, left, elsewhere)
+    alike = {i for n in found.naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
+    return Result(
+        **vars(found), verdict=verdict, exit_code=exit_code, words=words, problem=problem, conditions=conditions, entries=entries,
+        remainders=left, fit_before=gap(problem, found.naming.baseline.residuals), fit_after=gap(problem, found.final.residuals),
+        held_out=changes, undetectable=[d for d in seen if not d.visible and d.id not in alike], detectable=seen, notes=notes,
+        held=held, read=read,
+    )  # fmt: skip
 
 
 # ---- the steps of a run
@@ -292,21 +283,14 @@ def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
 
 
 def judge(
-    problem: Problem,
-    naming: name.Naming,
-    conditions: list[where.Condition],
-    entries: list[where.Entry],
+    found: Found,
+    entries: Sequence[where.Entry],
     left: list[remainder.Remainder],
-    seen: list[detect.Detectable],
-    changes: dict[str, show.Change],
-    notes: list[str],
-    discovery: Discovery | None = None,
     elsewhere: Sequence[remainder.Remainder] = (),
-) -> Result:
-    """From what was found to a verdict. `left`: after names and formula; `elsewhere`: the same of the held-out logs."""
-    formula = discovery.formula if discovery else None
-    last = Found(naming, discovery).last
-    before, after = gap(problem, naming.baseline.residuals), gap(problem, last.residuals)
+) -> tuple[str, int, list[str]]:
+    """From what was found to verdict, exit code and words. `left`: after names and formula; `elsewhere`: the same of the held-out
+    logs."""
+    naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
     words = [_sentence(n) for n in naming.named]
     of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in PROFILES)
@@ -337,7 +321,7 @@ def judge(
         )
     if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
         words.append(f"It acts like a disturbance at: {entries[0].place}.")
-    words += discovery.words if discovery else []
+    words += found.discovery.words if found.discovery else []
     words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
     more = [
         f"{r.channel} {r.gap:.2f} times the noise" for r in elsewhere if r.channel not in {x.channel for x in remains}
@@ -345,13 +329,7 @@ def judge(
     if more:
         words.append(f"The held-out logs are not explained: {', '.join(more)}.")
     unsure = any(n.probability < NAME_AT for n in naming.named) or all(n.look_alikes for n in naming.named)
-    exit_code = EXIT[DOUBTFUL if verdict == "possible" or (verdict == "named" and unsure) else verdict]
-    alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
-    undetectable = [d for d in seen if not d.visible and d.id not in alike]
-    return Result(
-        verdict, exit_code, words, problem, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes,
-        discovery,
-    )  # fmt: skip
+    return verdict, EXIT[DOUBTFUL if verdict == "possible" or (verdict == "named" and unsure) else verdict], words
 
 
 def _as_json(n: Named) -> dict[str, Any]:
@@ -365,7 +343,6 @@ def _as_json(n: Named) -> dict[str, Any]:
         "share_of_gap_closed": n.share,
         "evidence": n.evidence,
         "look_alikes": n.look_alikes,
-        "remarks": n.remarks,
     }
 
 

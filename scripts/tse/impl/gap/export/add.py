@@ -18,7 +18,7 @@ from tse.impl.formula import c_header, write_formula
 from tse.impl.gap.export.posterior import posterior
 from tse.impl.gap.infer.naming import settings
 from tse.impl.gap.problem import PROFILES, Problem
-from tse.impl.gap.workflow import Result
+from tse.impl.gap.workflow import Found
 from tse.impl.identify.vehicle_file import toml
 from tse.impl.vehicle import (
     Vehicle,
@@ -36,7 +36,7 @@ VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
 FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 
 
-def write(out: Path, vehicle_path: Path, problem: Problem, result: Result) -> tuple[Path, Path]:
+def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
     """Both files; the header is made from the vehicle file as it reads back."""
     path = out / VEHICLE
     vehicle = read_vehicle(vehicle_path)
@@ -59,7 +59,7 @@ def formula_files(out: Path, improved: Path) -> list[Path]:
     return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
 
-def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
+def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     """The vehicle file with fitted stiffness and what was named. `vehicle`: as the user wrote it, sensors not filled in."""
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, fit.values)}
@@ -70,7 +70,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     notes: dict[str, list[str]] = {}
     for i, n in named.items():
         bands |= {str(k): f", 95 %: {low:.3g} .. {high:.3g}" for k, (low, high) in n.ci95.items()}
-        notes[i] = [f"closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats", *n.remarks]
+        notes[i] = [f"closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats"]
         if n.look_alikes:
             notes[i].append(f"These logs cannot exclude {', '.join(n.look_alikes)} in its place.")
         if i in PROFILES:

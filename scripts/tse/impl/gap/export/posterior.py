@@ -70,7 +70,7 @@ def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[st
     """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with."""
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items()}
     fitted = {p.name for p in fit.parameters}
-    asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0, False)]
+    asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0)]
     effects = [
         h
         for h in asked

@@ -40,12 +40,10 @@ def table(
         }
         mine = after if part == FIT else of_the_car(problem, after)
         for when, values in (("before", before), ("after", mine)):
-            predicted = problem.predict(values)
-            whitened = problem.whiten(np.nan_to_num(problem.measured) - predicted)
-            bias = problem.biases(values)
-            shift = np.array([bias.get((i, CHANNELS[c]), 0.0) for i, c in zip(rows.log, rows.channel, strict=True)])
-            columns[f"predicted_{when}"] = predicted + shift
-            columns[f"residual_{when}"] = np.where(problem.weight > 0, whitened, np.nan)
+            measured = np.nan_to_num(problem.measured)
+            left = problem.unbiased(measured - problem.predict(values))
+            columns[f"predicted_{when}"] = measured - left
+            columns[f"residual_{when}"] = np.where(problem.weight > 0, problem.weight * left, np.nan)
         columns["noise"] = np.where(problem.weight > 0, 1.0 / np.where(problem.weight > 0, problem.weight, 1.0), np.nan)
         frames.append(pd.DataFrame(columns))
     found = pd.concat(frames, ignore_index=True)

@@ -59,7 +59,6 @@ class Hypothesis:
 
     effect: Effect
     odds: float
-    sensor: bool
 
     @property
     def id(self) -> str:
@@ -110,7 +109,7 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
         if any(p.name in SIGNED_DELAYS for p in e.parameters):
             e = replace(e, parameters=tuple(replace(p, low=-MOST_LATE, high=MOST_LATE, sign=0) for p in e.parameters))
         p = SENSOR_SHARE if sensor else EVERY_SHARE if e.id in EVERY_CAR else share
-        found.append(Hypothesis(e, math.log(p / (1 - p)), sensor))
+        found.append(Hypothesis(e, math.log(p / (1 - p))))
     return found
 
 

@@ -53,8 +53,6 @@ class Named:
     evidence: float  # nats
     probability: float = 1.0
     look_alikes: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
-    sensor: bool = False
     alone: float = 1.0  # share that it closes of what the other names leave
     whole: float = 1.0  # probability that it, or what looks like it, is missing
 
@@ -169,7 +167,7 @@ def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit
         for n in (n for n in there if not negligible(n.effect, final.values)):
             by = {k: final.values[k] - v for k, v in n.values.items()}
             ci95 = {k: (low + by[k], high + by[k]) for k, (low, high) in n.ci95.items()}
-            named.append(replace(n, values={k: final.values[k] for k in by}, ci95=ci95, remarks=list(n.remarks)))
+            named.append(replace(n, values={k: final.values[k] for k in by}, ci95=ci95))
     if short := [n.effect for n in roads if len(problem.strengths(n.effect)) <= MOST_KNOTS]:
         final = _with_roads(problem, final, short)
     full = excess(problem, baseline.residuals)
@@ -238,18 +236,11 @@ def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judge
     """`rough`: the set as it was fitted with forms that may be off, whose sd stands."""
     sd, z = (rough or judged).sd(), float(norm.ppf(0.975))
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
-    item = Named(
-        h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0, sensor=h.sensor
-    )
+    item = Named(h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0)
     item.probability = probability.effects.get(h.id, 0.0)
     whole = item.whole = probability.of_class(h.id)
     instead = probability.in_place(h.id)
     item.look_alikes = sorted((i for i, p in instead.items() if p >= ALIKE_AT * whole), key=lambda i: -instead[i])
-    for p in h.effect.strengths:
-        if not p.typical_low <= abs(values[p.name]) <= p.typical_high and h.id in catalogue():
-            item.remarks.append(
-                f"{p.name} = {values[p.name]:.3g} {p.unit} is outside the typical {p.typical_low:g} .. {p.typical_high:g}"
-            )
     return item
 
 
