@@ -19,7 +19,7 @@ from tse.impl.gap import workflow
 from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
 from tse.impl.gap.data import BLOCK, CHANNELS, prepare
 from tse.impl.gap.infer import forms, naming, noise
-from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, latencies, ln_size
+from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
 from tse.impl.gap.infer.naming import Named, Probability, settings
 from tse.impl.gap.infer.search import Search, judge
 from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout
@@ -189,6 +189,26 @@ def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
         )
         assert mass == pytest.approx(1.0, abs=0.01), p.name
         assert ln_size(p, p.scale * (p.sign or 1)) > ln_size(p, 10 * p.scale * (p.sign or 1)) + 5.0  # no car has that
+
+
+def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path) -> None:
+    """A car that is 12 % heavier than a file that knows its mass to 1 %, and its inertia to a fifth: it is not the mass."""
+    path = car(tmp_path)
+    assert known_of(read_vehicle(path)) == list(catalogue().values())  # all is 0: nothing is said
+    text = path.read_text(encoding="utf-8").replace("\nmass_sd = 0.0", "\nmass_sd = 0.01")
+    path.write_text(text.replace("yaw_inertia_sd = 0.0", "yaw_inertia_sd = 0.2"), encoding="utf-8")
+    effects = known_of(read_vehicle(path))
+    heavy = next(h for h in hypotheses(effects) if h.id == "mass")
+    for size in (0.0, -0.15):
+        assert heavy.ln_prior({"mass_change": size}) == pytest.approx(norm.logpdf(size, 0.0, 0.01))
+    logs = [
+        write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k) for k, d in enumerate(("sweep", "steps"))
+    ]
+    read, config = workflow.read(logs, read_vehicle(path))
+    problem = Problem([prepare(log, config) for log in read], config)
+    for asked, names in ((list(catalogue().values()), {"mass", "yaw_inertia"}), (effects, {"yaw_inertia"})):
+        (named,) = naming.name(problem, asked).named
+        assert {named.effect.id, *named.look_alikes} == names
 
 
 def test_forms_of_a_lagging_effect_are_lags() -> None:

@@ -21,7 +21,7 @@ from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.excerpt import excerpt, is_long
 from tse.impl.gap.infer.formula import search
 from tse.impl.gap.infer.formula.search import NOISE_LIMIT, Discovery
-from tse.impl.gap.infer.hypotheses import NAME_AT
+from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
 from tse.impl.gap.localise import remainder, where
@@ -211,7 +211,7 @@ def run(
     conditions = where.conditions(problem, baseline.residuals, baseline.values)
     entries = where.entries(few, few_baseline)
 
-    naming = name.name(few, list(catalogue().values()), say, few_baseline)
+    naming = name.name(few, known_of(vehicle), say, few_baseline)
     notes += said
     notes += [f"{log.path.name}: {w}" for log in (*fitted, *others) for w in disagreements(log, vehicle)]
     say("what is left?")

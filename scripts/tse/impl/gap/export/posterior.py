@@ -16,7 +16,7 @@ import numpy as np
 from tse.impl.core import NOMINAL
 from tse.impl.gap.catalogue import Key, catalogue
 from tse.impl.gap.fit import Fit
-from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses
+from tse.impl.gap.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
 from tse.impl.gap.infer.space import Layout, Space
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.identify import fit as engine
@@ -24,13 +24,6 @@ from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.unknowns import LEAST_SD, UNKNOWNS
 from tse.impl.vehicle import GRAVITY, Vehicle, uncertainty_settings
 
-# Settings of [uncertainty], and the parameters that they are the sd of.
-UNCERTAIN = {
-    "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "cg_sd": "cg_shift_distance",
-    "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle", "accel_y_scale_sd": "imu_scale_ay_error",
-    "accel_delay_sd": "accel_y_latency", "relaxation_sd": "relaxation_length", "gyro_scale_sd": "gyro_scale_error",
-    "trail_sd": "aligning_moment_trail", "roll_steer_sd": "rear_roll_steer_gain",
-}  # fmt: skip
 ROLL = "body_roll_gain"  # by which accel_y reads more, as by its scale
 
 

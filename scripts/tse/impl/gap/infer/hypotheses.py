@@ -13,6 +13,7 @@ import numpy as np
 
 from tse.impl.gap.catalogue import Effect, Parameter, catalogue
 from tse.impl.gap.problem import SIGNED_DELAYS
+from tse.impl.vehicle import Vehicle
 
 SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "imu_misalignment", "imu_scale_ax", "imu_scale_ay",
            "gyro_scale")  # fmt: skip
@@ -35,6 +36,13 @@ SIZE_COST = 3.0  # nats: of a size that logs know to a percent of what is typica
 MOST_LATE = 0.1  # s: of a message behind or before another one
 # s: typical lateness of a message behind another one: bus cycles of 5 .. 20 ms, filters of 10 .. 30 Hz
 LATE = (0.003, 0.02)
+# Settings of [uncertainty], and the parameters that they are the sd of.
+UNCERTAIN = {
+    "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "cg_sd": "cg_shift_distance",
+    "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle", "accel_y_scale_sd": "imu_scale_ay_error",
+    "accel_delay_sd": "accel_y_latency", "relaxation_sd": "relaxation_length", "gyro_scale_sd": "gyro_scale_error",
+    "trail_sd": "aligning_moment_trail", "roll_steer_sd": "rear_roll_steer_gain",
+}  # fmt: skip
 OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
 
 
@@ -67,6 +75,8 @@ class Hypothesis:
     def ln_prior(self, values: Mapping[str, float]) -> float:
         """ln density of the strengths, per unit of each: what a size costs."""
         strengths = self.effect.strengths
+        if strengths[0].prior:
+            return sum(ln_normal(values[p.name], *fit_prior(p)) for p in strengths)
         away = {p.name: values[p.name] - p.default for p in strengths}
         first = max(strengths, key=lambda p: abs(away[p.name]) / p.scale)
         total = 0.0
@@ -90,6 +100,21 @@ def ln_size(p: Parameter, away: float) -> float:
     width = math.log(high / low) + math.sqrt(0.5 * math.pi) * (smaller + LARGER_SD)
     plausible = 0.5 if p.sign == 0 else (1 - WRONG_SIGN if p.sign * away > 0 else WRONG_SIGN)
     return -0.5 * z * z - math.log(size * width) + math.log(plausible)
+
+
+def known_of(vehicle: Vehicle) -> list[Effect]:
+    """Return the catalogue; where the vehicle file has an sd of a number in [uncertainty], that is the prior of its size, about the
+    file's. With sds of 0 throughout, as of a simulator's car, there is none."""
+    sd = {name: vehicle.values[key] for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
+    if not any(sd.values()):
+        return list(catalogue().values())
+
+    def with_prior(p: Parameter) -> Parameter:
+        if p.name not in sd:
+            return p
+        return replace(p, default=vehicle.values.get(p.name, p.default), prior=max(sd[p.name], 0.01 * p.scale))
+
+    return [replace(e, parameters=tuple(map(with_prior, e.parameters))) for e in catalogue().values()]
 
 
 def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
@@ -120,8 +145,10 @@ def threshold(effects: int) -> float:
 
 
 def fit_prior(p: Parameter) -> tuple[float, float]:
-    """Mean and sd of the normal that a fit takes for a parameter: wide for a strength (its size is judged after), the typical
-    range for a shape."""
+    """Mean and sd of the normal that a fit takes for a parameter: what is known of it; else wide for a strength (its size is judged
+    after), the typical range for a shape."""
+    if p.prior:
+        return p.default, p.prior
     if p.strength:
         return p.default, 2.0 * max(abs(p.typical_low - p.default), abs(p.typical_high - p.default), p.scale)
     low, high = p.typical_low, p.typical_high

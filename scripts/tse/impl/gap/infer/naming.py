@@ -160,7 +160,10 @@ def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit
     roads = [n for n in naming.named if n.effect.id in kept and profiles(naming.final.values, n.effect.id)]
     flat = kept - {n.effect.id for n in roads}
     final, named, converged = baseline, [], naming.converged
-    if effects := [h for h in hypotheses() if h.id in flat]:
+    asked = {e.id: e for e in catalogue().values()} | {
+        n.effect.id: n.effect for n in naming.named if n.effect.id in catalogue()
+    }
+    if effects := [h for h in hypotheses(asked.values()) if h.id in flat]:
         plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
         final, converged = as_fit(problem, plain), plain.converged
         there = [n for n in naming.named if n.effect.id in flat]
