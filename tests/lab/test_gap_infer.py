@@ -22,7 +22,7 @@ from tse.impl.gap.infer import forms, naming, noise
 from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
 from tse.impl.gap.infer.naming import Named, Probability, settings
 from tse.impl.gap.infer.search import Search, judge
-from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout
+from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout, Space
 from tse.impl.gap.localise.remainder import Remainder
 from tse.impl.gap.problem import Problem, Rows, profile_size
 from tse.impl.identify.discrepancy import Discrepancy, Piece
@@ -281,6 +281,21 @@ def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
     assert profiles(values, "bank") == {Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01}
     assert profile_size(catalogue()["bank"], values) == pytest.approx(0.01)
     assert [str(k) for k in values] == ["cy_rear", "cy_rear@1", "bank@0:0", "bank@0:1", "grade@0:0"]
+
+
+def test_the_stiffness_of_the_car_is_that_about_which_its_logs_lie(tmp_path: Path) -> None:
+    """And what the logs read does not change."""
+    path = car(tmp_path)
+    logs = [write_log(tmp_path / f"{k}.csv", path, "sweep", {}, k, 8.0) for k in (1, 2, 3)]
+    read, config = workflow.read(logs, read_vehicle(path))
+    space = Space(Layout(Problem([prepare(log, config) for log in read], config)), ())
+    x = space.first.copy()
+    x[3:12] = 0.01 * np.arange(1.0, 10.0)
+    centred = space.centred(x)
+    np.testing.assert_allclose(centred[3:12].reshape(3, 3).mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(centred[:3] - x[:3], [0.04, 0.05, 0.06])
+    for before, after in zip(space.residuals(x), space.residuals(centred), strict=True):
+        np.testing.assert_allclose(after, before, atol=1e-9)
 
 
 def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
