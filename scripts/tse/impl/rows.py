@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in place of the axle's mean
-# columns that a log may have besides: unit, range, text, hint. The estimator uses those of the library (input.toml), `tselab
-# gap` compares vehicle_speed and the torques
+# columns that a log may have besides: unit, range, text, hint. The estimator uses those of the library (input.toml);
+# vehicle_speed checks the units of the others
 OPTIONAL = {
     "vehicle_speed": (
         "m/s",

@@ -7,6 +7,7 @@ them: a perfect model has residuals of size one.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -80,6 +81,12 @@ class Problem:
     def of(self, logs: Sequence[Prepared]) -> Problem:
         """The same of other logs."""
         return Problem(logs, self.config, self.jobs)
+
+    def holding(self, values: Mapping[Key, float]) -> Problem:
+        """The same with these values, too, which are not fitted."""
+        other = copy.copy(self)
+        other.fixed = self.fixed | dict(values)
+        return other
 
     def measure(self, values: Mapping[Key, float]) -> None:
         """Put what a car with these values would measure in the place of what was measured, with a thousandth of the noise, so that

@@ -69,18 +69,14 @@ def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[st
         for h in asked
         if h.id not in PROFILES and any(p.name in fitted or prior.get(p.name) for p in h.effect.strengths)
     ]
-    before = problem.fixed
-    problem.fixed = before | dict(fit.values) | dict(settings)
-    try:
-        space = Space(Layout(problem), effects)
-        start = problem.nominal | problem.fixed
-        at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
-        space.sd = np.array(
-            [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
-        )
-        space.mean, space.information = at, np.diag(space.sd**-2)
-        covariance = engine.fit(space, at, most=0).covariance
-    finally:
-        problem.fixed = before
+    problem = problem.holding(dict(fit.values) | dict(settings))
+    space = Space(Layout(problem), effects)
+    start = problem.nominal | problem.fixed
+    at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
+    space.sd = np.array(
+        [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
+    )
+    space.mean, space.information = at, np.diag(space.sd**-2)
+    covariance = engine.fit(space, at, most=0).covariance
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
     return Posterior(tuple(space.names[k] for k in car), at[car], covariance[np.ix_(car, car)])

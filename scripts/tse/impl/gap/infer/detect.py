@@ -36,11 +36,9 @@ class Detectable:
         return self.smallest <= self.typical
 
 
-def detectable(
-    problem: Problem, current: Fit, effects: Sequence[Effect], need: float | None = None
-) -> list[Detectable]:
+def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
     """Every effect with its smallest detectable size; of several strengths the one that shows best."""
-    need = need or threshold(len(effects))
+    need = threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
     slopes = problem.jacobian(current.values, current.residuals, parameters, REACH)
     q, _ = np.linalg.qr(current.jacobian)

@@ -1,7 +1,7 @@
 """How what an effect does may differ from its form in the catalogue: to first order, a share of it, of its rate and of the rate of
 that, each also in proportion to what the car does (Kennedy & O'Hagan 2001); and where it makes tyres act later, those of one axle
 may do so more than those of the other. A filler that repairs the form of another effect is one way among these, and explains no
-more than they do.
+more than they do. Without this the study's relaxation-1x-1 gets rear_roll_steer beside relaxation.
 """
 
 from __future__ import annotations

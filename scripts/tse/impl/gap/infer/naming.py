@@ -330,11 +330,7 @@ def slow_nats(judged: Judged, channel: str) -> float:
 
 def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
     """The same car on roads with profiles, which alone are fitted."""
-    before, problem.fixed = problem.fixed, dict(last.values)
-    try:
-        found = fit(problem, [p for e in roads for p in problem.strengths(e)], {})
-    finally:
-        problem.fixed = before
+    found = fit(problem.holding(last.values), [p for e in roads for p in problem.strengths(e)], {})
     return Fit(last.parameters, dict(last.values) | found.values, found.residuals, last.jacobian)
 
 

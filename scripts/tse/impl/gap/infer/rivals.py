@@ -178,9 +178,5 @@ def explained(
 def polished(problem: Problem, last: Fit) -> Fit:
     """The same by least squares, as formulas are fitted; without what is own to a log, but for its road."""
     shared = {k: v for k, v in last.values.items() if not isinstance(k, Own) or k.knot is not None}
-    before, problem.fixed = problem.fixed, shared
-    try:
-        found = fit(problem, last.parameters, shared)
-    finally:
-        problem.fixed = before
+    found = fit(problem.holding(shared), last.parameters, shared)
     return replace(found, values=shared | found.values)

@@ -60,8 +60,4 @@ def of_the_car(problem: Problem, after: Mapping[str, float]) -> dict[str, float]
     road = [e for e in catalogue.catalogue().values() if catalogue.profiles(after, e.id)]
     if not road:
         return car
-    before, problem.fixed = problem.fixed, car
-    try:
-        return car | fit(problem, [p for e in road for p in problem.strengths(e)], {}).values
-    finally:
-        problem.fixed = before
+    return car | fit(problem.holding(car), [p for e in road for p in problem.strengths(e)], {}).values

@@ -8,7 +8,7 @@ channel drowns another; less PRICE for every operation and number.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -37,36 +37,18 @@ HALF = 0.5  # %: quantiles between which a signal has been are those of HALF % a
 
 
 @dataclass
-class Candidate:
-    """A formula, fitted."""
-
-    formula: Formula
-    price: float  # nats, of its length
-    fit: Fit  # residuals and slopes of the problem as it is
-    nats: float  # worth, less its price
-    share: float  # of what was left that it closes
-    limits: dict[str, tuple[float, float]]  # of its numbers
-    changes: dict[str, show.Change] = field(default_factory=dict)  # on held-out logs
-
-    @property
-    def values(self) -> dict[str, float]:
-        """All that a simulation takes."""
-        return self.fit.values | self.formula.settings()
-
-
-@dataclass
 class Discovery:
-    """What a search came to. `formula` None: nothing that is worth proposing."""
+    """A formula, fitted: one that was tried, or what a search came to. `formula` None: nothing that is worth proposing."""
 
     formula: Formula | None
-    fit: Fit | None
-    nats: float
-    share: float
-    changes: dict[str, show.Change]
-    tried: list[dict]  # place, formula, nats, share, and whether held-out logs confirm it
-    words: list[str]
+    fit: Fit | None  # residuals and slopes of the problem as it is
+    nats: float = 0.0  # worth, less its price
+    share: float = 0.0  # of what was left that it closes
     price: float = 0.0  # nats, of its length
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # of its numbers
+    changes: dict[str, show.Change] = field(default_factory=dict)  # on held-out logs
+    tried: list[dict] = field(default_factory=list)  # place, formula, nats, share, and whether held-out logs confirm it
+    words: list[str] = field(default_factory=list)
 
     @property
     def values(self) -> dict[str, float]:
@@ -132,9 +114,9 @@ def discover(
     frame = Frame.of(problem, last)
     places = _places(problem)
     say(f"a formula: {sum(len(terms.forms(p)) for p in places)} forms at {len(places)} places")
-    listed = sorted((x for p in places for x in screened(frame, p, last)), key=lambda x: -x[0])
+    listed = sorted((x for p in places for x in screened(frame, p)), key=lambda x: -x[0])
     chosen = _diverse(listed)
-    tried: list[Candidate] = []
+    tried: list[Discovery] = []
     for k, (_, place, term, coefficient) in enumerate(chosen):
         say(f"a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
         tried += _fitted(frame, place, term, coefficient)
@@ -164,29 +146,26 @@ def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, 
 # ---- in the linearisation
 
 
-def screened(
-    frame: Frame, place: str, last: Fit, more: Sequence[Term] | None = None
-) -> list[tuple[float, str, Term, float]]:
-    """(nats less price, place, form, coefficient) of every form at a place, beside everything that `last` has fitted."""
-    known = list(more if more is not None else terms.forms(place))
-    found = []
+def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
+    """(nats less price, place, form, coefficient) of every form at a place, beside everything that is fitted."""
+    known, found = terms.forms(place), []
     for k in range(0, len(known), CHUNK):
         part = known[k : k + CHUNK]
         logs = [np.column_stack([terms.values_of(t, s, s["dt"]) for t in part]) for s in frame.at]
-        for t, (nats, coefficient) in zip(part, expected_gain(frame, place, logs, last), strict=True):
+        for t, (nats, coefficient) in zip(part, expected_gain(frame, place, logs), strict=True):
             found.append((nats - price(t), place, t, coefficient))
     return found
 
 
-def expected_gain(frame: Frame, place: str, logs: list[np.ndarray], last: Fit) -> list[tuple[float, float]]:
+def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
     """(nats, coefficient) of forms given by their values, of each log shape (blocks, forms)."""
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
     size = np.where(np.isfinite(size) & (size > 1e-12), size, np.inf)
     a = responses(balanced, frame.values, frame.at, place, [np.nan_to_num(x / size) for x in logs])
     scale = np.where(problem.weight > 0, balanced.weight / np.where(problem.weight > 0, problem.weight, 1.0), 0.0)
-    target = scale * last.residuals
-    q = np.linalg.qr(scale[:, None] * last.jacobian)[0]
+    target = scale * frame.last.residuals
+    q = np.linalg.qr(scale[:, None] * frame.last.jacobian)[0]
     a, target = a - q @ (q.T @ a), target - q @ (q.T @ target)
     power = np.sum(a * a, axis=0)
     x = np.where(power > 1e-9, -(a.T @ target) / np.maximum(power, 1e-9), 0.0)
@@ -202,7 +181,7 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray], last: Fit) -
 # ---- in full
 
 
-def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Candidate]:
+def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Discovery]:
     """The formula with everything fitted; nothing where it does not fit in a program."""
     try:
         formula = terms.formula(place, term, coefficient)
@@ -213,18 +192,14 @@ def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Ca
     return [refit(frame, formula, limits, price(term))]
 
 
-def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], cost: float) -> Candidate:
+def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], cost: float) -> Discovery:
     """Stiffness, all that is named, and the numbers of a formula, together."""
     slots = formula.slots
     own = [_parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers]
-    problem = frame.balanced
-    before, problem.fixed = problem.fixed, problem.fixed | frame.values | formula.settings()
-    try:
-        found = fit(
-            problem, [*frame.last.parameters, *own], frame.values | {p.name: p.default for p in own}, most=MOST_STEPS
-        )
-    finally:
-        problem.fixed = before
+    problem = frame.balanced.holding(frame.values | formula.settings())
+    found = fit(
+        problem, [*frame.last.parameters, *own], frame.values | {p.name: p.default for p in own}, most=MOST_STEPS
+    )
     formula = formula.with_values({p.key: found.values[p.name] for p in own})
     values = frame.values | found.values
     whole = frame.problem.residuals(values | formula.settings())
@@ -232,7 +207,7 @@ def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, floa
     one = Fit(found.parameters, values, whole, back[:, None] * found.jacobian)
     left = excess(frame.problem, whole)
     share = 1.0 - left / frame.full if frame.full > 0 else 0.0
-    return Candidate(formula, cost, one, frame.nats(whole) - cost, share, dict(limits))
+    return Discovery(formula, one, frame.nats(whole) - cost, share, cost, dict(limits))
 
 
 def _parameter(name: str, key: str, value: float, low: float, high: float, unit: str, text: str) -> Parameter:
@@ -243,7 +218,7 @@ def _parameter(name: str, key: str, value: float, low: float, high: float, unit:
 # ---- which one
 
 
-def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Discovery:
+def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
     """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs confirm: there no channel is worse
     by more than LEAST_HARM, and some are better. Without these something must be left to explain: a library of forms finds one
     in any noise."""
@@ -278,17 +253,14 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
             if any(c.changes for c in tried)
             else "none closes enough of the gap"
         )
-        return Discovery(
-            None, None, 0.0, 0.0, {}, shown, [f"No formula is proposed: {len(tried)} were simulated, {why}."]
-        )
+        words = [f"No formula is proposed: {len(tried)} were simulated, {why}."]
+        return Discovery(None, None, tried=shown, words=words)
     formula = _described(frame, chosen)
     words = [
         f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
         "cause; where it was never driven it does not hold."
     ]
-    return Discovery(
-        formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, chosen.price, chosen.limits
-    )
+    return replace(chosen, formula=formula, tried=shown, words=words)
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
@@ -300,7 +272,7 @@ def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
     return replace(found, formula=_described(frame, again), fit=again.fit, share=again.share)
 
 
-def _described(frame: Frame, c: Candidate) -> Formula:
+def _described(frame: Frame, c: Discovery) -> Formula:
     """With how well its numbers are known, and where its signals have been."""
     slots = c.formula.slots
     sd = dict(

@@ -233,11 +233,7 @@ def formula(place: str, term: Term, coefficient: float) -> Formula:
 
 def values_of(term: Term, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
     """A form over one log, shape (rows,). `signals`: by their names in formulas; `dt`: s."""
-    return evaluator(term).evaluate(signals, dt)
-
-
-def evaluator(term: Term) -> Formula:
     # at front_angle a number of any unit makes the form one of its place
     unit = unit_text((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
-    return Formula("form", "form", "front_angle", f"k*{term.text}", numbers)
+    return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)
