@@ -275,7 +275,7 @@ def constants() -> str:
 
 
 def gap_exit_codes() -> str:
-    from tse.impl.gap.workflow import EXIT
+    from tse.impl.gap.run.workflow import EXIT
 
     return table(
         ["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,)

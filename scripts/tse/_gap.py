@@ -16,11 +16,10 @@ from tse._log import Log, LogLike, PathLike, checked, several
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
 from tse.impl.estimate import write_table
-from tse.impl.gap import workflow
-from tse.impl.gap.export import pictures
-from tse.impl.gap.export.output import write_all
-from tse.impl.gap.export.table import FIT, HELD_OUT
 from tse.impl.gap.infer import show
+from tse.impl.gap.run import pictures, workflow
+from tse.impl.gap.run.output import write_all
+from tse.impl.gap.run.table import FIT, HELD_OUT
 from tse.impl.vehicle import Vehicle
 
 

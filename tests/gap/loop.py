@@ -34,8 +34,8 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     from tests.gap.generator import Spec, make_cases
     from tse.impl.config import make_config
     from tse.impl.core import NOMINAL
-    from tse.impl.gap.export import add
-    from tse.impl.gap.workflow import run as gap
+    from tse.impl.gap.run import add
+    from tse.impl.gap.run.workflow import run as gap
     from tse.impl.logs.log import read_log
     from tse.impl.vehicle import read_vehicle
 

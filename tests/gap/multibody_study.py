@@ -26,8 +26,8 @@ TABLE = ROOT / "scripts" / "results" / "gap-multibody.md"
 def run(car: int) -> dict:
     """One car: its logs, the workflow, what counts."""
     from tests.gap import multibody
-    from tse.impl.gap.export.output import finite
-    from tse.impl.gap.workflow import run as gap
+    from tse.impl.gap.run.output import finite
+    from tse.impl.gap.run.workflow import run as gap
 
     folder = FOLDER / f"car{car}"
     done = folder / "result.json"

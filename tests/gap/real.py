@@ -26,8 +26,8 @@ JOBS = 2
 
 def row(folder: Path) -> str:
     """One log: verdict and words, rms over noise of the held-out third before and after."""
-    from tse.impl.gap.export.output import write_all
-    from tse.impl.gap.workflow import run
+    from tse.impl.gap.run.output import write_all
+    from tse.impl.gap.run.workflow import run
 
     with tempfile.TemporaryDirectory() as name:
         table = pd.read_csv(folder / "data.csv")

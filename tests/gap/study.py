@@ -41,7 +41,7 @@ SHORT = ("clean-101", "clean-102", "body_roll-1x-1", "relaxation-1x-1", "cg_shif
 def run(spec_json: str) -> dict:
     """One case: generate, run the workflow, keep what counts."""
     from tests.gap.generator import Spec, make_cases
-    from tse.impl.gap.workflow import run as gap
+    from tse.impl.gap.run.workflow import run as gap
 
     spec = Spec(**json.loads(spec_json))
     case = next(make_cases([spec]))

@@ -58,7 +58,7 @@ def run(asked: tuple[str, str, float | None]) -> None:
     from tse.impl.gap.infer.excerpt import excerpt
     from tse.impl.gap.infer.naming import name
     from tse.impl.gap.problem import STIFFNESS, Problem
-    from tse.impl.gap.workflow import read
+    from tse.impl.gap.run.workflow import read
     from tse.impl.vehicle import read_vehicle
 
     case, constant, value = asked

@@ -10,7 +10,7 @@ import pytest
 from generator import Spec, make_cases
 
 from tests.gap import study
-from tse.impl.gap.workflow import run
+from tse.impl.gap.run.workflow import run
 
 MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
 FEW = ("sine_sweep", "brake_in_turn")

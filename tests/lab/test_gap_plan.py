@@ -9,11 +9,11 @@ import pytest
 from conftest import RAN, tselab_here
 from gap_logs import DRIVES, car, write_log
 from tse.impl.core import Config, Replay
-from tse.impl.gap import plan as planning
 from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.check import check
 from tse.impl.gap.drives import library, prepared
 from tse.impl.gap.problem import Problem
+from tse.impl.gap.run import plan as planning
+from tse.impl.gap.run.check import check
 from tse.impl.logs.log import read_log
 from tse.impl.rows import average
 from tse.impl.vehicle import read_vehicle

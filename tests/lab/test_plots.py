@@ -129,7 +129,7 @@ def test_a_line_keeps_its_peak_and_is_broken_where_nothing_was_logged():
 
 def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
     """They were thinned to every n-th row: a spike of one block was gone in six of seven places."""
-    from tse.impl.gap.export.pictures import overlay
+    from tse.impl.gap.run.pictures import overlay
 
     n = 21_000
     table = pd.DataFrame(

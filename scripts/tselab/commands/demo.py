@@ -21,8 +21,8 @@ from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, estimate, estimate_to, write_table
 from tse.impl.files import atomic
 from tse.impl.fleet.single import prepare
-from tse.impl.gap.export.output import write_all
-from tse.impl.gap.workflow import run
+from tse.impl.gap.run.output import write_all
+from tse.impl.gap.run.workflow import run
 from tse.impl.logs.log import read_log
 from tse.impl.logs.propose import propose
 from tse.impl.logs.propose.text import toml_text
@@ -38,7 +38,7 @@ from tselab.commands.options import FILE, PROGRESS, show_progress
 from tselab.montecarlo.pictures import demo_picture
 
 if TYPE_CHECKING:
-    from tse.impl.gap.workflow import Result
+    from tse.impl.gap.run.workflow import Result
 
 
 @click.command()

@@ -121,9 +121,9 @@ def _run(
     as_json: bool = False,
 ) -> int:
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
-    from tse.impl.gap import workflow
-    from tse.impl.gap.export.gain import words
-    from tse.impl.gap.export.output import write_all
+    from tse.impl.gap.run import workflow
+    from tse.impl.gap.run.gain import words
+    from tse.impl.gap.run.output import write_all
 
     _there(logs, hold_out)
     make_directory(out)
@@ -212,7 +212,7 @@ def check(
     """
     from tse.impl import results
     from tse.impl.files import check_distinct, check_writable
-    from tse.impl.gap.check import check as look
+    from tse.impl.gap.run.check import check as look
 
     check_distinct({"--table": table}, {"--vehicle": vehicle_path} | {str(p): p for p in logs})
     results.check_table(table)
@@ -247,7 +247,7 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
     with the stiffness; what it cannot copy is what tells them apart, in nats at the noise of the vehicle file's sensors. 8 nats
     are enough.
     """
-    from tse.impl.gap.plan import plan as make
+    from tse.impl.gap.run.plan import plan as make
 
     with saying(progress) as say:
         found = make(separate, vehicle_path, jobs, say)

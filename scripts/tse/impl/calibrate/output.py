@@ -15,7 +15,7 @@ from tse.impl.calibrate.result import Result
 from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.formula import write_formula
-from tse.impl.gap.export.output import finite
+from tse.impl.gap.run.output import finite
 from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.unknowns import LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, of_log
 from tse.impl.identify.vehicle_file import toml as vehicle_toml

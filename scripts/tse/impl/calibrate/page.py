@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from tse.impl.calibrate.result import Proof, Result
-from tse.impl.gap.export.pictures import CHANNEL_UNITS, _layout
-from tse.impl.gap.export.report import write_page
+from tse.impl.gap.run.pictures import CHANNEL_UNITS, _layout
+from tse.impl.gap.run.report import write_page
 from tse.impl.identify.unknowns import MEASURED
 from tse.impl.plots import BLUE, GREY, ORANGE
 

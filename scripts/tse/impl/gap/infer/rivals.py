@@ -25,7 +25,7 @@ from tse.impl.gap.data import BLOCK, CHANNELS
 from tse.impl.gap.fit import Fit, fit, lengths
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer import show
-from tse.impl.gap.infer.formula.search import NOISE_LIMIT, Discovery, discover, on_all
+from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery, discover, on_all
 from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tse.impl.gap.infer.naming import ROAD_PROBABILITY, Naming
 from tse.impl.gap.infer.space import EPISODE

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from tse.impl.files import atomic
-from tse.impl.gap.export import add, gain, pictures, report, table
 from tse.impl.gap.infer import show
-from tse.impl.gap.workflow import Result
+from tse.impl.gap.run import add, gain, pictures, report, table
+from tse.impl.gap.run.workflow import Result
 from tse.impl.vehicle import fill_sensors, read_vehicle, stiffness_words
 
 VERDICT, RESIDUALS, REPORT, PICTURE = "verdict.json", "residuals.parquet", "report.html", "gap.png"

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from tse.impl.gap.data import BLOCK, CHANNELS
-from tse.impl.gap.localise.where import conditions
+from tse.impl.gap.infer.where import conditions
 from tse.impl.gap.problem import Problem
 
 LOCAL = 0.15  # of the time: half of the energy in less is localised

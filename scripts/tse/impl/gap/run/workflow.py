@@ -16,15 +16,14 @@ from tse.impl.formula import Formula
 from tse.impl.gap.catalogue import Key, catalogue
 from tse.impl.gap.data import prepare_all
 from tse.impl.gap.fit import Fit, gap
-from tse.impl.gap.infer import detect, show
+from tse.impl.gap.infer import detect, remainder, show, where
+from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.excerpt import excerpt, is_long
-from tse.impl.gap.infer.formula import search
-from tse.impl.gap.infer.formula.search import NOISE_LIMIT, Discovery
+from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery
 from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
-from tse.impl.gap.localise import remainder, where
 from tse.impl.gap.problem import PROFILES, STIFFNESS, Problem
 from tse.impl.logs.agree import check_units
 from tse.impl.logs.log import read_log

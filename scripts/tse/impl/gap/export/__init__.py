@@ -1,1 +1,0 @@
-"""What people and programs get: pictures, the report, tables, the improved vehicle file, and what the estimator gains by it."""
