@@ -10,6 +10,7 @@ import pytest
 
 from gap_logs import car, write_log
 from tse.impl.gap.data import in_time, prepare
+from tse.impl.gap.infer.hypotheses import SENSORS
 from tse.impl.gap.run import workflow
 from tse.impl.vehicle import read_vehicle
 
@@ -65,5 +66,5 @@ def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str
     assert sizes[0] == pytest.approx(HIDDEN["body_roll_gain"], rel=0.15)
     verdict = results["not told"].as_json()
     assert verdict["sensors"] or "imu_delay" in named["not told"] or "steering_delay" in named["not told"]
-    physics = {n.effect.id for n in results["not told"].naming.named if not n.sensor}
+    physics = {n.effect.id for n in results["not told"].naming.named if n.effect.id not in SENSORS and not n.message}
     assert physics <= {"body_roll"}, results["not told"].words
