@@ -1,5 +1,5 @@
 // map.js - which column of a log is which channel, in which unit: guessed by the words that tselab knows
-// (scripts/tse/impl/logs/vocabulary.py, units.py; put into PAGE when it is built), said by whoever looks at the page.
+// (scripts/tse/impl/logs/vocabulary.py, scripts/tse/impl/units.py; put into PAGE when it is built), said by whoever looks at the page.
 
 // The unit of a spelling as tselab has it, or null.
 function unitOf(text) {

@@ -5,7 +5,7 @@
 #include "tse/real.h"
 
 /* table: constants */
-#define TAIL TSE_R(9.0)                  /* [1] an innovation beyond 3 sd pulls the less the further off: heavy tails; the offset of a channel at fault has the square of that as sd, in sd of its sensor: it may read anything */
+#define TAIL TSE_R(9.0)                  /* [1] an innovation beyond 3 sd pulls the less the further off: heavy tails; so much of the noise of accel_y happens, as an uneven road; the offset of a channel at fault has the square of that as sd, in sd of its sensor: it may read anything */
 #define MODEL_TIME TSE_R(1.0)            /* [s] how long a model discrepancy lasts; what happens, and slow innovations, are averaged over it */
 #define LEAST_ACTIVITY TSE_R(0.5)        /* [m/s2] what happens where nothing does: unevenness, wind, play */
 #define MODEL_FLOOR TSE_R(0.02)          /* [1] no stiffness is known better: model error */

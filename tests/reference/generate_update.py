@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write update_table.h: the exact conditional of w given y for single particles, for tests/unit/estimator/test_update.c.
+"""Write update_table.h: the exact conditional of w given y for single particles, for tests/unit/paper/test_learn.c.
 
 Given the past, (w, y) is jointly Student-t with nut = nu - 2 degrees of freedom and scale
     [ A     A d'                          ]        A = (1 + gamma)/nut Lambda

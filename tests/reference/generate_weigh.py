@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write weigh_table.h: log densities (22), (23) of random particles for tests/unit/estimator/test_weigh.c.
+"""Write weigh_table.h: log densities (22), (23) of random particles for tests/unit/paper/test_weigh.c.
 
 Everything in SI units with dense matrices: stiffness in N and N/rad, measurements in m/s2 and rad/s, Lambda 3x3 of the
 relative deviation, P and R in squared SI units. The density is scipy.stats.multivariate_t.logpdf, the evidence its
@@ -144,7 +144,7 @@ def main():
             evidence.append(logsumexp(logq))
             logq = np.maximum(
                 logq, logq.max() - 120 * np.log(2)
-            )  # as stated in src/estimator/weigh.c: less is no weight
+            )  # as stated in src/paper/weigh.c: less is no weight
             logq = logq - logsumexp(logq)
         out += [
             "  {",

@@ -2,8 +2,8 @@
 tyres that saturate the truth is their secant: the linear model has no other stiffness to find (felt()).
 
 Whether an estimate may be blamed for being wrong, or for saying that it does not know, depends on what could be known. That
-is judged from the simulator's truth: from the noise-free slips follows the regressor phi of each stiffness (as excitation()
-in src/estimator/estimate.c, which has to use estimates), and from its variance over the last two memories the sd that the mean
+is judged from the simulator's truth: from the noise-free slips follows the regressor phi of each stiffness (as
+src/paper/row.c, which has to use estimates), and from its variance over the last two memories the sd that the mean
 could have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
 """
 
