@@ -142,9 +142,7 @@ def main():
         for k in range(STEPS):
             logq = logq + [density(car, *q, u[k], y[k], nu, gamma, var, masks[k]) for q in particles]
             evidence.append(logsumexp(logq))
-            logq = np.maximum(
-                logq, logq.max() - 120 * np.log(2)
-            )  # as stated in src/paper/weigh.c: less is no weight
+            logq = np.maximum(logq, logq.max() - 120 * np.log(2))  # as stated in src/paper/weigh.c: less is no weight
             logq = logq - logsumexp(logq)
         out += [
             "  {",
