@@ -12,13 +12,14 @@ import functools
 import logging
 import multiprocessing
 import os
+import queue
 import signal
 import socket
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection
 from typing import Any, Protocol, TypeAlias
@@ -88,6 +89,7 @@ class Local:
     def __init__(self, do: Do, jobs: int):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
+        self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         self._suspects: deque[Any] = deque()  # were worked on when a process died: each alone, to see which it was
         self._pool = self._start(jobs)
 
@@ -99,20 +101,23 @@ class Local:
     def submit(self, task: Any) -> None:
         with without_interrupts():  # it may start a process
             try:
-                self._running[self._pool.submit(self._do, task)] = task
+                future = self._pool.submit(self._do, task)
             except BrokenProcessPool:
                 self._suspects.append(task)
+                return
+            self._running[future] = task
+            future.add_done_callback(self._done.put)
 
     def next(self) -> Finished:
         while not self._suspects:
-            finished, _ = wait(self._running, return_when=FIRST_COMPLETED)
-            future = finished.pop()
+            future = self._done.get()  # not wait(): Ctrl-C within that leaves futures locked, and the pool never ends
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
                 return task, future.result
             self._suspects += [task, *self._running.values()]
             self._running.clear()
             self._pool.shutdown(wait=True, cancel_futures=True)
+            self._done = queue.SimpleQueue()
             self._pool = self._start(self._jobs)
         task = self._suspects.popleft()
         with self._start(1) as alone:
