@@ -132,6 +132,9 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
   }
 }
 
+/* Return whether an event may name a channel that is frozen: one at a time is named. None that is frozen is used. */
+static int names_frozen(const tse_kalman *k, int32_t which) { return which >= EVENT_SENSOR && k->fault == NO_FAULT; }
+
 /* Return log2 of how much likelier the samples are if this happened. Along the road the force of a tyre beyond its grip is no
  * longer that of its stiffness: another road shows as a slow innovation of accel_x of which nothing is known, its variance
  * included. A channel that is frozen repeats its reading. */
@@ -143,13 +146,13 @@ static tse_real log2_ratio(const tse_kalman *k, const tse_event *a)
   const tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(a->score, r_div(a->score, one))) - r_mul(TSE_R(0.5), r_log2(one));
   if (a->kind < EVENT_STEER) return ratio;
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
-  const tse_real off = changed ? r_min(ratio, TSE_R(0)) : ratio, frozen = a->kind >= EVENT_SENSOR ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
+  const tse_real off = changed ? r_min(ratio, TSE_R(0)) : ratio, frozen = names_frozen(k, a->kind) ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
   return frozen > TSE_R(0) ? r_max(off, frozen) : off;
 }
 
 int event_is_small(const tse_kalman *k, const tse_event *a)
 {
-  if (a->kind >= EVENT_SENSOR && is_frozen(k, a->kind - EVENT_SENSOR)) return 0;
+  if (names_frozen(k, a->kind) && is_frozen(k, a->kind - EVENT_SENSOR)) return 0;
   if (a->kind == EVENT_BACK) return 0;
   /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
   const tse_real one = TSE_R(1) + a->info;
@@ -262,7 +265,8 @@ static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
  * found of that. */
 static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
-  const int same = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME && which != EVENT_BACK;
+  const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
+  const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_BACK;
   k->change_kind = which <= EVENT_ALONG ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
                                                                                  : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */

@@ -16,6 +16,7 @@
 #define update_still   TSE_NAME(tse_update_still)
 #define watch_steering TSE_NAME(tse_watch_steering)
 #define is_frozen      TSE_NAME(tse_is_frozen)
+#define works          TSE_NAME(tse_works)
 #define use_scalar     TSE_NAME(tse_use_scalar)
 #define velocity_move   TSE_NAME(tse_velocity_move)
 #define velocity_lose   TSE_NAME(tse_velocity_lose)
@@ -135,9 +136,10 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* update.c   Note whether the steering angle repeats itself while the car turns otherwise than it says. One that is frozen is
  *            missing: z->has_steer. Returned: whether it is from this row on
- *            is_frozen: return whether a sensor, or STEERING, is */
+ *            is_frozen: return whether a sensor, or STEERING, is      works: whether a sensor is used: neither frozen nor at fault */
 int watch_steering(tse_kalman *k, decoded *z);
 int is_frozen(const tse_kalman *k, int channel);
+int works(const tse_kalman *k, int channel);
 
 /* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
 typedef struct scalar {

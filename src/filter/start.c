@@ -54,7 +54,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_car *const c = &p->car;
   tse_real *const x = k->x, variance[GX];
   const int rear = z->use[WHEEL_REAR] && (not_driven(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
-  const int axle = rear ? WHEEL_REAR : WHEEL_FRONT, has_gyro = z->use[YAW_RATE];
+  const int axle = rear ? WHEEL_REAR : WHEEL_FRONT, has_gyro = z->use[YAW_RATE] && works(k, YAW_RATE);
   const tse_real v = z->use[axle] ? z->z[axle] : x[VX], r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
   const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
   const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, exponential(x[LCF])));

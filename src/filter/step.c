@@ -108,12 +108,13 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Predict, measure, and decide on events; count the seconds that are seen. Without a steering angle nothing is measured: a stiffness would make up for it. */
+/* Predict, measure, and decide on events; count the seconds that are seen. Without a steering angle nothing is measured: a
+ * stiffness would make up for it. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 {
-  for (int a = 0; a < TSE_SENSORS && !z->has_steer; a++) z->use[a] = 0;
   const steering angle = predict_row(p, k, z);
   velocity_move(p, k, z);
+  for (int a = 0; a < TSE_SENSORS && !z->has_steer; a++) z->use[a] = 0;
   update_row(p, k, z, angle);
   events_decide(p, k, z->dt);
   k->seen = r_min(k->seen + z->dt, LONGEST_TIME);

@@ -17,12 +17,15 @@ static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_re
 
 int is_frozen(const tse_kalman *k, int channel) { return k->frozen[channel] > -r_log2(RATE_FAULT); }
 
+int works(const tse_kalman *k, int channel) { return k->fault != fault_of(channel) && !is_frozen(k, channel); }
+
 int watch_steering(tse_kalman *k, decoded *z)
 {
   const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], LEAST_SLOW_VAR));
-  const int was = is_frozen(k, STEERING);
+  const int was = is_frozen(k, STEERING), compared = k->innovation_var[YAW_RATE] > TSE_R(0) && works(k, YAW_RATE); /* in the row before */
   if (!z->has_steer) return 0;
-  watch_repeats(k, STEERING, z->steer, r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0), TSE_R(1) - r_min(r_div(z->dt, HELD_STILL), TSE_R(1)), z->dt);
+  const tse_real off = compared && r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0);
+  watch_repeats(k, STEERING, z->steer, off, TSE_R(1) - r_min(r_div(z->dt, HELD_STILL), TSE_R(1)), z->dt);
   z->has_steer = !is_frozen(k, STEERING);
   return !was && !z->has_steer;
 }
@@ -106,7 +109,7 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   tse_real change[TSE_ALL], state;
   scalar m;
-  if (!z->use[YAW_RATE]) return;
+  if (!z->use[YAW_RATE] || !works(k, YAW_RATE)) return;
   memset(&m, 0, sizeof m);
   for (int i = 0; i < TSE_ALL; i++) m.h[i] = change[i] = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
@@ -173,13 +176,17 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
 }
 
 /* Follow what happens to the car: mean squares over MODEL_TIME. An uneven road, which shows as noise, happens too, as large
- * as the largest of it that is no outlier. */
+ * as the largest of it that is no outlier. It counts as much as tyres without an end would do: the nearer the end, the less the
+ * force shows of the slip angle, and the more decides what nobody knows, the form of the curve and what one direction takes of
+ * the other. */
 static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
+  const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(LEAST_ACTIVITY));
+  const tse_real over = r_max(r_div(r_sqr(f->endless_x) + r_sqr(f->endless_y), force), TSE_R(1));
   const tse_real happens[IMU_CHANNELS] = { f->x, f->y, k->x[YAW] };
   const tse_real uneven = r_mul(r_mul(TAIL, k->noise[ACCEL_Y]), r_sqr(p->sensor_sd[ACCEL_Y])), least = r_sqr(LEAST_ACTIVITY) + uneven;
   const tse_real at_least[IMU_CHANNELS] = { least, least, r_div(least, r_sqr(r_max(k->x[VX], LEAST_TURNING))) };
-  for (int a = 0; a < IMU_CHANNELS; a++) k->activity[a] += r_mul(r_div(dt, dt + MODEL_TIME), r_sqr(happens[a]) + at_least[a] - k->activity[a]);
+  for (int a = 0; a < IMU_CHANNELS; a++) k->activity[a] += r_mul(r_div(dt, dt + MODEL_TIME), r_mul(r_sqr(happens[a]), over) + at_least[a] - k->activity[a]);
 }
 
 /* Return the variance of what the model does not explain of a channel: a share of what happens, that lasts. As white noise that
@@ -213,7 +220,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   m->r = m->white + unexplained(p, k, channel, z->dt);
 }
 
-/* Watch a channel at fault, which is not used, for how long it has agreed. */
+/* Watch a channel that is not used: one that is frozen, or at fault, of which for how long it has agreed. */
 static void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];
@@ -221,7 +228,7 @@ static void watch_fault(tse_kalman *k, int channel, const scalar *m)
   const int agrees = r_sqr(m->e) < r_mul(TAIL, s) && !is_frozen(k, channel);
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = s;
-  k->agrees_for = agrees ? r_min(k->agrees_for + m->dt, MOST_AGE) : TSE_R(0);
+  if (k->fault == fault_of(channel)) k->agrees_for = agrees ? r_min(k->agrees_for + m->dt, MOST_AGE) : TSE_R(0);
 }
 
 /* Use a channel, and note its innovation, its likelihood and its noise.   Updated: change */
@@ -258,10 +265,10 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     if (!z->use[channel]) continue;
     make_scalar(p, k, z, &s, f.sin_d, channel, change, &m);
     watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), TSE_R(1) - BELIEVED, z->dt);
-    if (k->fault == fault_of(channel)) watch_fault(k, channel, &m);
-    else use_channel(p, k, channel, &m, change);
+    if (works(k, channel)) use_channel(p, k, channel, &m, change);
+    else watch_fault(k, channel, &m);
   }
-  if (!z->one_speed) roll_freely(p, k, z, &f, change);
-  velocity_update(p, k, z, &f, change);
+  if (!z->one_speed && z->has_steer) roll_freely(p, k, z, &f, change);
+  if (z->has_steer) velocity_update(p, k, z, &f, change);
   finish(p, k, change);
 }

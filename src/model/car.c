@@ -5,9 +5,10 @@
 #define LONGEST TSE_R(0.0055) /* s, numerics: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
 #define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
 
-/* One direction of a tyre: force, its slopes over slip (or slip angle), the logarithms of stiffness and grip; force over slip. */
+/* One direction of a tyre: force, its slopes over slip (or slip angle), the logarithms of stiffness and grip; force over slip; force
+ * without an end. */
 typedef struct tyre {
-  tse_real f, by_slip, by_stiffness, by_mu, secant;
+  tse_real f, by_slip, by_stiffness, by_mu, secant, endless;
 } tyre;
 
 /* Return a tyre's force and its slopes.   Given: limit  grip times load   slip  or slip angle   shape  of the curve */
@@ -16,7 +17,7 @@ static tyre tyre_of(tse_real stiffness, tse_real limit, tse_real slip, tse_real 
   const tse_real linear = r_mul(stiffness, slip);
   tse_real slope;
   const tse_real secant = tyre_secant(r_div(r_abs(linear), limit), shape, &slope);
-  const tyre t = { r_mul(linear, secant), r_mul(stiffness, secant + slope), r_mul(linear, secant + slope), -r_mul(linear, slope), r_mul(stiffness, secant) };
+  const tyre t = { r_mul(linear, secant), r_mul(stiffness, secant + slope), r_mul(linear, secant + slope), -r_mul(linear, slope), r_mul(stiffness, secant), linear };
   return t;
 }
 
@@ -31,10 +32,10 @@ static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
   const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR]))), shift = r_mul(c->load_gain, drive);
-  const tse_real front = r_mul(r_mul(c->ky_front, exponential(x[LCF])), TSE_R(1) - shift);
-  const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), TSE_R(1) + shift);
+  const tse_real front = r_mul(r_mul(c->ky_front, exponential(x[LCF])), load_left(-shift));
+  const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), load_left(shift));
   const tse_real square = lateral_square(r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
-  const tse_real load_front = TSE_R(1) - r_mul(c->height_front, drive), load_rear = TSE_R(1) + r_mul(c->height_rear, drive);
+  const tse_real load_front = load_left(-r_mul(c->height_front, drive)), load_rear = load_left(r_mul(c->height_rear, drive));
   const tse_real most_front = r_mul(r_mul(mu, c->load_front), load_front), most_rear = r_mul(r_mul(mu, c->load_rear), load_rear);
   tyres t;
   t.x_front = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), most_front, x[SF], c->shape);
@@ -88,7 +89,7 @@ static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const t
   }
   f->by_yaw[BY_INERTIA] = -f->yaw;
   f->by_yaw[BY_CENTRE] = r_mul(c->m_inertia, ay + t->y_rear.f);
-  f->by_yaw[BY_MOMENT] = -r_mul(c->m_inertia, ay + t->y_rear.f);
+  f->by_yaw[BY_MOMENT] = -r_mul(c->m_inertia, t->y_front.f + t->y_rear.f);
 }
 
 void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
@@ -100,6 +101,8 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, yf->f);
   sin_cos(d, &f->sin_d, &f->cos_d);
   f->side = yf->f;
+  f->endless_x = xf->endless + xr->endless;
+  f->endless_y = yf->endless + yr->endless;
   /* written -(a - b): gcc 12 fuses it else, see turn_axes() */
   const tse_real ax = -(r_mul(yf->f, f->sin_d) - r_mul(xf->f, f->cos_d)), ay = r_mul(yf->f, f->cos_d) + r_mul(xf->f, f->sin_d);
   f->x = ax + xr->f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);

@@ -108,6 +108,7 @@ typedef struct forces {
   tse_real by_x[COLUMNS], by_y[COLUMNS], by_yaw[COLUMNS];
   tse_real sin_d, cos_d, steer, rate;              /* of the road-wheel angle d; logged angle [rad] and its rate [rad/s] */
   tse_real side;                                   /* [m/s2] front axle's lateral force */
+  tse_real endless_x, endless_y;                   /* [m/s2] forces along and across of tyres that had no end */
 } forces;
 
 /* Find the forces at x.   Given: share  of the row's steering, 0 .. 1    O(1) time */

@@ -10,7 +10,7 @@
 #define LOW_SPEED TSE_R(1.0)    /* m/s: slip and slip angles are taken over no less: the tyre becomes a damper of its contact velocity,
                                    and nothing is divided by a small number (after Bernard & Clover, SAE 950311) */
 #define MOST_PULL TSE_R(10)     /* m/s2: linear tyres would give more, no tyre on a road does */
-#define LEAST_SIDE TSE_R(0.1)   /* 1: of cornering stiffness that load transfer leaves */
+#define LEAST_LEFT TSE_R(0.1)   /* 1: of load or stiffness that load transfer leaves */
 #define HALF_TURN TSE_R(3.141592653589793)
 #define TWO_PI TSE_R(6.283185307179586)
 #define PER_TURN TSE_R(0.15915494309189535)
@@ -127,7 +127,10 @@ static inline tse_real lateral_square(tse_real k, tse_real a0)
 }
 
 /* Share of the cornering stiffness of an axle that is left. */
-static inline tse_real side_left(tse_real k, tse_real square) { return r_max(TSE_R(1) - r_mul(k, square), LEAST_SIDE); }
+static inline tse_real side_left(tse_real k, tse_real square) { return r_max(TSE_R(1) - r_mul(k, square), LEAST_LEFT); }
+
+/* Share of the load, or of the stiffness that goes with it, of an axle that is left. */
+static inline tse_real load_left(tse_real more) { return r_max(TSE_R(1) + more, LEAST_LEFT); }
 
 /* ---- body and sensors */
 

@@ -267,6 +267,125 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
   }
 }
 
+/* All three of the IMU freeze at once. One is named at a time; none of them is used, the other axle's tyres and the road have not
+ * changed, and what was learnt is as good afterwards. */
+static void test_an_imu_that_freezes_teaches_nothing(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  tse_input last;
+  tse_output y;
+  int named = 0;
+  truth_start(&w, &c, 20, 0.3, 7);
+  reset(&w.p);
+  (void)drive(&w, 1500);
+  last = truth_row(&w, 0.01);
+  step(&w.p, &last, &y);
+  for (int n = 0; n < 600; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    for (int a = ACCEL_X; a < IMU_CHANNELS; a++) freeze(&u, &last, a);
+    step(&w.p, &u, &y);
+    named += y.fault_channel != 0;
+    if (n == 200) before = f;
+  }
+  TEST_ASSERT_TRUE(named > 500);
+  for (int i = LCF; i <= LCR; i++) expect_near(number(before.k.x[i]), number(f.k.x[i]), 0.01, "logarithm of a stiffness, while all are frozen", i);
+  for (int i = BX; i <= BR; i++) expect_near(number(before.k.x[i]), number(f.k.x[i]), 0.01, "bias, while all are frozen", i);
+  y = drive(&w, 1000);
+  TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+  TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
+  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+}
+
+/* While accel_y is frozen and named, the gyro alone shows another road. */
+static void test_another_road_is_found_while_a_channel_is_frozen(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  tse_input last;
+  tse_output y;
+  truth_start(&w, &c, 20, 0.3, 7);
+  reset(&w.p);
+  w.throttle = 0; /* else it shows along, too */
+  (void)drive(&w, 3000);
+  last = truth_row(&w, 0.01);
+  step(&w.p, &last, &y);
+  for (int n = 0; n < 1500; n++) {
+    for (int i = LCF; i <= LCR && n == 300; i++) w.x[i] += real(log(0.35));
+    tse_input u = truth_row(&w, 0.01);
+    freeze(&u, &last, ACCEL_Y);
+    step(&w.p, &u, &y);
+  }
+  TEST_ASSERT_EQUAL_INT(fault_of(ACCEL_Y), y.fault_channel);
+  TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
+}
+
+/* What a gyro said before it was at fault, or before the car stood, does not make a wheel that is held still a frozen one. */
+static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  tse_output y;
+  truth_start(&w, &c, 20, 0.3, 5);
+  reset(&w.p);
+  (void)drive(&w, 1500);
+  for (int n = 0; n < 800; n++) {
+    if (n == 400) {
+      w.amplitude = 0;
+      f.k.slow[YAW_RATE] = TSE_R(0.3);
+    }
+    tse_input u = truth_row(&w, 0.01);
+    u.yaw_rate += real(0.4);
+    step(&w.p, &u, &y);
+    TEST_ASSERT_TRUE(y.change_kind != TSE_CHANGE_RESTART);
+  }
+  TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), y.fault_channel);
+}
+
+/* At standstill the gyro's bias is not learnt of one that is frozen. */
+static void test_a_frozen_gyro_says_no_bias_at_standstill(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  tse_output y;
+  truth_start(&w, &c, 20, 0.3, 7);
+  reset(&w.p);
+  (void)drive(&w, 1550);
+  tse_input last = truth_row(&w, 0.01);
+  last.yaw_rate = real(0.3);
+  for (int n = 0; n < 300; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    freeze(&u, &last, YAW_RATE);
+    step(&w.p, &u, &y);
+  }
+  TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), y.fault_channel);
+  const double bias = number(y.bias[YAW_RATE]);
+  last.steer_angle = last.accel_x = last.accel_y = last.wheel_speed_front = last.wheel_speed_rear = TSE_R(0);
+  for (int n = 0; n < 500; n++) step(&w.p, &last, &y);
+  expect_near(bias, number(y.bias[YAW_RATE]), 1e-3, "bias of the gyro [rad/s]", 0);
+}
+
+/* The prior that a restart leaves is nothing that tyres may be back at. */
+static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  tse_output y;
+  truth_start(&w, &c, 20, 0.3, 1);
+  reset(&w.p);
+  (void)drive(&w, 3000);
+  for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
+  memset(&y, 0, sizeof y);
+  for (int n = 0; n < 1000 && y.change_kind != TSE_CHANGE_ROAD; n++) {
+    f.k.change_kind = TSE_CHANGE_RESTART;
+    f.k.change_age = TSE_R(0);
+    for (int i = 0; i < 4; i++) f.k.change_from[i] = f.k.change_from_var[i] = TSE_R(0);
+    y = drive(&w, 1);
+  }
+  TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
+  for (int i = 0; i < 4; i++) TEST_ASSERT_TRUE(number(f.k.change_from_var[i]) > 0);
+}
+
 /* Readings of few digits repeat themselves, for seconds on a straight road: no channel of them is frozen. */
 static void test_readings_of_few_digits_are_not_frozen(void)
 {
@@ -685,6 +804,11 @@ int main(void)
   RUN_TEST(test_an_uneven_road_happens);
   RUN_TEST(test_a_frozen_channel_is_found_and_no_road_has_changed);
   RUN_TEST(test_a_steering_angle_that_freezes_is_missing);
+  RUN_TEST(test_an_imu_that_freezes_teaches_nothing);
+  RUN_TEST(test_another_road_is_found_while_a_channel_is_frozen);
+  RUN_TEST(test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault);
+  RUN_TEST(test_a_frozen_gyro_says_no_bias_at_standstill);
+  RUN_TEST(test_a_change_soon_after_a_restart_is_one_of_its_own);
   RUN_TEST(test_readings_of_few_digits_are_not_frozen);
   RUN_TEST(test_a_road_that_shows_along_alone_is_believed);
   RUN_TEST(test_a_road_that_is_back_is_found_within_seconds);

@@ -308,6 +308,34 @@ static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
   }
 }
 
+/* What happens counts as tyres without an end would do it: with the cubic of a brush at q = 2 at both axles it is 1/(1 - 2/3 + 4/27)
+ * times as much. Nothing is measured, so that the state stays. */
+static void test_what_happens_near_the_end_of_tyres_counts_more(void)
+{
+  tse_params p = a_car(1);
+  static tse_kalman k;
+  decoded z;
+  uint32_t seed = 11;
+  const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
+  in_a_turn(&p, &k, &seed);
+  memset(&z, 0, sizeof z);
+  z.dt = u.dt;
+  z.has_steer = z.one_speed = 1;
+  p.car.shape = p.car.load_gain = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
+  p.car.rolling = p.car.drag = p.car.compliance = p.car.pull_front = p.car.pull_rear = TSE_R(0);
+  for (int i = 0; i < STATES; i++) k.x[i] = TSE_R(0);
+  k.x[VX] = TSE_R(20);
+  k.x[YAW] = real(0.3);
+  k.x[AF] = real(2 * number(p.car.grip) * number(p.car.load_front) / number(p.car.ky_front));
+  k.x[AR] = real(2 * number(p.car.grip) * number(p.car.load_rear) / number(p.car.ky_rear));
+  for (int n = 0; n < 2000; n++) update_row(&p, &k, &z, u);
+  const double left = 1 - 2.0 / 3 + 4.0 / 27, force = 2 * left * number(p.car.grip) * (number(p.car.load_front) + number(p.car.load_rear));
+  const double least = pow(number(LEAST_ACTIVITY), 2) + number(TAIL) * pow(number(p.sensor_sd[ACCEL_Y]), 2);
+  const double close = BY_NUMBER(1e-6, 2e-3, 1e-4);
+  expect_near(pow(force / left, 2) + least, number(k.activity[ACCEL_Y]), close * pow(force / left, 2), "across [m2/s4]", 0);
+  expect_near(pow(0.3 / left, 2) + least / 400, number(k.activity[YAW_RATE]), close, "turning [rad2/s2]", 0);
+}
+
 /* At standstill the gyro reads its bias, and nothing else is learnt. */
 static void test_at_standstill_the_gyro_teaches_its_bias(void)
 {
@@ -343,6 +371,7 @@ int main(void)
   RUN_TEST(test_the_log_likelihood_is_that_of_the_innovations);
   RUN_TEST(test_stiffness_stays_within_its_bounds);
   RUN_TEST(test_a_channel_at_fault_has_to_agree_for_a_while);
+  RUN_TEST(test_what_happens_near_the_end_of_tyres_counts_more);
   RUN_TEST(test_at_standstill_the_gyro_teaches_its_bias);
   return UNITY_END();
 }

@@ -529,6 +529,27 @@ static void test_what_is_not_given_is_not_read_and_changes_no_bit(void)
   TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
 }
 
+/* Without a steering angle nothing is measured: a velocity would have a stiffness make up for the angle. */
+static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 9;
+  begin(&w, &c, &s, 1);
+  for (int n = 0; n < 1500; n++) {
+    tse_input u = measured_row(&w, &s, ins, &seed);
+    const int missing = n > 1000 && n % 50 < 20;
+    const tse_real was[3] = { f.k.x[LCX], f.k.x[LCF], f.k.x[LCR] };
+    if (missing) {
+      u.missing |= TSE_MISSING_steer_angle;
+      u.ins_vel_y += TSE_R(0.5);
+    }
+    (void)stepped(&w.p, &f, &u);
+    if (missing) TEST_ASSERT_EQUAL_MEMORY(was, &f.k.x[LCX], sizeof was);
+  }
+}
+
 /* A value out of range or NaN is not there; the first that is opens the extra states, and the others have no other bit in that row's
  * prediction. */
 static void test_what_cannot_be_a_velocity_is_not_there(void)
@@ -813,6 +834,7 @@ int main(void)
   RUN_TEST(test_rates_are_those_of_the_motion_and_slopes_are_their_differences);
   RUN_TEST(test_a_row_is_that_of_a_dense_schmidt_kalman_filter);
   RUN_TEST(test_what_is_not_given_is_not_read_and_changes_no_bit);
+  RUN_TEST(test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle);
   RUN_TEST(test_what_cannot_be_a_velocity_is_not_there);
   RUN_TEST(test_an_ins_that_is_mounted_straight_shows_the_speed_across);
   RUN_TEST(test_where_an_ins_sits_and_looks_is_found);

@@ -172,6 +172,41 @@ static forces forces_at(const tse_car *c, const tse_real x[STATES], double steer
   return f;
 }
 
+/* Both axles' side forces, in the axes of their wheels, act at the trail: braking in a bend changes nothing of that. */
+static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
+{
+  const tse_car c = some_car(0);
+  tse_car d = c;
+  tse_real x[STATES];
+  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  x[VX] = TSE_R(20);
+  x[AF] = TSE_R(0.04);
+  x[AR] = TSE_R(0.03);
+  x[SF] = TSE_R(-0.04);
+  const forces f = forces_at(&c, x, 0.1);
+  d.trail += real(0.1 * number(c.m_inertia));
+  const forces g = forces_at(&d, x, 0.1);
+  expect_near(10 * (number(g.yaw) - number(f.yaw)), number(f.by_yaw[BY_MOMENT]), BY_NUMBER(1e-9, 1e-3, 1e-4) * fabs(number(f.by_yaw[BY_MOMENT])) + 64 * QUANTUM,
+              "slope of the yaw acceleration over the trail", 0);
+}
+
+/* However high the centre of gravity is, some load stays on an axle: forces oppose the slip, and are numbers. */
+static void test_load_stays_on_an_axle_however_hard_the_car_brakes(void)
+{
+  tse_car c = some_car(1);
+  tse_real x[STATES];
+  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  c.height_front = c.height_rear = TSE_R(0.3);
+  x[VX] = TSE_R(20);
+  x[AR] = TSE_R(0.03);
+  for (int sign = -1; sign <= 1; sign += 2) {
+    x[SF] = x[SR] = real(sign * 0.5);
+    const forces f = forces_at(&c, x, 0);
+    TEST_ASSERT_TRUE(r_is_finite(f.y) && number(f.y) > 0);
+    TEST_ASSERT_TRUE(r_is_finite(f.x) && sign * number(f.x) > 0);
+  }
+}
+
 /* A brush ends at grip times load; so does every mixture with the root. */
 static void test_a_tyre_ends_at_its_grip_times_its_load(void)
 {
@@ -525,6 +560,8 @@ int main(void)
   RUN_TEST(test_slopes_are_those_of_the_car);
   RUN_TEST(test_slopes_of_a_car_with_load_transfer_are_within_a_tenth);
 #endif
+  RUN_TEST(test_the_slope_over_the_trail_is_exact_while_the_car_brakes);
+  RUN_TEST(test_load_stays_on_an_axle_however_hard_the_car_brakes);
   RUN_TEST(test_a_tyre_ends_at_its_grip_times_its_load);
   RUN_TEST(test_a_brush_is_its_cubic);
   RUN_TEST(test_a_secant_is_force_over_slip);
