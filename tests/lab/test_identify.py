@@ -268,12 +268,11 @@ def test_shares_of_shapes_add_to_what_is_simulated(found: tuple[Problem, object]
     x = first.x.copy()
     x[problem.unlike :] = 0
     plain = problem.predict(x)[g]
-    x[problem.names.index("yaw_rate~ay^2")] = 0.05
+    x[problem.names.index("yaw_rate~ax^2")] = 0.05
     log = problem.logs[0]
-    across = blocks(log, problem.simulate(0, x)["accel_y"])[0]
-    np.testing.assert_allclose(problem.predict(x)[g], plain * (1 + 0.05 * across**2 / 16), rtol=1e-9, atol=1e-12)
-    got = shapes(np.array([-3.0]), np.array([4.0]), np.array([30.0]))[0]
-    np.testing.assert_allclose(got, [-1, -0.5, 1, 0.5, 1])
+    along = blocks(log, problem.simulate(0, x)["accel_x"])[0]
+    np.testing.assert_allclose(problem.predict(x)[g], plain * (1 + 0.05 * along**2 / 9), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(shapes(np.array([-3.0]), np.array([30.0]))[0], [-1, -0.5, 1, 0.5])
 
 
 def test_late_wheels_are_asked_of_accel_x_alone(found: tuple[Problem, object]) -> None:
