@@ -9,19 +9,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from conftest import Result, tselab, tselab_here
 from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
-from tse.impl.calibrate import workflow
+from tse.impl.calibrate import output, workflow
 from tse.impl.core import NOMINAL, Config
+from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula
 from tse.impl.gap.data import BLOCK
+from tse.impl.identify.discrepancy import Discrepancy
 from tse.impl.identify.problem import SPEED_BLOCKS, UNLIKE_SD
 from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of
 from tse.impl.vehicle import read_vehicle
 
+ROOT = Path(__file__).resolve().parents[2]
 DRIVES = ("highway", "slalom")
 EFFECTS = {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay": 1.0}
 
@@ -76,7 +80,8 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrate
     assert not [n for n in vehicle.notes if "not known" in n]
     assert set(vehicle.given_uncertainty) >= {"yaw_inertia_sd", "relaxation_sd", "wheel_delay_sd"}
     assert len(vehicle.calibration["names"]) == len(UNKNOWNS) + 3
-    assert vehicle.values["model_sd"] == UNLIKE_SD and vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
+    assert UNLIKE_SD <= vehicle.values["model_sd"] < 2 * UNLIKE_SD  # of a simulator; real cars have .1 .. .3
+    assert vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
     out = case / "again.toml"
     run = tselab_here("calibrate", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out)
     assert run.code == 0, run.err
@@ -89,6 +94,27 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrate
     start = prior_of(vehicle, Config(vehicle.values))
     stiffness = [start.mean[start.names.index(k)] for k in NOMINAL]  # over the file's, which has what was found
     np.testing.assert_allclose(stiffness, 0.0, atol=1e-12)
+
+
+def test_what_the_model_does_not_explain_is_as_white_noise_of_the_same_power() -> None:
+    """Of yaw_rate, over what happens: the integral of the autocovariances, numerically; the filter counts what lasts 1 s."""
+    d = Discrepancy(white=0.01, share=0.1, slow=0.03, time=(0.4, 1.5))
+    size, v = np.array([0.1, 0.3]), 20.0
+    problem = SimpleNamespace(
+        groups=[(0, "accel_y"), (0, "yaw_rate")],
+        mean_speed=lambda g: np.full(2, v),
+        piece=lambda g, residual: SimpleNamespace(size=size),
+    )
+    fit = SimpleNamespace(noise={"yaw_rate": d}, residuals=[None, None])
+    constants = read_toml(ROOT / "src" / "tables" / "constants.toml")
+    least = next(section["LEAST_ACTIVITY"] for section in constants.values() if "LEAST_ACTIVITY" in section)["value"]
+    happens = np.mean(size**2) + (least / v) ** 2
+    t = np.linspace(0.0, 60.0, 600_001)
+    slow = np.exp(-t / 1.5) * (np.cos(t / 1.5) + np.sin(t / 1.5))
+    power = trapezoid(0.1**2 * np.exp(-t / 0.4) + 0.03**2 / happens * slow, t)
+    assert output.unexplained(SimpleNamespace(problem=problem, fit=fit)) == pytest.approx(np.sqrt(power), rel=1e-5)
+    problem.groups = [(0, "accel_y")]
+    assert output.unexplained(SimpleNamespace(problem=problem, fit=fit)) == 0.0
 
 
 def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
