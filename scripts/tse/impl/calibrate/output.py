@@ -50,8 +50,8 @@ def latencies(result: Result) -> dict[str, float]:
 
 
 def unexplained(result: Result) -> float:
-    """Return the share of what happens that the model does not explain and that lasts 1 s, as the filter counts it: by the discrepancy
-    of yaw_rate, in which no road stands; 0 without a gyro."""
+    """Return the share of what happens that the model does not explain and that lasts 1 s, as the filter counts it: by the
+    discrepancy of yaw_rate, in which no road stands; 0 without a gyro."""
     problem, fit = result.problem, result.fit
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
