@@ -48,7 +48,7 @@ typedef struct tse_config {
   tse_setting roll_steer_sd;                    /* [1] 0, 0 .. 0.5; sd of the rear axle's roll steer */
   tse_setting wheel_radius_sd;                  /* [1] 0, 0 .. 0.2; sd of the wheel radius rear over front, relative */
   tse_setting model_sd;                         /* [1] 0, 0 .. 0.5; model discrepancy: sd of what the model does not explain of a channel, as a share of what happens, lasting about a second */
-  tse_setting grade_sd;                         /* [rad] 0, 0 .. 0.3; sd of the grade of the road, estimated as bias of accel_x, which feels it and the car does not gain by it */
+  tse_setting grade_sd;                         /* [rad] 0, 0 .. 0.3; sd of the grade of the road, a state of the filter: accel_x feels it, and the car does not gain by it */
   tse_setting accel_x_sd;                       /* [m/s2] 0.15, 0.001 .. 10; noise of accel_x, one sample */
   tse_setting accel_y_sd;                       /* [m/s2] 0.15, 0.001 .. 10; noise of accel_y, one sample */
   tse_setting yaw_rate_sd;                      /* [rad/s] 0.003490658504, 1e-05 .. 1; noise of yaw_rate, one sample */

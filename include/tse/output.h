@@ -62,7 +62,7 @@ typedef struct tse_output {
   tse_real fault_factor;         /* [1] how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 no factor: exchanged, stuck; form 0 */
   tse_real regime[TSE_REGIMES];  /* [1] probability of each regime, by TSE_REGIME_STEADY ... */
   tse_real change_age;           /* [s] time since the last change; 0 while there was none */
-  tse_real change_probability;   /* [1] probability that there was that change */
+  tse_real change_probability;   /* [1] probability that nothing has happened since that change */
   tse_real change_ratio[3];      /* [1] each stiffness now over that before the change */
   tse_real discrepancy[3];       /* [m/s2 m/s2 rad/s] sd of what the model does not explain of accel_x, accel_y, yaw_rate */
   tse_real lag_steer;            /* [s] how late the steering acts behind the IMU as found; below 0: how early; form 0 */

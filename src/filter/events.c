@@ -13,53 +13,53 @@ typedef struct opens {
   tse_real sd;
 } opens;
 
-/* What a kind of event moves by one amplitude, what is uncertain beside it once it is believed, seconds between openings, places. */
-typedef struct kind {
-  opens common[3], own[3];
-  tse_real every;
-  int32_t places;
-} kind;
-
-/* One row a kind, in the order of EVENT_NONE .. EVENT_SENSOR (filter.h): what one amplitude moves, in SI; what is uncertain
- * beside it once it is believed; time between openings [s]; places. Rows of NO: what BACK moves is found as it is opened
- * (open_event()), ALONG raises the alarm alone (log2_ratio()), a faulty channel is what its measurements say (events_learn()). */
-#define NO { -1, TSE_R(0) }
-static kind kind_of(int32_t which)
-{
-  static const kind kinds[EVENT_SENSOR + 1] = {
-    { { NO, NO, NO }, { NO, NO, NO }, TSE_R(0), 0 },
-    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, OPEN_TIME, 3 },
-    { { NO, NO, NO }, { NO, NO, NO }, OPEN_TIME, 1 },
-    { { NO, NO, NO }, { NO, NO, NO }, OPEN_TIME, 1 },
-    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 2 },
-    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 2 },
-    { { { SF, SLIP_OPENS }, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1 },
-    { { { SR, SLIP_OPENS }, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1 },
-    { { { OFF, STEER_OPENS }, NO, NO }, { { OFF, STEER_OWN }, NO, NO }, OPEN_TIME, 1 },
-    { { NO, NO, NO }, { NO, NO, NO }, OPEN_TIME, 1 },
-  };
-  return kinds[which < EVENT_SENSOR ? which : EVENT_SENSOR];
-}
-
-/* Return how often a kind of event happens, 1/s. */
-static tse_real rate_of(int32_t which)
-{
-  return which <= EVENT_ALONG ? RATE_ROAD : which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR ? RATE_SLIP
-                                                                                                  : RATE_FAULT;
-}
-
-/* Return the amplitude below which nothing has happened that one would act on. */
-static tse_real least_of(int32_t which) { return which <= EVENT_SLIP_REAR ? CHANGE_SD : WHOLE_CHANGE; }
-
 /* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have
  * happened. */
 enum { TURNING,
        GOING };
-static int group_of(int32_t which)
+
+/* A kind of event. */
+typedef struct kind {
+  opens common[3], own[3]; /* what one amplitude moves; what is uncertain beside it once it is believed */
+  tse_real every;          /* [s] between openings */
+  int32_t places;          /* that are open at a time */
+  tse_real rate;           /* [1/s] how often it happens */
+  tse_real least;          /* [1] amplitude below which nothing has happened that one would act on */
+  int32_t group, regime;
+} kind;
+
+/* One row a kind, in the order of EVENT_NONE ... (filter.h). Rows of NONE: what BACK moves is found as it is opened (open_event()),
+ * ALONG raises the alarm alone (log2_ratio()), a faulty channel is what its measurements say (events_learn()). */
+#define NO { -1, TSE_R(0) }
+#define NONE { NO, NO, NO }
+#define SENSOR(group) { NONE, NONE, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
+static const kind *kind_of(int32_t which)
 {
-  if (which == EVENT_SENSOR + ACCEL_X || which >= EVENT_SENSOR + WHEEL_FRONT) return GOING;
-  return which == EVENT_ALONG || which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR ? GOING : TURNING;
+  static const kind kinds[EVENT_KINDS] = {
+    { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), TURNING, TSE_REGIME_STEADY },
+    /* another road, back on the one before, a road that shows along the car alone */
+    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, OPEN_TIME, 3, RATE_ROAD, CHANGE_SD, TURNING, TSE_REGIME_CHANGED },
+    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, TURNING, TSE_REGIME_CHANGED },
+    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, GOING, TSE_REGIME_CHANGED },
+    /* tyres of the front axle, of the rear axle; wheels of it that slide */
+    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 2, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
+    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 2, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
+    { { { SF, SLIP_OPENS }, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, GOING, TSE_REGIME_SLIDING },
+    { { { SR, SLIP_OPENS }, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, GOING, TSE_REGIME_SLIDING },
+    /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
+    { { { OFF, STEER_OPENS }, NO, NO }, { { OFF, STEER_OWN }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, TURNING, TSE_REGIME_FAULT },
+    SENSOR(GOING),
+    SENSOR(TURNING),
+    SENSOR(TURNING),
+    SENSOR(GOING),
+    SENSOR(GOING),
+  };
+  return &kinds[which];
 }
+
+int32_t event_regime(int32_t which) { return kind_of(which)->regime; }
+
+static int32_t group_of(int32_t which) { return kind_of(which)->group; }
 
 /* Return the group whose events a measurement of a channel speaks of. */
 static int group_of_channel(int channel)
@@ -156,7 +156,7 @@ int event_is_small(const tse_kalman *k, const tse_event *a)
   if (a->kind == EVENT_BACK) return 0;
   /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
   const tse_real one = TSE_R(1) + a->info;
-  return r_mul(a->score, a->score) + one < r_mul(r_sqr(least_of(a->kind)), r_mul(one, one));
+  return r_mul(a->score, a->score) + one < r_mul(r_sqr(kind_of(a->kind)->least), r_mul(one, one));
 }
 
 /* Weigh the events of each group, and that none has happened, by how likely and how usual they are. */
@@ -169,7 +169,7 @@ static void weigh_events(tse_kalman *k)
       const tse_event *const a = &k->event[n];
       if (a->kind == EVENT_NONE) weight[n] = TSE_R(0);
       if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
-      weight[n] = r_max(r_log2(r_mul(rate_of(a->kind), kind_of(a->kind).every)) + log2_ratio(k, a), LEAST_LOG2);
+      weight[n] = r_max(r_log2(r_mul(kind_of(a->kind)->rate, kind_of(a->kind)->every)) + log2_ratio(k, a), LEAST_LOG2);
       most = r_max(most, weight[n]);
     }
     sum = none[group] = r_exp2(-most);
@@ -193,12 +193,12 @@ static int is_known(const tse_params *p, int32_t state) { return state == LMU &&
 static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   tse_event *const a = &k->event[n];
-  const kind what = kind_of(which);
+  const kind *const what = kind_of(which);
   memset(a, 0, sizeof *a);
   a->kind = which;
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
-    if (what.common[i].state >= 0 && !is_known(p, what.common[i].state)) a->v[what.common[i].state] = r_short(r_div(what.common[i].sd, state_unit[what.common[i].state]));
+    if (what->common[i].state >= 0 && !is_known(p, what->common[i].state)) a->v[what->common[i].state] = r_short(r_div(what->common[i].sd, state_unit[what->common[i].state]));
   for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
 
@@ -253,11 +253,11 @@ static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   int first = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
-    const kind what = kind_of(which);
+    const kind *const what = kind_of(which);
     const int possible = which != EVENT_BACK || may_be_back(k);
-    const int at = possible ? place_for(k, first, what.places, what.every - r_mul(TSE_R(0.5), dt)) : -1;
+    const int at = possible ? place_for(k, first, what->places, what->every - r_mul(TSE_R(0.5), dt)) : -1;
     if (at >= 0) open_event(p, k, at, which);
-    first += what.places;
+    first += what->places;
   }
 }
 
@@ -270,11 +270,12 @@ static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], con
   k->change_kind = which <= EVENT_ALONG ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
                                                                                  : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */
-  for (int i = 0; i < 4 && !same; i++) {
-    k->change_age = TSE_R(0);
+  if (same) return;
+  k->change_age = TSE_R(0);
+  k->along_from = along;
+  for (int i = 0; i < 4; i++) {
     k->change_from[i] = was[i];
     k->change_from_var[i] = was_var[i];
-    k->along_from = along;
   }
 }
 
@@ -315,12 +316,12 @@ static void move_state(tse_kalman *k, tse_event *a, tse_real amplitude)
  * held. */
 static void widen(tse_kalman *k, int32_t which, const tse_real was[4])
 {
-  const kind what = kind_of(which);
+  const kind *const what = kind_of(which);
   const int axle = which == EVENT_REAR;
   const tse_real moved = which <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[LCF - LCX + axle]) : TSE_R(0);
   for (int i = 0; i < 3; i++) {
-    const int32_t at = what.own[i].state;
-    if (at >= 0) ud_add_at(&k->p, at, r_div(r_sqr(what.own[i].sd) + r_sqr(moved), r_sqr(state_unit[at])));
+    const int32_t at = what->own[i].state;
+    if (at >= 0) ud_add_at(&k->p, at, r_div(r_sqr(what->own[i].sd) + r_sqr(moved), r_sqr(state_unit[at])));
   }
 }
 

@@ -144,14 +144,6 @@ static void report_sensors(const tse_kalman *k, const possible *e, tse_output *o
   out->nis = k->nis;
 }
 
-/* Return the regime that a kind of event begins. */
-static int regime_of(int32_t which)
-{
-  if (which <= EVENT_ALONG) return TSE_REGIME_CHANGED;
-  if (which <= EVENT_REAR) return TSE_REGIME_AXLE;
-  return which <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING : TSE_REGIME_FAULT;
-}
-
 /* Report the probability of each regime: of events that wait to be believed, and of what is so if none of them has happened. */
 static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
@@ -159,7 +151,7 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t kind = k->event[n].kind;
-    if (kind != EVENT_NONE && !event_is_small(k, &k->event[n])) out->regime[regime_of(kind)] += k->weight[n];
+    if (kind != EVENT_NONE && !event_is_small(k, &k->event[n])) out->regime[event_regime(kind)] += k->weight[n];
   }
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* two may have happened at once */

@@ -30,8 +30,8 @@ int watch_steering(tse_kalman *k, decoded *z)
   return !was && !z->has_steer;
 }
 
-/* Return how much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no
- * event.
+/* Return how much larger than thought slow innovations of a channel usually are, at least 1: the mean of slow^2 over its variance.
+ * What this car's model does not explain is no event.
  *   Given: e  innovation   s  its variance   Updated: what is usual of the channel */
 static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
@@ -40,7 +40,8 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
   k->slow_var[c] = r_mul(r_sqr(TSE_R(1) - g), k->slow_var[c]) + r_mul(r_mul(g, g), s);
   const tse_real ratio = r_div(r_sqr(k->slow[c]), r_max(k->slow_var[c], LEAST_SLOW_VAR));
   if (c == ACCEL_X) k->unusual = r_div(ratio, k->usual[c]);
-  k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, MOST_FORGOTTEN), r_min(ratio, r_mul(MOST_GROWTH, k->usual[c])) - k->usual[c]), TSE_R(1), MOST_USUAL);
+  const tse_real counts = r_min(ratio, r_mul(MOST_GROWTH, k->usual[c]));
+  k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, MOST_FORGOTTEN), counts - k->usual[c]), TSE_R(1), MOST_USUAL);
   return k->usual[c];
 }
 
@@ -50,7 +51,7 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
  *   Returned:  variance of the innovation as used, of which *state is the state's and that of uncertain quantities
  * The gain is that of Schmidt (1966): uncertain quantities count in it and are not estimated. With A = U D U' the covariance if they
  * were known and V what the state is off by for each, it is K = (A h + V y)/(h'A h + y'y + r), y = V'h + slopes over them; and A after
- * it is that of the optimal gain of A alone, A h/s, plus s times the square of what K is off that one (Joseph's form, scalar). */
+ * it is that of the optimal gain of A alone, K0 = A h/(h'A h + r), plus (h'A h + r)(K - K0)(K - K0)' (Joseph's form, scalar). */
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state)
 {
   tse_real f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], y[TSE_DOUBTS];

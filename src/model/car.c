@@ -116,7 +116,7 @@ typedef struct kinematic {
   tse_real a, by_side, by_v;
 } kinematic;
 
-/* Return it.   Given: side  speed across at the axle, m/s */
+/* Return the slip angle of an axle that its motion asks for.   Given: side  speed across at the axle, m/s */
 static kinematic kinematic_of(tse_real side, tse_real vx)
 {
   const tse_real v = rolling_speed(vx), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
