@@ -125,14 +125,14 @@ static const struct {
   /* table: uncalibrated */
   SET(initial_cx_sd, 0.3), SET(initial_cy_front_sd, 0.25), SET(initial_cy_rear_sd, 0.25), SET(grip, 1.0), SET(grip_sd, 0.25),
   SET(tyre_saturation_shape, 0.7), SET(relaxation_length, 0.4), SET(relaxation_sd, 0.2), SET(steering_lag_time, 0.02),
-  SET(steer_lag_sd, 0.025), SET(longitudinal_load_transfer_gain, 0.02), SET(cg_height, 0.55), SET(aero_drag_coefficient, 0.4),
-  SET(rolling_resistance_coefficient, 0.01), SET(body_roll_gain, 0.006), SET(body_roll_frequency, 1.6),
-  SET(body_roll_coupling, 0.4), SET(aligning_moment_trail, 0.03), SET(bank_superelevation, 0.1), SET(lean_sd, 0.1),
-  SET(mass_sd, 0.05), SET(yaw_inertia_sd, 0.1), SET(cg_sd, 0.03), SET(steer_ratio_sd, 0.03), SET(steer_offset_sd, 0.006),
-  SET(accel_y_scale_sd, 0.03), SET(gyro_scale_sd, 0.01), SET(wheel_delay_sd, 0.02), SET(accel_delay_sd, 0.003),
-  SET(trail_sd, 0.03), SET(roll_steer_sd, 0.04), SET(wheel_radius_sd, 0.005), SET(model_sd, 0.12), SET(grade_sd, 0.03),
-  SET(accel_x_sd, 0.1), SET(accel_y_sd, 0.1), SET(yaw_rate_sd, 0.0025), SET(wheel_noise_sd, 0.04), SET(accel_x_bias_sd, 0.2),
-  SET(accel_y_bias_sd, 0.2), SET(yaw_rate_bias_sd, 0.01),
+  SET(steer_lag_sd, 0.025), SET(longitudinal_load_transfer_gain, 0.02), SET(lateral_load_transfer_gain, 0.002),
+  SET(cg_height, 0.55), SET(aero_drag_coefficient, 0.4), SET(rolling_resistance_coefficient, 0.01), SET(body_roll_gain, 0.006),
+  SET(body_roll_frequency, 1.6), SET(body_roll_coupling, 0.4), SET(aligning_moment_trail, 0.03), SET(bank_superelevation, 0.1),
+  SET(lean_sd, 0.1), SET(mass_sd, 0.05), SET(yaw_inertia_sd, 0.1), SET(cg_sd, 0.03), SET(steer_ratio_sd, 0.03),
+  SET(steer_offset_sd, 0.006), SET(accel_y_scale_sd, 0.03), SET(gyro_scale_sd, 0.01), SET(wheel_delay_sd, 0.02),
+  SET(accel_delay_sd, 0.003), SET(trail_sd, 0.03), SET(roll_steer_sd, 0.04), SET(wheel_radius_sd, 0.005), SET(model_sd, 0.12),
+  SET(grade_sd, 0.03), SET(accel_x_sd, 0.1), SET(accel_y_sd, 0.1), SET(yaw_rate_sd, 0.0025), SET(wheel_noise_sd, 0.04),
+  SET(accel_x_bias_sd, 0.2), SET(accel_y_bias_sd, 0.2), SET(yaw_rate_bias_sd, 0.01),
   /* end of table */
 };
 #undef REAL
