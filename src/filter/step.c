@@ -1,11 +1,13 @@
 /* filter/step.c - a row of the default filter: start here.
  *
- *   row.c       a log row becomes a checked sample
- *   predict.c   state and covariance to its time (model/car.c)
- *   update.c    its measurements, one after the other
- *   velocity.c  ... of them a velocity, where one is measured
- *   events.c    what may have happened
- *   output.c    estimates, and whether to act on them */
+ *   start.c      the prior, and the motion placed from the sensors
+ *   row.c        a log row becomes a checked sample
+ *   predict.c    state and covariance to its time (model/car.c; ud.c: the covariance)
+ *   update.c     its measurements, one after the other
+ *   velocity.c   ... of them a velocity, where one is measured
+ *   events.c     what may have happened: a table of kinds, and how they are weighed
+ *   plausible.c  whether the channels agree: wrong units, signs, axles
+ *   output.c     estimates, and whether to act on them */
 #include "filter/filter.h"
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
