@@ -52,6 +52,9 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
     and slip(F) by the tyre curve and load transfer of src/model/car.c: a regression over all logs, an offset each. How sure it is
     shows where a block of ten seconds is left out at a time; by that, MODEL_SD and APART_SD it counts beside the prior. 8 ms are
     0.2 % of slip at 8 m/s and 2 m/s2, where tyres take 1.5 %.
+
+    How late both wheel speeds are keeps its prior. What the search makes of it is what its model lacks along the car, pitch and
+    rolling radii: on 12 cars it was off by 32 ms in the median, and 0 by 21 ms.
     """
     k = list(problem.names).index(STIFFNESS)
     mean, var = float(problem.mean[k]), float(problem.sd[k]) ** 2
@@ -62,10 +65,12 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
         apart = found.later * APART_SD**2 / (APART_SD**2 + found.later_sd**2)
         for name, half in zip(WHEELS, (0.5, -0.5), strict=True):
             shift[name + LATENCY] = half * apart
-    x, covariance = fit.x + np.array(list(shift.values())), fit.covariance.copy()
-    x[k] = mean
-    covariance[k, :] = covariance[:, k] = 0.0
-    covariance[k, k] = var
+    wheels = [list(problem.names).index(name + LATENCY) for name in WHEELS]
+    x, covariance = fit.x.copy(), fit.covariance.copy()
+    x[k], x[wheels] = mean, problem.mean[wheels]
+    covariance[[k, *wheels], :] = covariance[:, [k, *wheels]] = 0.0
+    covariance[k, k], covariance[np.ix_(wheels, wheels)] = var, problem.covariance[np.ix_(wheels, wheels)]
+    x += np.array(list(shift.values()))
     return replace(fit, x=x, covariance=covariance)
 
 

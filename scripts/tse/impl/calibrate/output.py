@@ -74,7 +74,6 @@ def uncertainty(result: Result) -> dict[str, float]:
         return float(np.sqrt(w @ cov @ w))
 
     found = {key: result.vehicle.values.get(key, sd) for key, sd in unknown_car().items()}
-    wheels = sd(wheel_speed_front_latency=0.5, wheel_speed_rear_latency=0.5, accel_x_latency=-1.0)
     found |= {
         "model_sd": max(found["model_sd"] if result.own else min(found["model_sd"], UNLIKE_SD), unexplained(result)),
         "yaw_inertia_sd": sd(yaw_inertia=1.0 / at["yaw_inertia"]),
@@ -82,9 +81,6 @@ def uncertainty(result: Result) -> dict[str, float]:
         "steer_ratio_sd": sd(steering_ratio_change=1.0),
         "steer_offset_sd": sd(steering_offset_angle=1.0),
         "accel_y_scale_sd": sd(imu_scale_ay_error=1.0, body_roll_gain=GRAVITY),
-        # wheels that are late and soft tyres look alike, and their noise makes the simulation prefer both: what the logs say of it
-        # is not believed beyond what is known of any car
-        "wheel_delay_sd": max(found["wheel_delay_sd"], wheels),
         "accel_delay_sd": sd(accel_y_latency=1.0),
         "relaxation_sd": sd(relaxation_length=1.0),
         "wheel_radius_sd": sd(
