@@ -17,7 +17,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 longest=600                                   # bytes of an input: some 160 rows
 kept=40                                       # inputs of a corpus in the repository: all targets together some 100 kB
-readers=(log vehicle filter formula learnt runs archive table)
+readers=(log vehicle filter formula learnt runs)
 core_targets=(step settings learnt replay state)
 c_targets=("${core_targets[@]}" fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle "${core_targets[@]/#/fixed_}")
 chosen=() runs="" seconds="" seed="" minimise="" page=""

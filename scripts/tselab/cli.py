@@ -13,22 +13,13 @@ import click
 from tse.impl import __version__
 from tse.impl.errors import UserError
 
-# Python package -> extra of pyproject.toml that brings it, for those that a part of tselab takes for granted
-EXTRAS = {
-    "lxml": "fmu",
-    "fmpy": "fmu",
-    "fmu_manipulation_toolbox": "fmu",
-    "lief": "fmu",
-    "matplotlib": "figures",
-    "distributed": "cluster",
-}
 COMMANDS = {  # name: module of tselab.commands, what it does
     "accuracy": ("studies", "Errors against the truth in the paper's set-up."),
     "calibrate": ("calibrate", "Find what the car and the sensors of a log are."),
     "demo": ("demo", "Simulate a drive, estimate, read an MF4, find a hidden effect."),
     "estimate": ("estimate", "Estimate tyre stiffness from LOG."),
     "fleet": ("fleet", "Estimate many logs of many cars."),
-    "fmu": ("fmu", "Build, check and run FMUs."),
+    "fmu": ("fmu", "Build FMUs, and their parameters for a car."),
     "formula": ("car", "Check a formula of the user, also as C."),
     "gap": ("gap", "Find, name and add what the model lacks."),
     "montecarlo": ("studies", "Monte-Carlo studies: accuracy, bounds, peers, stress."),
@@ -122,13 +113,6 @@ def main() -> None:
                    "machine (tselab signals --help says which formats are read in pieces)", err=True)  # fmt: skip
         sys.exit(2)
     except Exception as error:
-        if isinstance(error, ImportError) and (extra := EXTRAS.get((error.name or "").partition(".")[0])):
-            package = (error.name or "").partition(".")[0]
-            click.echo(
-                f"tselab: error: the Python package {package} is needed and is not installed: pip install 'tse[{extra}]'",
-                err=True,
-            )
-            sys.exit(2)
         from tse.impl.files import no_room
 
         if reason := no_room(error):  # files.atomic says it of results: this is the terminal, or a temporary file

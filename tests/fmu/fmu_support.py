@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from fmpy import read_model_description
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Warning
+from fmpy.fmi3 import FMU3Slave
 
 from tse.impl.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
 from tse.impl.files import alone
@@ -92,6 +93,11 @@ class Unit:
         return next(
             (self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob("*.*")
         )
+
+
+def exported(binary: Path) -> set[str]:
+    """Names that a shared library of this machine exports."""
+    return {line.split()[-1] for line in run("nm", "-D", "--defined-only", binary).stdout.splitlines()}
 
 
 @functools.cache
@@ -190,6 +196,62 @@ class Instance:
 
     def texts(self) -> list[str]:
         return [text for *_, text in self.log]
+
+
+FUNCTIONS = {"Float64": "Float64", "Int32": "Int32", "Boolean": "Boolean", "Enumeration": "Int64"}  # by type
+
+
+class Instance3:
+    """One instance through FMPy, by names; `log` holds (status, category, text)."""
+
+    def __init__(self, of: Unit, *, token: str | None = None, events: bool = False):
+        self.unit, self.log = of, []
+        self.slave = FMU3Slave(
+            guid=token or of.guid, unzipDirectory=str(of.folder), modelIdentifier=of.identifier, instanceName="three"
+        )
+
+        def say(_: Any, status: int, category: bytes, text: bytes) -> None:
+            self.log.append((status, category.decode(), text.decode()))
+
+        self.slave.instantiate(logMessage=say, eventModeUsed=events)
+
+    def __enter__(self) -> Instance3:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.slave.fmi3FreeInstance(self.slave.component)  # not freeInstance(), which unloads the library
+
+    def set(self, values: dict[str, float]) -> None:
+        for kind, python in (("Float64", float), ("Int32", int), ("Boolean", bool)):
+            names = [n for n in values if self.unit.variables[n].type == kind]
+            if names:
+                references = [self.unit.variables[n].valueReference for n in names]
+                getattr(self.slave, f"set{kind}")(references, [python(values[n]) for n in names])
+
+    def get(self, names: list[str]) -> dict[str, Any]:
+        """Values by name; those of an array as a list."""
+        found = {}
+        for kind, function in FUNCTIONS.items():
+            group = [self.unit.variables[n] for n in names if self.unit.variables[n].type == kind]
+            if not group:
+                continue
+            counts = [v.shape[0] if v.dimensions else 0 for v in group]
+            values = getattr(self.slave, f"get{function}")(
+                [v.valueReference for v in group], nValues=sum(n or 1 for n in counts)
+            )
+            for v, n in zip(group, counts, strict=True):
+                found[v.name] = [values.pop(0) for _ in range(n)] if n else values.pop(0)
+        return found
+
+    def start(self, parameters: dict[str, float] | None = None, inputs: dict[str, float] | None = None) -> Instance3:
+        self.set(parameters or {})
+        self.slave.enterInitializationMode(startTime=0.0)
+        self.set(inputs or {})
+        self.slave.exitInitializationMode()
+        return self
+
+    def step(self, time: float, size: float) -> None:
+        self.slave.doStep(time, size)
 
 
 # ---- a drive through the C library and through the FMU

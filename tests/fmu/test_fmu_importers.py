@@ -1,4 +1,4 @@
-"""FMPy's own ways: simulate_fmu() as a user calls it, and compiling what is in sources/."""
+"""FMPy's own ways: simulate_fmu() as a user calls it, and compiling what is in sources/; other validators and clients."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import pickle
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
+import importers
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
@@ -17,6 +19,7 @@ from fmpy.build import build_platform_binary
 from fmu_support import (
     CHANNELS,
     ESTIMATOR,
+    MODELS,
     ROOT,
     VEHICLE,
     Instance,
@@ -29,6 +32,7 @@ from fmu_support import (
     run,
     run_client,
     scratch,
+    unit,
 )
 
 from tse.impl.files import alone
@@ -157,6 +161,49 @@ def _value(cell: str) -> float:
     import struct
 
     return struct.unpack(">d", bytes.fromhex(cell[1:]))[0] if cell.startswith("x") else int(cell)
+
+
+# ---- validators and other clients
+
+
+@pytest.mark.parametrize("name", [*MODELS, *(f"{m}-fmi3" for m in MODELS)])
+def test_validators_find_nothing_and_clients_get_the_same_bits(name: str) -> None:
+    of = unit(name)
+    verdicts = [v for v in importers.validate(of.fmu) if not v.skipped]
+    assert {"FMPy validate_fmu", "fmutool -check", "XML schema"} <= {v.validator for v in verdicts}
+    assert [text for v in verdicts for text in v.findings] == []
+    rows = [r for r in importers.compare(of) if r.ran]
+    assert [r.says for r in rows] == ["reference", *["same bits"] * (len(rows) - 1)]
+
+
+def test_a_description_that_is_wrong_is_found_by_each_validator(vehicle: Unit, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(vehicle.fmu) as old, zipfile.ZipFile(broken, "w") as new:
+        for name in old.namelist():
+            data = old.read(name)
+            if name == "modelDescription.xml":  # a name twice, and an attribute that nobody knows
+                assert b'name="steer_angle"' in data
+                data = data.replace(b'name="steer_angle"', b'name="ramp" odd="1"', 1)
+            new.writestr(name, data)
+    found = {v.validator: v.findings for v in importers.validate(broken) if not v.skipped}
+    assert all(found.values()), found
+
+
+def test_a_difference_is_measured_against_the_size_of_an_output() -> None:
+    reference = np.array([[1.0, 200.0, np.nan], [2.0, -400.0, np.nan]])
+    other = reference + np.array([[0.0, 0.0, 0.0], [0.0, 1e-6, 0.0]])
+
+    def crash() -> np.ndarray:
+        raise importers.Failed("it crashed")
+
+    for values, says in (
+        (reference.copy(), "same bits"),
+        (other, "2.5e-09"),
+        (reference[1:], "failed: 1 steps instead of 2"),
+    ):
+        assert importers.difference(lambda v=values: v, reference) == says
+    assert importers.difference(lambda: np.nan_to_num(reference), reference).startswith("failed: no number")
+    assert importers.difference(crash, reference) == "failed: it crashed"
 
 
 # ---- The estimator as an FMU in the numbers of a controller: TSE_REAL=fixed and float beside a vehicle in double.

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from fmu_support import ESTIMATOR, VEHICLE, Instance, unit
 
+from tse.impl.errors import UserError
 from tselab.cli import cli
-from tselab.fmu.run import slave
+from tselab.fmu.parameters import parameter_set, parameters_of
 
 fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,22 +72,20 @@ def known_car(ssp):
 
 def test_the_vehicle_of_the_system_is_that_of_the_study_and_current(ssp):
     from tse.impl.core import Config
-    from tselab.fmu.run import parameter_set, read_description
 
-    variables = {v.name: v for v in read_description(ssp.with_name("TireStiffnessEstimator.fmu")).modelVariables}
-    text = parameter_set(variables, Config(), "the car of the paper's study")
+    parameters = parameters_of(ssp.with_name("TireStiffnessEstimator.fmu"))
+    text = parameter_set(parameters, Config(), "the car of the paper's study")
     assert (ROOT / "fmu" / "vehicle.ssv").read_text(encoding="utf-8") == text
 
 
 @pytest.mark.parametrize("of", ["TireStiffnessEstimator.fmu", "TireStiffnessEstimator-fmi3.fmu"])
-def test_a_vehicle_file_becomes_the_parameters_that_a_run_sets(of, ssp, tmp_path):
-    """What is left out of the set has the value of the run as its start."""
+def test_a_vehicle_file_becomes_the_parameters_of_its_settings(of, ssp, tmp_path):
+    """What is left out of the set is at its start."""
     from fmpy.ssp.ssd import read_ssv
 
     from tse.impl.config import make_config
     from tse.impl.tables import example_vehicle
     from tse.impl.vehicle import read_vehicle
-    from tselab.fmu.run import settings
 
     (tmp_path / "car.toml").write_text(example_vehicle(), encoding="utf-8")
     command = ["fmu", "parameters", str(ssp.with_name(of)), "--vehicle", str(tmp_path / "car.toml")]
@@ -93,42 +93,44 @@ def test_a_vehicle_file_becomes_the_parameters_that_a_run_sets(of, ssp, tmp_path
     assert done.exception is None, done.exception
     given = {p.name: p for p in read_ssv(str(tmp_path / "car.ssv")).parameters}  # against the XML schema
     config, _ = make_config(read_vehicle(tmp_path / "car.toml"), None)
-    with slave(ssp.with_name(of)) as fmu:
-        wanted, notes = settings(fmu, config)
-        starts = {name: v.start for name, v in fmu.variables.items()}
-    assert not notes and given["vehicle.calibrated"].value == "true" and len(given) > 20
-    for name, value in wanted.items():
-        if name != "vehicle.calibrated":
-            assert float(given[name].value if name in given else starts[name]) == value, name
+    parameters = {p.name: p for p in parameters_of(ssp.with_name(of)) if p.name != "vehicle.calibrated"}
+    assert given["vehicle.calibrated"].value == "true" and len(given) > 20
+    assert {name.partition(".")[2].replace(".", "_") for name in parameters} == set(config.as_dict())
+    for name, p in parameters.items():
+        value = config.as_dict()[name.partition(".")[2].replace(".", "_")]
+        assert float(given[name].value if name in given else p.start) == value, name
 
 
-def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp, tmp_path):
+def test_what_is_not_the_estimator_is_refused(ssp, tmp_path):
+    (tmp_path / "text.fmu").write_text("no zip file")
+    for path, words in ((ssp.with_name("SingleTrackVehicle.fmu"), "is not the estimator"), (ssp, "is not an FMU"),
+                        (tmp_path / "text.fmu", "is not an FMU"), (tmp_path / "none.fmu", "no such file")):  # fmt: skip
+        with pytest.raises(UserError, match=words):
+            parameters_of(path)
+
+
+def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp):
     drive = {"steer_angle": steering, "wheel_torque_front": torque, "wheel_torque_rear": lambda _: 0.0}
     result = fmpy_ssp.simulate_ssp(
         str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=known_car(ssp), input=drive
     )
     assert len(result) == STEPS
-    by_hand = stepped_by_hand(ssp, tmp_path)
+    by_hand = stepped_by_hand()
     for name in by_hand.dtype.names:
         assert np.array_equal(result[name], by_hand[name]), name
     # the connection carries something
     assert len(set(result["estimator.estimate.cy_front"])) > STEPS / 2
 
 
-def stepped_by_hand(ssp: Path, folder: Path) -> np.ndarray:
+def stepped_by_hand() -> np.ndarray:
     """FMPy's master: all step with what was there, then outputs go over to inputs."""
     sensors = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     stiffness = ("cx_front", "cy_front", "cy_rear")
     truth, estimate = [f"true.{s}" for s in stiffness], [f"estimate.{s}" for s in stiffness]
-    with zipfile.ZipFile(ssp) as file:
-        file.extractall(folder)
     rows = []
-    with (
-        slave(folder / "resources" / "SingleTrackVehicle.fmu") as vehicle,
-        slave(folder / "resources" / "TireStiffnessEstimator.fmu") as estimator,
-    ):
-        vehicle.initialize(0.0, {}, {})
-        estimator.initialize(0.0, {"vehicle.calibrated": True}, {})
+    with Instance(unit(VEHICLE)) as vehicle, Instance(unit(ESTIMATOR)) as estimator:
+        vehicle.start()
+        estimator.start({"vehicle.calibrated": True})
         driver, measured = (
             {"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0},
             dict.fromkeys(sensors, 0.0),

@@ -24,7 +24,6 @@ import tempfile
 import time
 import traceback
 import warnings
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,7 +98,6 @@ class Target:
     seeds: Callable[[], list[bytes]]
     once: Callable[[bytes, Path], None]
     words: tuple[bytes, ...] = ()
-    change: Callable[[random.Random, bytes], bytes] | None = None  # one more way of changing a file
 
 
 def table_of(log: bytes = b"") -> pd.DataFrame:
@@ -264,82 +262,6 @@ def read_runs(data: bytes, folder: Path) -> None:
         raise Broken("runs that nobody made")
 
 
-# Archives, and the tables of inputs beside them. None here has a binary of this machine: what an FMU does is its own.
-
-
-def archives() -> list[bytes]:
-    variables = b"".join(
-        b'<ScalarVariable name="%s" valueReference="%d" causality="%s" variability="continuous"><Real start="0"/></ScalarVariable>'
-        % (name, k, kind)
-        for k, (name, kind) in enumerate([(b"u", b"input"), (b"gain", b"parameter"), (b"y", b"output")])
-    )
-    description = (
-        b'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="m" guid="{1}">'
-        b'<CoSimulation modelIdentifier="m" canGetAndSetFMUstate="true"/><ModelVariables>'
-        + variables
-        + b"</ModelVariables>"
-        b'<ModelStructure><Outputs><Unknown index="3"/></Outputs></ModelStructure></fmiModelDescription>'
-    )
-    made = []
-    for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        file = io.BytesIO()
-        with zipfile.ZipFile(file, "w", method) as archive:
-            archive.writestr(zipfile.ZipInfo("modelDescription.xml"), description, method)
-            archive.writestr(zipfile.ZipInfo("binaries/other-machine/m.so"), b"\x7fELF" + bytes(100), method)
-            archive.writestr(zipfile.ZipInfo("resources/a.txt"), b"1,2,3\n" * 20, method)
-        made.append(file.getvalue())
-    return made
-
-
-def read_archive(data: bytes, folder: Path) -> None:
-    from tselab.fmu.archive import open_archive, unpacked
-    from tselab.fmu.run import slave
-
-    (folder / "m.fmu").write_bytes(data)
-    with contextlib.suppress(UserError), slave(folder / "m.fmu"):
-        raise Broken("an FMU without a binary has run")
-    with contextlib.suppress(UserError):
-        open_archive(folder / "m.fmu")
-        with unpacked(folder / "m.fmu") as inside:
-            outside = [p for p in inside.rglob("*") if p.is_symlink() or inside not in p.resolve().parents]
-            if outside:
-                raise Broken(f"unpacked to {outside}")
-
-
-def repacked(dice: random.Random, data: bytes) -> bytes:
-    """Another content or name of a member, its checksum in order."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = [(i, archive.read(i)) for i in archive.infolist()]
-    except Exception:  # no archive any more
-        return data
-    file = io.BytesIO()
-    with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as archive:
-        warnings.simplefilter("ignore")  # a name twice, on purpose
-        which = dice.randrange(len(members)) if members else 0
-        for k, (info, content) in enumerate(members):
-            name = info.filename
-            if k == which and dice.random() < 0.3:
-                odd = [
-                    "../" + name,
-                    "/" + name,
-                    name.upper(),
-                    "modelDescription.xml",
-                    "a" * 300,
-                    "C:" + name,
-                    ".",
-                    name + "/",
-                ]
-                name = dice.choice(odd)
-            elif k == which:
-                content = changed(dice, content, [content], XML_WORDS)
-            with contextlib.suppress(Exception):  # what zipfile does not write nobody can make with it
-                archive.writestr(
-                    zipfile.ZipInfo(name), content, dice.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
-                )
-    return file.getvalue()
-
-
 ODD = (b"nan", b"inf", b"-inf", b"1e400", b"-0", b"1e-400", b"9" * 400, b"0x10", b"1_000", b"NaN", b"None", b"\0", b"\xff",
        b"\xef\xbb\xbf", b'"', b"'", b",", b";", b"\n", b"\r", b"\r\n", b"\t", b" ", b"\xc2\xb2",
        b"\xe2\x80\xa8", b"=", b"#")  # fmt: skip
@@ -358,9 +280,6 @@ JSON_WORDS = (
     b'"cases"',
     b"\\ud800",
 )
-XML_WORDS = (b"<", b">", b"&amp;", b"&x;", b"<!DOCTYPE x [<!ENTITY x SYSTEM 'file:///etc/hostname'>]>", b"<a>" * 500,
-             b'fmiVersion="3.0"', b'index="0"', b'valueReference="-1"', b"<Real/>", b"<Enumeration/>", b"<!--", b"<ModelExchange/>",
-             b'modelIdentifier=""')  # fmt: skip
 
 FILTER_WORDS = (*TOML_WORDS, b"sample_time = 0.001", b"form = 1", b"max_gap = 1.0", b"noise_max = 1000.0")
 FORMULA_WORDS = (*TOML_WORDS, b"lag(", b"late(", b"**", b"(" * 100, b"sqrt(", b"__import__", b"place")
@@ -372,7 +291,6 @@ TARGETS = {
     "formula": Target(formulas, read_formula, FORMULA_WORDS),
     "learnt": Target(lambda: [good_learnt()], read_learnt),
     "runs": Target(lambda: [good_runs()], read_runs, JSON_WORDS),
-    "archive": Target(archives, read_archive, XML_WORDS, repacked),
 }
 
 
@@ -464,11 +382,7 @@ def search(name: str, runs: int, seconds: float, seed: int, found: Path) -> tupl
                 return done, 1
         while done < runs and time.monotonic() < end:
             data = dice.choice(pool)
-            data = (
-                target.change(dice, data)
-                if target.change and dice.random() < 0.5
-                else changed(dice, data, pool, target.words)
-            )
+            data = changed(dice, data, pool, target.words)
             done += 1
             if what := check(name, data, Path(parent)):
                 way = way_of(what)

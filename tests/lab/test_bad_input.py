@@ -6,7 +6,6 @@ import ast
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -14,7 +13,6 @@ import tse
 from conftest import RAN, tselab, tselab_here
 from tse.impl.core import Config
 from tse.impl.logs import log
-from tselab.fmu.clients import Plan
 
 FORGETTING = Config().fields["forgetting"].range_text
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -314,20 +312,3 @@ def test_no_source_makes_code_of_data(path):
 )  # fmt: skip
 def test_what_makes_code_of_data_is_seen(source):
     assert list(code_of_data(source))
-
-
-def test_the_plan_of_a_client_comes_back_bit_for_bit():
-    values = np.array([0.1, 1 / 3, np.nan, -0.0, 5e-324])
-    plan = Plan(
-        "model.fmu",
-        "{guid}",
-        "model",
-        1 / 128,
-        {"a": values},
-        ("x", "y"),
-        {"x": "Real", "y": "Boolean"},
-        {"x": 1, "y": 2},
-    )
-    back = Plan.from_json(plan.as_json())
-    assert back.inputs["a"].tobytes() == values.tobytes()
-    assert back.as_json() == plan.as_json() and back.outputs == plan.outputs and back.step == plan.step

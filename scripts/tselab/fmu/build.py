@@ -6,17 +6,18 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tse.impl.errors import UserError
-from tse.impl.files import alone
+from tse.impl.files import alone, atomic
 from tselab.fmu import platforms
-from tselab.fmu.archive import content, pack
 from tselab.fmu.platforms import FMI, PLATFORMS, read_build
 
 Say = Callable[[str], None]
+EPOCH = (1980, 1, 1, 0, 0, 0)  # the first date that a zip file knows
 
 
 @dataclass(frozen=True)
@@ -126,3 +127,18 @@ def _forget_foreign(folder: Path, root: Path) -> None:
     cache = folder / "CMakeCache.txt"
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={root}\n" not in cache.read_text(errors="replace"):
         shutil.rmtree(folder)
+
+
+def pack(path: Path, files: Mapping[str, bytes]) -> None:
+    """A zip file with the same bytes for the same content: sorted names, one date."""
+    with atomic(path, "wb") as out, zipfile.ZipFile(out, "w") as file:
+        for name in sorted(files):
+            info = zipfile.ZipInfo(name, EPOCH)
+            info.create_system = 3  # Unix, wherever it is packed
+            info.external_attr = (0o100755 if name.endswith((".so", ".dll", ".dylib")) else 0o100644) << 16
+            file.writestr(info, files[name], zipfile.ZIP_DEFLATED, 9)
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """All files below a folder by their name in the archive."""
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}

@@ -1,32 +1,23 @@
-#!/usr/bin/env python3
-"""The paper's study through both FMUs of build/fmu (`cmake --build --preset fmu`), connected: scripts/results/fmu.png, and its
+"""The paper's study through both FMUs connected: scripts/results/fmu.png, and its
 table. The same bytes every time.
 
-    .venv/bin/python scripts/fmu_pictures.py
+    .venv/bin/python tests/fmu/pictures.py
 """
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
+from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, unit
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "scripts"))
-from tse.impl.core import STIFFNESS  # noqa: E402
-from tse.impl.rows import columns  # noqa: E402
-from tse.impl.tables import markdown_table  # noqa: E402
-from tse.impl.verdict import NAMES  # noqa: E402
-from tselab.fmu.run import slave  # noqa: E402
-from tselab.montecarlo.pictures import demo_picture  # noqa: E402
+from tse.impl.core import STIFFNESS
+from tse.impl.tables import markdown_table
+from tse.impl.verdict import NAMES
+from tselab.montecarlo.pictures import demo_picture
 
-BUILT = ROOT / "build" / "fmu" / "fmu"
 DURATION, STEP = 60.0, 0.01  # s
 ROAD_CHANGE = (30.0, 0.7)  # s, level
 START = 0.7  # of nominal
-CHANNELS = columns()[1:]
 
 
 def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
@@ -36,9 +27,9 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     true = ["true.vel_x", *(f"true.{s}" for s in STIFFNESS)]
     start = {f"filter.initial_{s}": START for s in STIFFNESS} | {"vehicle.calibrated": True}  # known, but for its tyres
     rows = []
-    with slave(BUILT / "SingleTrackVehicle.fmu") as car, slave(BUILT / "TireStiffnessEstimator.fmu") as estimator:
-        car.initialize(0.0, {}, {})
-        estimator.initialize(0.0, start, {})
+    with Instance(unit(VEHICLE)) as car, Instance(unit(ESTIMATOR)) as estimator:
+        car.start()
+        estimator.start(start)
         for k in range(round(DURATION / STEP)):
             time = k * STEP
             was = car.get([*true, *(f"sensor.{c}" for c in CHANNELS)])
