@@ -86,8 +86,6 @@ def measure() -> None:
     tselab = ROOT / ".venv" / "bin" / "tselab"
     print("sizes ...", flush=True)
     (RESULTS / "sizes.md").write_text(sizes())
-    print("accuracy ...", flush=True)
-    output(tselab, "accuracy", "--runs", "24", "--out", RESULTS)
     print("time ...", flush=True)
     (RESULTS / "bench.md").write_text(output(ROOT / "scripts" / "bench.sh"))
     print("picture ...", flush=True)

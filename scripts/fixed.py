@@ -23,8 +23,12 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from tse.impl.core import INPUT, STIFFNESS, Config, Filter, Library  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
-from tselab.montecarlo.accuracy import START  # noqa: E402
-from tselab.montecarlo.case import Case, Drive, drive  # noqa: E402
+from tselab.montecarlo.case import (  # noqa: E402
+    START,
+    Case,
+    Drive,
+    drive,
+)
 
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)

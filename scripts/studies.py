@@ -28,6 +28,7 @@ PART: dict[str, tuple[str, str]] = {
 
 # study: runs of each case
 STUDIES: dict[str, int] = {
+    "accuracy": 24,
     "stress": 24,
     "peers": 20,
     "regimes-road": 24,

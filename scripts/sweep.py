@@ -24,8 +24,7 @@ from tse.impl.core import STIFFNESS, Config, Library, library_path
 from tse.impl.files import atomic
 from tse.impl.logs.log import read_log
 from tselab.montecarlo import estimators, studies
-from tselab.montecarlo.accuracy import START
-from tselab.montecarlo.case import Case, Drive, drive
+from tselab.montecarlo.case import START, Case, Drive, drive
 from tselab.montecarlo.scores import inside
 
 ROOT = Path(__file__).resolve().parent.parent

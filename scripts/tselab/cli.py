@@ -14,7 +14,6 @@ from tse.impl import __version__
 from tse.impl.errors import UserError
 
 COMMANDS = {  # name: module of tselab.commands, what it does
-    "accuracy": ("studies", "Errors against the truth in the paper's set-up."),
     "calibrate": ("calibrate", "Find what the car and the sensors of a log are."),
     "demo": ("demo", "Simulate a drive, estimate, read an MF4, find a hidden effect."),
     "estimate": ("estimate", "Estimate tyre stiffness from LOG."),
@@ -22,7 +21,7 @@ COMMANDS = {  # name: module of tselab.commands, what it does
     "fmu": ("fmu", "Build FMUs, and their parameters for a car."),
     "formula": ("car", "Check a formula of the user, also as C."),
     "gap": ("gap", "Find, name and add what the model lacks."),
-    "montecarlo": ("studies", "Monte-Carlo studies: accuracy, bounds, peers, stress."),
+    "montecarlo": ("studies", "Monte-Carlo studies: accuracy, peers, stress ..."),
     "paper": ("studies", "The paper's figures: as printed, robust, default."),
     "settings": ("car", "List all settings."),
     "signals": ("signals", "What a log holds, and a proposal of signals.toml."),

@@ -23,7 +23,7 @@ import numpy as np
 
 from tests.gap.runs import in_processes
 from tse.impl.core import Config
-from tselab.montecarlo.accuracy import clopper_pearson
+from tselab.montecarlo.summary import clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-study"

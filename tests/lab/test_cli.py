@@ -31,7 +31,7 @@ def test_the_installed_command_is_the_package():
     )
 
 
-@pytest.mark.parametrize("command", ["estimate", "simulate", "vehicle", "settings", "demo", "accuracy"])
+@pytest.mark.parametrize("command", ["estimate", "simulate", "vehicle", "settings", "demo", "montecarlo"])
 def test_help_teaches(command):
     done = tselab(command, "--help")
     assert done.code == 0 and "Usage: tselab " + command in done.out.replace("python -m ", "")
@@ -98,40 +98,6 @@ def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
     assert (tmp_path / "demo" / "again.csv").read_bytes() == (tmp_path / "demo" / "est.csv").read_bytes()
 
 
-def test_accuracy_is_the_same_in_one_process_and_in_two(tmp_path):
-    done = tselab("accuracy", "--runs", 2, "--jobs", 2, "--particles", 100, "--out", tmp_path / "two")
-    assert done.code == 0, done.err
-    assert "| RMS error |" in done.out and "Diverged: " in done.out and "seeds 1 .. 2" in done.out
-    assert tselab("accuracy", "--runs", 2, "--jobs", 1, "--particles", 100, "--out", tmp_path / "one").code == 0
-    assert (tmp_path / "one" / "accuracy.csv").read_bytes() == (tmp_path / "two" / "accuracy.csv").read_bytes()
-    assert (tmp_path / "one" / "accuracy.md").read_text().strip() == done.out.strip()
-
-
-def test_interval_of_a_share_is_clopper_pearson():
-    from tselab.montecarlo.accuracy import clopper_pearson
-
-    assert clopper_pearson(0, 60)[1] == pytest.approx(1 - 0.025 ** (1 / 60))
-    assert clopper_pearson(0, 60)[0] == 0
-
-
-def test_longest_run_is_counted():
-    import numpy as np
-
-    from tselab.montecarlo.accuracy import _longest
-
-    assert _longest(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3
-    assert _longest(np.zeros(4, bool)) == 0
-
-
-def test_the_study_of_accuracy_says_what_it_ran_and_is_within_what_may_be_called_valid():
-    done = tselab("accuracy", "--runs", 4)
-    assert "the car's Kalman filter" in done.out and "Diverged: 0 of 4" in done.out
-    cells = {line.split("|")[1].strip(): [float(x) for x in line.split("|")[2:5]] for line in done.out.splitlines()
-             if line.startswith(("| RMS error |", "| 95 % interval"))}  # fmt: skip
-    assert all(x < limit for x, limit in zip(cells["RMS error"], (10.0, 2.0, 2.0), strict=True))
-    assert min(cells["95 % interval holds the truth"]) > 90
-
-
 # ---- --json of every command that finds something: one document on standard output, and nothing else there.
 
 
@@ -177,7 +143,6 @@ def folder(tmp_path_factory):
             {0},
             {"separable", "manoeuvres"},
         ),
-        (("accuracy", "--runs", 2, "--jobs", 1), {0}, {"runs", "text"}),
         (
             ("montecarlo", "--study", "stress", "--cases", "nominal", "--runs", 1, "--jobs", 1, "--out", "study"),
             {0},

@@ -46,6 +46,14 @@ def test_running_mean_is_the_mean_at_first_and_fades_later():
     assert scores.running_mean(x, 10.0) == pytest.approx([1, 2, 3, 2.5])
 
 
+def test_longest_run_is_counted():
+    assert scores.longest(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3 and scores.longest(np.zeros(4, bool)) == 0
+
+
+def test_interval_of_a_share_is_clopper_pearson():
+    assert summary.clopper_pearson(0, 60) == (0, pytest.approx(1 - 0.025 ** (1 / 60)))
+
+
 def test_best_sd_is_that_of_a_mean_over_the_memory():
     n, memory = 4000, 100.0
     spread = np.full(n, 0.05)
@@ -544,6 +552,7 @@ def test_the_normality_check_tells_normal_from_not():
 # ---- a small part of each study
 
 SMALL = {  # study: cases, runs
+    "accuracy": ((), 4),
     "paper": ((), 2),
     "robust": (("noise-3x",), 1),
     "peers": (("nominal", "road-change"), 1),
@@ -572,10 +581,17 @@ def test_a_small_part_of_each_study(name, tmp_path):
     if name not in ("stress", "paper", "robust"):
         assert not lines["diverged"].any(), text
     checks = {
-        "paper": _paper, "robust": _robust, "peers": _peers, "stress": _stress, "regimes": _regimes,
+        "accuracy": _accuracy, "paper": _paper, "robust": _robust, "peers": _peers, "stress": _stress, "regimes": _regimes,
         "false-alarms": _false_alarms,
     }  # fmt: skip
     checks[name](lines, text)
+
+
+def _accuracy(lines, text):
+    for name, limit in (("cx_front", 10.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
+        assert (
+            lines.loc["accuracy", "tse"][f"{name}_rms"] < limit and lines.loc["accuracy", "tse"][f"{name}_covered"] > 90
+        )
 
 
 def _paper(lines, text):

@@ -16,7 +16,8 @@ from tse.impl import maneuvers
 from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
 from tse.impl.rows import DRIVES, MEASURES, columns
 from tse.impl.simulate import simulate
-from tselab.montecarlo import accuracy, peers
+from tselab.montecarlo import peers
+from tselab.montecarlo.case import START
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
 import newtons as reference  # a model of (1)-(4) in newtons, integrated at half a millisecond
@@ -54,7 +55,7 @@ def drive(
     forgetting: float = 0.99,
 ) -> Drive:  # fmt: skip
     """A simulated drive. low: slip of half a per cent, steering of 0.005 rad."""
-    config = Config({**accuracy.START, "sample_time": dt, **(settings or {})})
+    config = Config({**START, "sample_time": dt, **(settings or {})})
     maneuver = maneuvers.build(name, config, sample_time=dt, duration=duration, road=road)
     if low:
         maneuver.wheel_torque_front = maneuver.wheel_torque_front * 250 / 700

@@ -214,10 +214,3 @@ def test_a_folder_that_holds_something_else_is_left_alone(tmp_path):
     done = subprocess.run([*RELEASE, VERSION, "--only", "source", "--out", tmp_path], capture_output=True, text=True)
     assert done.returncode == 1 and "holds something that is no release" in done.stderr
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
-
-
-def test_what_a_plain_install_does_not_have_is_named_with_what_brings_it(tmp_path):
-    command = ["tselab", "montecarlo", "--study", "peers", "--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path)]
-    code = f"import sys; sys.modules['distributed'] = None; sys.argv = {command}; from tselab.cli import main; main()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 2 and "pip install 'tse[cluster]'" in done.stderr

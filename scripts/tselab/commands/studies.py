@@ -1,4 +1,4 @@
-"""`tselab accuracy`, `montecarlo`, `paper`."""
+"""`tselab montecarlo`, `paper`."""
 
 from __future__ import annotations
 
@@ -21,77 +21,6 @@ from tselab.commands.options import (
     show_progress,
 )
 from tselab.montecarlo import STUDIES
-
-
-@click.command()
-@click.option("--runs", type=click.IntRange(1, 100000), default=24, show_default=True, help="Runs, one seed each.")
-@JOBS
-@click.option("--particles", type=int, help="Particles in use.")
-@click.option("--forgetting", type=float, help="Forgetting factor per sample.")
-@FORM
-@FIRST_SEED
-@click.option(
-    "--set",
-    "pairs",
-    metavar="KEY=VALUE",
-    multiple=True,
-    help="Any setting of filter or simulator; may be repeated.",
-)
-@click.option("--out", metavar="DIR", type=FILE, help="Also write accuracy.md and accuracy.csv (one row per run).")
-@PROGRESS
-@JSON
-def accuracy(
-    runs: int,
-    jobs: int,
-    particles: int | None,
-    forgetting: float | None,
-    form: str,
-    first_seed: int,
-    pairs: tuple[str, ...],
-    out: Path | None,
-    progress: bool | None,
-    as_json: bool,
-) -> None:
-    """Accuracy against the truth in the paper's set-up (Sec. IV-A).
-
-    \b
-    tselab accuracy --runs 24 --jobs 2
-    tselab accuracy --particles 500 --forgetting 0.99 --out results
-
-    Square waves in steering and torque, stiffness redrawn every sample with 5 % sd, start at 70 %, 40 s; errors over
-    20 .. 40 s. Diverged: any stiffness off by more than 20 % for longer than 2 s after 10 s.
-    """
-    from tse.impl.core import Config, SimConfig
-    from tse.impl.estimate import write_table
-    from tse.impl.files import atomic
-    from tselab.montecarlo.accuracy import accuracy as run
-    from tselab.montecarlo.accuracy import markdown
-
-    settings: dict[str, float] = dict(Config.form(form))
-    sim_settings: dict[str, float] = {}
-    sim_config, config = SimConfig(), Config()
-    for key, value in key_values(pairs).items():
-        group, checked = (sim_settings, sim_config) if key in sim_config and key != "seed" else (settings, config)
-        checked.set(key, value, source="option --set")
-        group[key] = value
-    for key, value in (("particles", particles), ("forgetting", forgetting)):
-        if value is not None:
-            config.set(key, value, source=f"option --{key}")
-            settings[key] = value
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-    study = run(runs, jobs, settings, sim_settings, first_seed, show_progress(progress))
-    text = markdown(study)
-    if as_json:
-        from tse.impl import results
-
-        results.say_json({"runs": study.runs.to_dict("records"), "text": text})
-    else:
-        click.echo(text)
-    if out is not None:
-        with atomic(out / "accuracy.md") as file:
-            file.write(text + "\n")
-        write_table(study.runs, out / "accuracy.csv")
 
 
 class StudyCommand(click.Command):

@@ -3,12 +3,12 @@
 case.py        what a case is; driving one of it            drives.py    manoeuvres, and what goes wrong with a log
 estimators.py  what can be run on a drive                   scores.py    one drive and one estimate become a row of numbers
 peers.py       Kalman filters beside it                     summary.py   rows become tables
-accuracy.py    the paper's set-up, without cases            findings.py  the tables that only one study has
-engine.py      all runs: processes, Dask, resuming          pictures.py  pictures, and the files that a study leaves
-studies.py     the studies: their cases, in one list
+engine.py      all runs: processes, Dask, resuming          findings.py  the tables that only one study has
+studies.py     the studies: their cases, in one list        pictures.py  pictures, and the files that a study leaves
 """
 
 STUDIES = {  # name: (usual number of runs, title)
+    "accuracy": (24, "Accuracy in the paper's set-up (Sec. IV-A)"),
     "paper": (200, "The paper's figures: its filter as printed, the same made robust, and the default filter"),
     "robust": (16, "What keeps the paper's filter from diverging, and what else was tried"),
     "peers": (100, "tse beside EKF and UKF with the true covariances"),

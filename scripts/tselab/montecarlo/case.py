@@ -12,6 +12,8 @@ from tse.impl.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tse.impl.maneuvers import Maneuver
 from tse.impl.simulate import drive as run_simulator
 
+# Torque is on the front axle in all manoeuvres; the car is that of the paper, (1)-(4).
+START = {**{f"initial_{s}": 0.7 for s in STIFFNESS}, "driven_axle": 1, "exact_kinematics_share": 0.0}
 WINDOW = (15.0, 30.0)  # s, where errors count unless the case says otherwise
 G = 9.81  # m/s2
 LINEAR = 0.6  # share of the friction limit beyond which a tyre counts as no longer linear

@@ -27,7 +27,7 @@ from tse.impl.errors import UserError
 from tse.impl.estimate import write_table
 from tse.impl.processes import each, killed_as_interrupted
 from tse.impl.rows import MEASURES
-from tselab.montecarlo import accuracy, estimators, peers, scores, studies
+from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
 
@@ -223,7 +223,7 @@ def code() -> str:
     """What makes the numbers beside the library and the settings: the files of studies, manoeuvres and other filters."""
     files = {
         *Path(__file__).parent.glob("*.py"),
-        *(Path(str(m.__file__)) for m in (core, maneuvers, peers, simulate, accuracy)),
+        *(Path(str(m.__file__)) for m in (core, maneuvers, simulate)),
     }
     return _hash("".join(p.read_text(encoding="utf-8") for p in sorted(files)))
 

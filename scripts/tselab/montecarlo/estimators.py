@@ -12,8 +12,7 @@ import pandas as pd
 from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, library
 from tse.impl.errors import UserError
 from tselab.montecarlo import peers
-from tselab.montecarlo.accuracy import START
-from tselab.montecarlo.case import Drive
+from tselab.montecarlo.case import START, Drive
 from tselab.montecarlo.peers import Known
 
 # Variants of the robust form, robust-NAME: what was tried.

@@ -10,7 +10,6 @@ from scipy import stats
 
 from tse.impl.core import STIFFNESS, SimConfig
 from tse.impl.rows import MEASURES
-from tselab.montecarlo.accuracy import clopper_pearson
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
@@ -18,6 +17,7 @@ from tselab.montecarlo.summary import (
     HEADS,
     Table,
     bootstrap,
+    clopper_pearson,
     diverged,
     mean_interval,
     number,

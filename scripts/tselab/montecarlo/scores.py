@@ -17,10 +17,10 @@ from scipy.signal import lfilter
 
 from tse.impl.core import REASON, STIFFNESS, library
 from tse.impl.rows import MEASURES
-from tselab.montecarlo.accuracy import DIVERGED_AFTER, DIVERGED_ERROR, DIVERGED_FOR, _longest
 from tselab.montecarlo.case import LINEAR, Case, Drive, G
 
-SETTLE_AFTER = DIVERGED_AFTER  # s after start, event or disturbance, before errors are judged
+DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0  # share of the mean stiffness, s
+SETTLE_AFTER = 10.0  # s after start, event or disturbance, before errors are judged
 VALID_AFTER = 5.0  # s, before the valid flag is judged
 CLOSE = 0.10  # error below which an estimate has settled, or may be called right
 CLEARLY = 2.0  # best-case sd beyond this factor of valid_sd, either way, is clear; between is grey
@@ -183,6 +183,11 @@ def inside(time: np.ndarray, windows: tuple[tuple[float, float], ...]) -> np.nda
     return np.any([(time >= a - 1e-9) & (time <= b + 1e-9) for a, b in windows], axis=0)
 
 
+def longest(flags: np.ndarray) -> int:
+    """Length of the longest run of True."""
+    return wrong_on_end(flags, flags)
+
+
 def wrong_on_end(wrong: np.ndarray, judged: np.ndarray) -> int:
     """Most judged rows in any one stretch in which every row, judged or not, is wrong."""
     count = np.cumsum(np.concatenate([[0], wrong & judged]))
@@ -283,7 +288,7 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
             row[f"{key}_mean_square_w{n}"] = 1e4 * _mean(error[here] ** 2)
             row[f"{key}_covered_w{n}"] = 100 * np.mean(size[here] <= 1.96 * sd[here]) if key in names else np.nan
             row[f"{key}_bias_w{n}"] = 100 * _mean(error[here])
-            row[f"{key}_off_w{n}"] = int(_longest(~(size[here] <= DIVERGED_ERROR)) * step > DIVERGED_FOR)
+            row[f"{key}_off_w{n}"] = int(longest(~(size[here] <= DIVERGED_ERROR)) * step > DIVERGED_FOR)
             if f"{key}_spread" in names:
                 row[f"{key}_spread_w{n}"] = 100 * _mean(estimate[f"{key}_spread"][here] / true[here])
         if f"{key}_spread" in names:
@@ -301,7 +306,7 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
             row[f"{key}_worst"] = 100 * np.max(size[known[:, i]], initial=0.0)
             row[f"{key}_diverged"] = int(wrong_on_end(wrong, known[:, i]) * step > DIVERGED_FOR)
             diverged = max(diverged, row[f"{key}_diverged"])
-            diverged_any = max(diverged_any, int(_longest(wrong & k.settled) * step > DIVERGED_FOR))
+            diverged_any = max(diverged_any, int(longest(wrong & k.settled) * step > DIVERGED_FOR))
         if f"{key}_valid" in names:
             refused = estimate["status"] < 0
             missing = estimate["status"] == library().status("TSE_W_MISSING_CHANNEL")

@@ -195,6 +195,7 @@ def _prior(level: float) -> dict[str, float]:
 
 def _cases() -> dict[str, tuple[Case, ...]]:
     return {
+        "accuracy": (Case("accuracy", "square waves, start at 70 %", _waves(40.0), windows=((20.0, 40.0),)),),
         "paper": _paper(),
         "robust": _with(("robust", *(f"robust-{name}" for name in VARIANTS)),
                         *(c for c in _paper() if c.name == "iv-a"), ROAD_03, NOISE_3X),

@@ -13,8 +13,8 @@ from tse.impl.core import STIFFNESS
 from tse.impl.rows import MEASURES
 from tse.impl.tables import markdown_table
 from tselab.montecarlo import scores
-from tselab.montecarlo.accuracy import DIVERGED_ERROR, DIVERGED_FOR, clopper_pearson
 from tselab.montecarlo.engine import Plan
+from tselab.montecarlo.scores import DIVERGED_ERROR, DIVERGED_FOR
 
 RESAMPLES = 2000  # of a bootstrap interval
 LEVEL = 0.95
@@ -66,6 +66,12 @@ def mean_interval(values: Iterable[float]) -> tuple[float, float]:
     if len(values) < 2:
         return float(values.mean()) if len(values) else np.nan, np.nan
     return float(values.mean()), float(stats.t.ppf((1 + LEVEL) / 2, len(values) - 1) * stats.sem(values))
+
+
+def clopper_pearson(k: int, n: int) -> tuple[float, float]:
+    """Exact interval of a share."""
+    interval = stats.binomtest(k, n).proportion_ci(LEVEL, method="exact")
+    return float(interval.low), float(interval.high)
 
 
 # ---- the table of all cases
