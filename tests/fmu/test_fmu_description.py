@@ -19,9 +19,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
-from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Unit, build, unit
+from fmpy.fmi1 import FMICallException
+from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Instance, Unit, build, unit
+from fmu_support import run as command
 
 from tse.impl.core import CONFIG, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Config, Field, library
+from tselab.fmu.platforms import read_build
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
 UNITS = {
@@ -64,6 +67,37 @@ def test_saved_states_belong_to_the_sources(model: Unit) -> None:
     hashes = "".join(f"{hashlib.sha1((folder / f).read_bytes()).hexdigest()} {f}\n" for f in files)
     text = (folder / "fmu_guid.h").read_text()
     assert f'#define FMU_SOURCES "{hashlib.sha1(hashes.encode()).hexdigest()}"' in text
+
+
+@pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
+def test_a_state_of_other_sources_is_refused_though_the_description_is_the_same(vehicle: Unit, tmp_path: Path) -> None:
+    folder = tmp_path / "other"
+    shutil.copytree(vehicle.folder, folder)
+    header = folder / "sources" / "fmu_guid.h"
+    header.write_text(re.sub(r'(FMU_SOURCES ")\w', r"\1x", header.read_text()))
+    files = [folder / "sources" / f for f in vehicle.description.buildConfigurations[0].sourceFileSets[0].sourceFiles]
+    other = Unit.__new__(Unit)
+    other.__dict__.update({**vehicle.__dict__, "folder": folder})
+    command(
+        "cc",
+        *read_build(header.parent).flags,
+        "-O0",
+        "-fPIC",
+        "-shared",
+        "-I",
+        header.parent,
+        *files,
+        "-o",
+        other.binary,
+        "-lm",
+    )
+    with Instance(vehicle) as i, Instance(other) as o:
+        state = i.start().state()
+        with pytest.raises(FMICallException):
+            o.restore(state)
+        said = "the state of another FMU, or of another version of this one"
+        assert o.log[-1][:3] == ("one", 3, "logStatusError") and said in o.log[-1][3]
+        i.restore(state)
 
 
 def test_names_and_references_are_unique_and_structured(model: Unit) -> None:

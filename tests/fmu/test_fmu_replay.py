@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import subprocess
-import sys
 import threading
 from dataclasses import dataclass
 
@@ -12,7 +10,6 @@ import numpy as np
 import pytest
 from fmu_support import (
     CHANNELS,
-    DRIVER,
     KNOWN,
     Instance,
     Log,
@@ -25,7 +22,7 @@ from fmu_support import (
 )
 
 from tse.impl import maneuvers
-from tse.impl.core import Config, SimConfig, Simulator, library
+from tse.impl.core import Config, SimConfig
 from tse.impl.simulate import drive, simulate
 
 
@@ -58,30 +55,6 @@ def replay(estimator: Unit, log: Log, settings: dict[str, float], form: str | No
 
 def test_the_recorded_drive_with_default_settings(estimator: Unit) -> None:
     replay(estimator, recorded_drive(), {})
-
-
-def test_the_recorded_drive_of_an_ordinary_car(estimator: Unit) -> None:
-    """What is not set follows from mass and axles, as in the library; what is set wins, in any order, also with its start value."""
-    told = {
-        "mass": 1650.0,
-        "lf": 1.2,
-        "lr": 1.6,
-        "wheel_radius_front": 0.32,
-        "wheel_radius_rear": 0.32,
-        "driven_axle": 1,
-    }
-    measured = {"cornering_stiffness_front": 1.2e5, "cg_sd": 0.0, "steer_ratio_sd": 0.01, "relaxation_length": 0.5}
-    ordinary = Config(told)
-    ordinary.fill("tse_config_uncalibrated")
-    settings = Config({**ordinary.as_dict(), **measured})
-    log = recorded_drive()
-    with Instance(estimator) as instance:
-        set_ = {n: v for n, v in parameters_of({**measured, **told}, estimator).items() if n not in KNOWN}
-        instance.start(set_, time=float(log.time[0]))
-        got = log.through_fmu(instance)
-    expect_same_rows(got, (expected_outputs(row, settings) for row in log.through_library(settings)))
-    differs = [k for k, v in Config(told).as_dict().items() if v != ordinary.as_dict()[k]]
-    assert len(differs) > 20
 
 
 SWEEP = [
@@ -144,52 +117,6 @@ def test_a_log_that_starts_late_and_a_second_run_after_reset(estimator: Unit) ->
             instance.slave.reset()
 
 
-def test_a_state_saved_in_the_middle_goes_on_with_the_same_bits(estimator: Unit) -> None:
-    log = simulated_drive()
-    middle = len(log) // 2 - 10  # before the gap
-    with Instance(estimator, "first") as first, Instance(estimator, "second") as second:
-        first.start({**KNOWN, "filter.particles": 100})
-        log.through_fmu(first, 0, middle)
-        state = first.slave.getFMUstate()
-        saved = first.state()
-        rest = log.through_fmu(first, middle)
-        first.slave.setFMUstate(state)
-        expect_same_rows(log.through_fmu(first, middle), rest)
-        second.start({"filter.seed": 5})
-        second.restore(saved)
-        assert second.state() == saved
-        expect_same_rows(log.through_fmu(second, middle), rest)
-        expected = log.through_library({"particles": 100})[middle:]
-        expect_same_rows(rest, (expected_outputs(row, Config({"particles": 100})) for row in expected))
-
-
-CONTINUE = """
-import pickle, sys
-from fmu_support import Instance, recorded_drive, unit
-saved, middle, rows = pickle.loads(sys.stdin.buffer.read())
-log = recorded_drive(rows)
-with Instance(unit("TireStiffnessEstimator")) as instance:
-    instance.restore(saved)
-    sys.stdout.buffer.write(pickle.dumps(log.through_fmu(instance, middle)))
-"""
-
-
-def test_another_process_goes_on_from_the_bytes_with_the_same_bits(estimator: Unit) -> None:
-    import pickle
-    from pathlib import Path
-
-    log, middle = recorded_drive(1200), 700
-    with Instance(estimator) as instance:
-        instance.start({"filter.particles": 100})
-        log.through_fmu(instance, 0, middle)
-        saved = instance.state()
-        rest = log.through_fmu(instance, middle)
-    done = subprocess.run([sys.executable, "-c", CONTINUE], input=pickle.dumps((saved, middle, 1200)), capture_output=True,
-                          cwd=Path(__file__).parent, timeout=120)  # fmt: skip
-    assert done.returncode == 0, done.stderr.decode()
-    expect_same_rows(pickle.loads(done.stdout), rest)
-
-
 def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
     """FMPy lets go of Python's lock during a call."""
     logs = [simulated_drive(3.0, seed) for seed in (1, 2, 3)]
@@ -208,70 +135,6 @@ def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
     for k, log in enumerate(logs):
         rows = log.through_library({"particles": 200})
         expect_same_rows(got[k], (expected_outputs(row, Config({"particles": 200})) for row in rows))
-
-
-@pytest.mark.parametrize("ramp", [True, False])
-def test_the_vehicle_has_the_bits_of_the_simulator(vehicle: Unit, ramp: bool) -> None:
-    """Held inputs are analytic: a step is two rows, the first of which changes nothing but what the driver does."""
-    config, sim_config = Config({"mass": 1700.0}), SimConfig({"seed": 6, "true_cy_front": 0.9, "bias_walk": 1.0})
-    simulator = Simulator(config, sim_config)
-    n = 300
-    inputs, outputs = simulator.inputs(n), simulator.outputs(n)
-    k = np.arange(n)
-    inputs["dt"] = np.where(k % 5 == 2, 0.025, 0.01)
-    inputs["steer_angle"] = 0.02 * np.sign(np.sin(0.05 * k))
-    inputs["wheel_torque_front"] = 700 * np.sign(np.sin(0.03 * k))
-    inputs["brake_torque_rear"] = 50.0 * (k % 3)
-    inputs["road_level"] = np.where(k > 200, 0.7, 1.0)
-    last = library().params_bytes  # sim.last stands behind the constants in tse_sim
-    with Instance(vehicle) as instance:
-        values = [{d: float(inputs[d][i]) for d in DRIVER} for i in range(n)]
-        instance.start({"vehicle.mass": 1700.0, "simulation.seed": 6, "simulation.true_cy_front": 0.9,
-                        "simulation.bias_walk": 1.0, "ramp": ramp}, values[0])  # fmt: skip
-        simulator.step_into(inputs, outputs, 0)
-        time = 0.0
-        for i in range(n):
-            if i:
-                instance.set(values[i])
-                instance.step(time, float(inputs["dt"][i]))
-                time += float(inputs["dt"][i])
-                if not ramp:
-                    jump = inputs[i : i + 1].copy()
-                    jump["road_level"] = inputs["road_level"][i - 1]  # that on which this step's stiffness was drawn
-                    simulator._sim.view(np.uint8)[last : last + inputs.itemsize] = jump.view(np.uint8)
-                simulator.step_into(inputs, outputs, i)
-            got = instance.get()
-            expected = {}
-            for name in outputs.dtype.names:
-                value = float(outputs[name][i])
-                group, _, short = name.partition("_")
-                if name in CHANNELS:
-                    expected[f"sensor.{name}"] = value
-                elif short.startswith(("cx_", "cy_")):
-                    expected[f"{group}.relative.{short}"] = value
-                    nominal = {"cx_front": 1.6e5, "cy_front": 1.2e5, "cy_rear": 1.4e5}[short]
-                    expected[f"{group}.{short}"] = nominal * value
-                else:
-                    expected[f"{group}.{short}"] = value
-            expect_same_rows([got], [expected])
-
-
-def test_a_vehicle_state_goes_on_with_the_same_bits(vehicle: Unit) -> None:
-    def go(instance: Instance, first: int, last: int) -> list[dict[str, float]]:
-        rows = []
-        for i in range(first, last):
-            instance.set({"steer_angle": 0.02 * np.sin(0.1 * i), "wheel_torque_front": 300.0 * (i % 7)})
-            instance.step(i * 0.01, 0.01)
-            rows.append(instance.get())
-        return rows
-
-    with Instance(vehicle, "first") as first, Instance(vehicle, "second") as second:
-        first.start({"simulation.seed": 3})
-        go(first, 0, 50)
-        saved = first.state()
-        rest = go(first, 50, 100)
-        second.restore(saved)  # before any initialization: the phase is part of the state
-        expect_same_rows(go(second, 50, 100), rest)
 
 
 # ---- The paper's study (Sec. IV-A) with the two FMUs in a loop, against the same study through the library.
