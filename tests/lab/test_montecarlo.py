@@ -283,21 +283,9 @@ def test_reverse_drives_backwards_and_is_logged_so():
 
 def test_the_brakes_of_an_open_loop_manoeuvre_reach_the_wheels():
     lock = next(c for c in studies._cases()["stress"] if c.name == "wheel-lock")
-    d = driven(replace(lock, sim={}, needs=()))  # tyres without a limit: no wheel locks, but the car slows down
+    d = driven(replace(lock, sim={}))  # tyres without a limit: no wheel locks, but the car slows down
     start, end = np.searchsorted(d.time, [drives.PULSES[0], drives.PULSES[0] + drives.LOCK_FOR])
     assert d.truth["true_vel_x"][start] - d.truth["true_vel_x"][end] > 3
-
-
-def test_a_case_needs_a_simulator_that_knows_its_settings():
-    known = SimConfig()
-    every = {c.name: c for c in studies._cases()["stress"]}
-    assert {"wheel-lock", "wheel-spin", "vy-start"} <= set(every)
-    offered = {c.name for c in studies.study("stress").cases}
-    for name, case in every.items():
-        assert (name in offered) == all(n in known for n in case.needs)
-        if name not in offered:
-            with pytest.raises(UserError, match=f"'{name}' needs a simulator with the setting {case.needs[0]}"):
-                studies.study("stress", (name,))
 
 
 def test_wheels_lock_and_spin_for_about_a_second():
@@ -557,7 +545,7 @@ SMALL = {  # study: cases, runs
     "robust": (("noise-3x",), 1),
     "peers": (("nominal", "road-change"), 1),
     "stress": (("road-0.3", "mass-10"), 1),
-    "regimes": (("road-0.7", "slow-5", "pause-60", "spread-5-noise-1"), 1),
+    "regimes": (("road-0.7", "slow-20"), 1),
     "false-alarms": (("false-alarms",), 1),
 }
 
@@ -633,10 +621,8 @@ def _regimes(lines, text):
     known = lines.loc["road-0.7", "known"]
     assert known["all_settle_1_most"] < 0.2 and known["cy_front_rms"] < 1 and np.isnan(known["valid_off_1"])
     assert lines.loc["road-0.7", "tse"]["detected_1"] < 5
-    assert lines.loc["spread-5-noise-1", "tse"]["noise_accel_x"] == pytest.approx(1, rel=0.3)  # torque steps are in it
-    for title in ("RMS error over that of known", "After a change of the road",
-                  "While the stiffness changes slowly", "Spread and noise other than assumed"):  # fmt: skip
-        assert f"## {title}" in text
+    assert lines.loc["slow-20", "tse"]["cy_rear_rms"] < 20
+    assert "## RMS error over that of known" in text and "## After a change of the road" in text
 
 
 def _false_alarms(lines, text):

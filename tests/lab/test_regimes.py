@@ -157,8 +157,8 @@ EVERY = {c.name: c for study in ("regimes", "false-alarms") for c in studies._ca
 
 def test_every_case_can_be_driven_and_looks_at_rows_it_has():
     for case in EVERY.values():
-        if case.name.startswith(("false-alarms", "slow-600")) or "spread-" in case.name:
-            continue  # long; as the first
+        if case.name.startswith("false-alarms"):
+            continue  # long
         d = driven(case, 3)
         vy = np.abs(d.truth["true_vel_y"])
         assert np.isfinite(vy).all() and vy.max() < 3, case.name  # nobody spins
@@ -169,43 +169,21 @@ def test_every_case_can_be_driven_and_looks_at_rows_it_has():
 
 
 def test_a_slow_change_goes_all_the_way_at_one_rate():
-    d = driven(EVERY["slow-5"])
-    at = [np.searchsorted(d.time, t - 1e-9) for t in (20.0, 22.5, 25.0, 45.0)]
+    d = driven(EVERY["slow-20"])
+    at = [np.searchsorted(d.time, t - 1e-9) for t in (20.0, 30.0, 40.0, 60.0)]
     assert d.stiffness[at, 1] == pytest.approx([1, 0.85, 0.7, 0.7], abs=1e-6)
-    assert d.time[-1] == 45 and EVERY["slow-5"].windows == ((20.0, 45.0),)
-
-
-def test_a_pause_is_one_long_row_in_a_drive_that_knows_nothing_of_it():
-    case = EVERY["pause-3600"]
-    paused, plain = driven(case), driven(replace(case, corrupt=None))
-    row = np.searchsorted(paused.time, 20.0 - 1e-9)
-    assert paused.rows["dt"][row] == 3600 and (paused.rows["dt"] == plain.rows["dt"]).sum() == len(plain.rows) - 1
-    assert (paused.rows["accel_y"] == plain.rows["accel_y"]).all() and not paused.corrupted.any()
-    assert scores.clock(paused)[-1] == pytest.approx(40 + 3600 - 0.01)
+    assert d.time[-1] == 60 and EVERY["slow-20"].windows == ((20.0, 60.0),)
 
 
 def test_held_cases_hold_and_the_others_do_not():
     for name, case in EVERY.items():
         assert driven(replace(case, build=studies._waves(0.1), corrupt=None)).sim.hold_inputs == name.endswith("-held")
-    ramped, held = (driven(replace(EVERY[n], name="same")) for n in ("road-0.7", "road-0.7-held"))
+    road = EVERY["road-0.7"]
+    ramped, held = (driven(replace(road, sim={"hold_inputs": hold})) for hold in (0, 1))
     flip = np.searchsorted(ramped.time, 2.0 - 1e-9)  # of the steering
     assert (ramped.rows["steer_angle"] == held.rows["steer_angle"]).all()
     before, after = (np.abs(ramped.truth["true_yaw_rate"] - held.truth["true_yaw_rate"])[r] for r in (flip - 1, flip))
     assert after > 20 * before  # the ramp has turned the wheels during the row before
-
-
-def test_ice_is_a_road_of_less_friction_and_the_truth_its_secant():
-    case = EVERY["ice-friction-firm"]
-    d = driven(case)
-    ice = d.time >= 40 - 1e-9
-    assert (d.friction[~ice] == 0.9).all() and d.friction[ice] == pytest.approx(0.2) and (d.stiffness == 1).all()
-    _, use = scores.regressors(d)
-    k = scores.knowable(d, case)
-    assert use[~ice].max() < 0.5 and use[ice].max() > 1
-    assert (k.level[~ice] > 0.9).all() and k.level[d.time > 45].min() > 0.8  # of rows in the linear range
-    assert k.secant[d.time > 45].min() < 0.75 and (k.secant <= k.level + 1e-9)[d.time > 45].mean() > 0.9
-    limit = 0.2 * 9.81
-    assert np.abs(d.truth["true_accel_y"][ice]).max() < 1.01 * limit
 
 
 def test_ordinary_driving_is_ordinary():

@@ -39,7 +39,6 @@ class Case:
     windows: tuple[tuple[float, float], ...] = (WINDOW,)
     events: tuple[float, ...] = ()  # s: from here on another truth has to be found
     lasts: float = 0.0  # s that the truth goes on changing after an event
-    needs: tuple[str, ...] = ()  # settings of the simulator without which the case cannot be driven
 
 
 @dataclass
@@ -56,7 +55,7 @@ class Drive:
     car: Config  # the car
     sim: SimConfig
     events: tuple[float, ...] = ()  # of the case
-    friction: np.ndarray | float = 0.0  # at which tyre forces saturate; 0: nowhere
+    friction: float = 0.0  # at which tyre forces saturate; 0: nowhere
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -83,8 +82,7 @@ def drive(case: Case, seed: int, configure: Callable[[Mapping[str, float]], Conf
     for f in library().channels:
         rows[f.name] = truth[f.name]
     corrupted = case.corrupt(maneuver.time, rows, rng) if case.corrupt else np.zeros(len(rows), bool)
-    friction = np.where(inputs["road_friction"] > 0, inputs["road_friction"], sim_config.friction).astype(float)
     return Drive(
         maneuver.time, rows, truth, maneuver.road_level, corrupted, about, configure(about), car, sim_config, case.events,
-        friction,
+        sim_config.friction,
     )  # fmt: skip

@@ -139,9 +139,7 @@ def slow_change(
     return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
 
 
-MOTORWAY_SPEED = 27.0  # m/s
-LANE_STEER, LANE_PERIOD = (0.005, 0.01), (6.0, 12.0)  # rad, s: of keeping the lane
-MOTORWAY_TORQUE, MOTORWAY_PERIOD = (200.0, 400.0), (8.0, 16.0)  # Nm, s: of keeping the distance
+LANE_PERIOD = (6.0, 12.0)  # s: of keeping the lane
 
 
 def _waving(
@@ -150,34 +148,6 @@ def _waving(
     """Two slow sines of random period and phase that add up to `size`."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
-
-
-def motorway(
-    car: Config,
-    sim: SimConfig,
-    rng: np.random.Generator,
-    *,
-    duration: float,
-    at: float,
-    level: float = 1.0,
-    friction: float = 0.0,
-    steer: tuple[float, float] = LANE_STEER,
-    torque: tuple[float, float] = MOTORWAY_TORQUE,
-) -> Maneuver:
-    """Driving on a motorway, by default as one does, that from `at` on has another stiffness, another friction."""
-    t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
-    angle = _waving(t, rng, steer, LANE_PERIOD)
-    drive = _waving(t, rng, torque, MOTORWAY_PERIOD)
-    icy = t >= at - 1e-9
-    return Maneuver(
-        t,
-        MOTORWAY_SPEED,
-        angle,
-        drive,
-        np.zeros_like(t),
-        np.where(icy, level, 1.0),
-        road_friction=np.where(icy, friction, 0.0),
-    )
 
 
 PART = (20.0, 60.0)  # s: for as long somebody drives in one way
@@ -251,12 +221,6 @@ def stuck(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel:
         rows[channel][a:b] = rows[channel][a - 1]
         corrupted[a:b] = True
     return corrupted
-
-
-def pause(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, at: float, length: float) -> np.ndarray:
-    """The row at `at` says that it comes `length` after the one before: a logger that slept. The car is as it was."""
-    rows["dt"][np.searchsorted(time, at - 1e-9)] = length
-    return np.zeros(len(time), bool)
 
 
 def outliers(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float) -> np.ndarray:

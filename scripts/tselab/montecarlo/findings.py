@@ -9,7 +9,6 @@ import pandas as pd
 from scipy import stats
 
 from tse.impl.core import STIFFNESS, SimConfig
-from tse.impl.rows import MEASURES
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
@@ -244,8 +243,7 @@ def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
 
 
 def _regimes(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    return [*over(plan, runs, "known"), _after(plan, runs), _slow(plan, summary), _scatter(plan, runs, summary),
-            false_changes(plan, runs)]  # fmt: skip
+    return [*over(plan, runs, "known"), _after(plan, runs), false_changes(plan, runs)]
 
 
 def _false_alarms(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
@@ -277,43 +275,6 @@ def _after(plan: Plan, runs: pd.DataFrame) -> Table:
         f"stiffness is called valid and is wrong by more than {100 * OFF:g} %."
     )
     return Table("After a change of the road", head, rows, 2, text)
-
-
-def _slow(plan: Plan, summary: pd.DataFrame) -> Table:
-    rows = [
-        [case.name, line["estimator"], *(_with_half(line, f"{k}_covered", 0) for k in STIFFNESS), three(line, "rms"),
-         three(line, "bias", 1, "+"), number(line["false_valid"]), number(line["changes"], 0)]
-        for case in plan.study.cases if case.lasts
-        for _, line in summary[summary["case"] == case.name].iterrows()
-    ]  # fmt: skip
-    head = ["case", "estimator", *(f"{h}: interval holds, %" for h in HEADS.values()), "RMS, %", "bias, %", "false valid, %",
-            "changes reported"]  # fmt: skip
-    text = "From the start of the change until 20 s after its end; mean over the runs ± half of its 95 % interval."
-    return Table("While the stiffness changes slowly", head, rows, 2, text)
-
-
-def _with_half(line: pd.Series, name: str, digits: int) -> str:
-    value = number(line.get(name, np.nan), digits)
-    return value if value == "-" else f"{value} ± {number(line[f'{name}_half'], digits)}"
-
-
-def _scatter(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Table:
-    rows = []
-    for case in plan.study.cases:
-        if not case.name.startswith("spread-"):
-            continue
-        for _, line in summary[(summary["case"] == case.name) & ~summary["estimator"].isin(PEERS)].iterrows():
-            part = of(runs, case.name, line["estimator"])
-            rows.append([
-                case.name, line["estimator"], f"{100 * case.sim['spread_cx_front']:g}", f"{case.sim['noise']:.2f}",
-                *(_with_half(line, f"{k}_spread", 1) for k in STIFFNESS), three(line, "spread_seen", 0),
-                *(f"{m:.2f} ± {number(half)}" for m, half in (mean_interval(part[f"noise_{c}"]) for c in MEASURES)),
-                three(line, "covered", 0), three(line, "rms", 2),
-            ])  # fmt: skip
-    head = ["case", "estimator", "true spread, %", "true noise", *(f"{h}: spread found, %" for h in HEADS.values()), "seen, %",
-            *(f"noise found, {c}" for c in MEASURES), "interval holds, %", "RMS, %"]  # fmt: skip
-    text = "Noise: over the settings. Seen: share of the rows in which the estimator says that the spread can be seen."
-    return Table("Spread and noise other than assumed", head, rows, 2, text)
 
 
 def poisson(count: int, exposure: float, level: float = 0.95) -> tuple[float, float]:

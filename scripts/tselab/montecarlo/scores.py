@@ -88,10 +88,10 @@ def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
         ]
     )
     use = np.zeros((len(vx), 2))
-    if np.any(d.friction):
+    if d.friction > 0:
         level = d.stiffness
         follows = d.road + c.rear_longitudinal_follows_front * (level[:, 0] - d.road)
-        limit = np.where(d.friction > 0, d.friction, np.inf) * c.mass * G / (c.lf + c.lr)
+        limit = d.friction * c.mass * G / (c.lf + c.lr)
         use[:, 0] = np.hypot(cxf * level[:, 0] * sf, c.cornering_stiffness_front * level[:, 1] * af) / (limit * c.lr)
         use[:, 1] = np.hypot(cxr * follows * sr, c.cornering_stiffness_rear * level[:, 2] * ar) / (limit * c.lf)
     return phi, use

@@ -65,13 +65,13 @@ def _stress() -> tuple[Case, ...]:
     }
     after_15 = ((drives.FIRST, drives.SLOTS_END),)
     pulses = ((drives.PULSES[0] - 5, drives.PULSES[0]), (drives.PULSES_END - 15, drives.PULSES_END))
-    friction = {"sim": {"friction": 0.9}, "windows": pulses, "needs": ("friction",)}
+    friction = {"sim": {"friction": 0.9}, "windows": pulses}
     slots = _waves(drives.SLOTS_END)
     return (
         NOMINAL,
         Case("paper-prior", "vx starts 1 m/s sd off", _waves(), draw=_paper_prior,
              config={"initial_vel_x_from_wheels": 0, "initial_vel_x_sd": 1.0}),
-        Case("vy-start", "vy starts 10 sigma off", _waves(), sim={"vel_y": 1.0}, needs=("vel_y",)),
+        Case("vy-start", "vy starts 10 sigma off", _waves(), sim={"vel_y": 1.0}),
         NOISE_3X,
         NOISE_THIRD,
         Case("wheel-noise-known", "wheel speeds noisy by 0.05 rad/s, in the settings", _waves(), sim={"wheel_speed_sd": 0.05},
@@ -108,40 +108,20 @@ def _stress() -> tuple[Case, ...]:
     )  # fmt: skip
 
 
-TWO = ("tse", "known")
-PAUSES = (60, 600, 3600)  # s
-SLOW = (5, 20, 60, 600)  # s
-SLOW_START, SLOW_AFTER = 20.0, 20.0  # s
-HELD = ("road-0.7", "road-0.3", "slow-20", "ice-stiffness", "ice-friction", "pause-600", "spread-5-noise-1")
+SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0  # s
 
 
 def _regimes() -> tuple[Case, ...]:
     """What `_stress` does not have. Windows end before an event: its row already has another truth."""
-    ice = {"estimators": TWO, "events": (40.0,), "windows": ((20.0, 39.99), (45.0, 100.0))}
-    cases = (
+    two = ("tse", "known")
+    return (
         Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
-             windows=((15.0, 29.99), (45.0, 60.0)), estimators=TWO),
-        replace(ROAD_03, estimators=TWO),
-        *(Case(f"slow-{s}", f"stiffness to 70 % within {s} s",
-               partial(drives.slow_change, start=SLOW_START, length=s, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
-               lasts=s, windows=((SLOW_START, SLOW_START + s + SLOW_AFTER),)) for s in SLOW),
-        Case("ice-stiffness", "27 m/s, keeping lane and distance, stiffness to 30 % at 40 s",
-             partial(drives.motorway, duration=100.0, at=40.0, level=0.3), **ice),
-        Case("ice-friction", "the same, friction to 0.2 with the same stiffness; against the secant",
-             partial(drives.motorway, duration=100.0, at=40.0, friction=0.2), sim={"friction": 0.9}, **ice),
-        Case("ice-friction-firm", "the same with twice as much of steering and torque",
-             partial(drives.motorway, duration=100.0, at=40.0, friction=0.2, steer=(0.012, 0.02), torque=(400.0, 700.0)),
-             sim={"friction": 0.9}, **ice),
-        *(Case(f"pause-{s}", f"a row comes {s} s after the one before, at 20 s", _waves(40.0),
-               corrupt=partial(drives.pause, at=20.0, length=s), windows=((20.0, 40.0),), estimators=TWO) for s in PAUSES),
-        *(Case(f"spread-{s}-noise-{name}", f"stiffness scatters by {s} %, noise {name} of the setting", _waves(60.0),
-               config={"initial_spread": 0.05}, sim={"noise": noise} | dict.fromkeys(SPREADS, s / 100),
-               windows=((40.0, 60.0),), estimators=TWO)
-          for s in (1, 5, 15) for name, noise in (("third", 1 / 3), ("1", 1.0), ("3", 3.0))),
+             windows=((15.0, 29.99), (45.0, 60.0)), estimators=two),
+        replace(ROAD_03, estimators=two),
+        Case("slow-20", f"stiffness to 70 % within {SLOW:g} s",
+             partial(drives.slow_change, start=SLOW_START, length=SLOW, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
+             lasts=SLOW, windows=((SLOW_START, SLOW_START + SLOW + SLOW_AFTER),)),
     )  # fmt: skip
-    held = (replace(c, name=f"{c.name}-held", title=f"{c.title}; inputs held", sim={**c.sim, "hold_inputs": 1})
-            for c in cases if c.name in HELD)  # fmt: skip
-    return (*cases, *held)
 
 
 TEN_MINUTES = 600.0  # s
@@ -207,21 +187,15 @@ def _cases() -> dict[str, tuple[Case, ...]]:
 
 
 def study(name: str, cases: tuple[str, ...] = ()) -> Study:
-    """A study, or only some of its cases; without those that this library's simulator cannot drive."""
+    """A study, or only some of its cases."""
     base, *beside = name.split("+")
     if base not in STUDIES:
         raise UserError(f"option --study: there is no study '{base}'; known: {', '.join(STUDIES)}")
     for other in beside:
         overrides(other)  # refuses what there is not
-    known = SimConfig()
     every = [replace(c, estimators=tuple(dict.fromkeys((*c.estimators, *beside)))) for c in _cases()[base]]
-    can = tuple(c for c in every if all(n in known for n in c.needs))
-    for case in cases:
-        if missing := [n for c in every if c.name == case for n in c.needs if n not in known]:
-            raise UserError(f"option --cases: case '{case}' needs a simulator with the setting {', '.join(missing)}")
-        if case not in [c.name for c in can]:
-            raise UserError(
-                f"option --cases: study {base} has no case '{case}'; known: {', '.join(c.name for c in can)}"
-            )
+    names = [c.name for c in every]
+    if missing := [case for case in cases if case not in names]:
+        raise UserError(f"option --cases: study {base} has no case '{missing[0]}'; known: {', '.join(names)}")
     runs, title = STUDIES[base]
-    return Study(name, title, runs, tuple(c for c in can if not cases or c.name in cases))
+    return Study(name, title, runs, tuple(c for c in every if not cases or c.name in cases))
