@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Measure what README and the pages state, and write the tables to scripts/results.
 
-    .venv/bin/python scripts/facts.py          everything: about a minute and a half
-    .venv/bin/python scripts/facts.py --fmu    only what the FMUs compute and what their variables are: some seconds
+    .venv/bin/python scripts/facts.py                    all but the studies: about a minute and a half
+    .venv/bin/python scripts/facts.py --fmu              only what the FMUs compute and what their variables are: some seconds
+    .venv/bin/python scripts/facts.py --study NAME ...   a Monte-Carlo study, or all: it goes on where it was interrupted
 
 What validators and other clients say of the FMUs: tests/fmu/importers.py.
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -22,6 +24,16 @@ ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
+STUDIES = {  # table: runs of each case, study, and where not all of it is run, the cases
+    "accuracy": (24, "accuracy"),
+    "stress": (24, "stress"),
+    "peers": (20, "peers"),
+    "regimes-road": (24, "regimes", "road-0.7,road-0.3"),
+    "false-alarms": (24, "false-alarms", "false-alarms"),
+    "paper": (200, "paper"),
+    "robust": (16, "robust"),
+}
+PICTURES = ("paper",)
 
 # Of the variables of each FMU: what the table for readers lists one by one. Of the others it names the groups.
 MAIN = {
@@ -81,6 +93,17 @@ def fmus() -> None:
     (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "tests" / "fmu" / "pictures.py"))
 
 
+def study(name: str) -> None:
+    """Run what is not yet in build/studies; copy the table, and the picture that a page shows."""
+    runs, base, *cases = STUDIES[name]
+    print(f"{name}: {runs} runs of each case", flush=True)
+    out = ROOT / "build" / "studies" / name
+    only = ["--cases", cases[0]] if cases else []
+    output(ROOT / ".venv/bin/tselab", "montecarlo", "--study", base, "--runs", str(runs), "--out", out, *only)
+    for end in ("md", "png") if name in PICTURES else ("md",):
+        shutil.copy(out / f"{base}.{end}", RESULTS / f"{name}.{end}")
+
+
 def measure() -> None:
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
@@ -98,7 +121,13 @@ def measure() -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fmu", action="store_true")
-    fmus() if parser.parse_args().fmu else measure()
+    parser.add_argument("--study", nargs="*", choices=list(STUDIES), metavar="NAME", help=", ".join(STUDIES))
+    options = parser.parse_args()
+    if options.study is not None:
+        for name in options.study or STUDIES:
+            study(name)
+    else:
+        fmus() if options.fmu else measure()
     return 0
 
 

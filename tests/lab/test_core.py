@@ -86,12 +86,12 @@ def test_refused_row_leaves_the_filter_as_it_was():
 
 
 def test_table_converts_to_newton_as_the_library_does():
-    from tse.impl.estimate import to_table
+    from tse.impl.estimate import _block
 
     config = Config({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
     output = Filter(config).step(row())
     mean, sd, spread = stiffness_si(config, output)
-    table = to_table(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
+    table = _block(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
     for i, s in enumerate(STIFFNESS):
         assert NOMINAL[s] in Config()
         assert table[s][0] == pytest.approx(float(mean[i]), rel=1e-6)

@@ -185,7 +185,6 @@ def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
     path.write_text(CAR)
     car = read_vehicle(path)
     assert car.values["steer_angle_latency"] == 0.034 and car.values["accel_y_latency"] == -0.011
-    assert car.given_latency == ["steer_angle", "accel_y"]
     path.write_text(CAR + "yaw_rate = 0.01\n")
     with pytest.raises(UserError, match=r"latency.yaw_rate is not known: it is the clock"):
         read_vehicle(path)

@@ -331,17 +331,13 @@ def _contradict(outputs: np.ndarray) -> None:
     outputs["status"][was_valid] = library().status("TSE_W_IMPLAUSIBLE")
 
 
-def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
-    """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad, validity as 1 or 0, reasons in words."""
-    return pd.DataFrame(_block(time, outputs, config))
-
-
 def _head(config: Config) -> Block:
     """The table without rows."""
     return _block(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
 
 
 def _block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
+    """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad, validity as 1 or 0, reasons in words."""
     refused = outputs["status"] < 0
     columns: Block = {"time": time}
     for f in library().fields(OUTPUT):

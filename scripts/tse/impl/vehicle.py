@@ -55,7 +55,6 @@ class Vehicle:
     filled: list[str] = field(default_factory=list)
     found: list[str] = field(default_factory=list)  # by a calibration on the log itself, in words
     given_uncertainty: list[str] = field(default_factory=list)
-    given_latency: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     formula: Formula | None = None  # of the user: [formula] names its file
     formula_path: Path | None = None
@@ -252,7 +251,6 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
     vehicle.given_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
-    vehicle.given_latency = [key for key in latencies if key in latency]
     if all(uncertainty.get(key) == 0 for key in uncertainty_settings()) and any(
         values.get(key, check.fields[key].default) != check.fields[key].default for key in vehicle_settings()
     ):
