@@ -43,6 +43,29 @@ static inline double of_setting(tse_setting x) { return tse_double_of_setting(x)
 /* What a computation that went wrong leaves behind: NaN; in fixed point, which has none, the number at which results stop. */
 static inline tse_real broken(void) { return BY_NUMBER(real((double)NAN), real((double)NAN), real(1e30)); }
 
+/* The neighbour of x as the format holds it; of a setting. */
+static inline tse_real neighbour(double x, double direction)
+{
+#if defined(TSE_REAL_FLOAT)
+  return nextafterf((float)x, (float)direction);
+#elif defined(TSE_REAL_FIXED)
+  return real(x) + (direction > x ? 1 : -1);
+#else
+  return nextafter(x, direction);
+#endif
+}
+
+static inline tse_setting towards(tse_setting x, double direction)
+{
+#if defined(TSE_REAL_FLOAT)
+  return nextafterf(x, (float)direction);
+#elif defined(TSE_REAL_FIXED)
+  return x + (direction > 0 ? 1 : -1);
+#else
+  return nextafter(x, direction);
+#endif
+}
+
 static inline void expect_near(double expected, double actual, double tolerance, const char *what, int index)
 {
   char text[160];
@@ -51,6 +74,35 @@ static inline void expect_near(double expected, double actual, double tolerance,
   (void)snprintf(text, sizeof text, "%s [%d] is %.17g, expected %.17g, error %.3g > %.3g", what, index, actual, expected, error,
                  tolerance);
   TEST_FAIL_MESSAGE(text);
+}
+
+/* Moments of n samples, which lie within so many standard errors of those that are asked for: missed by chance with probability 1e-5. */
+#define SIGMAS 4.42
+
+static inline double mean_of(const double *x, int n)
+{
+  double sum = 0;
+  for (int i = 0; i < n; i++) sum += x[i];
+  return sum / n;
+}
+
+static inline double covariance(const double *x, const double *y, int n)
+{
+  const double mx = mean_of(x, n), my = mean_of(y, n);
+  double sum = 0;
+  for (int i = 0; i < n; i++) sum += (x[i] - mx) * (y[i] - my);
+  return sum / (n - 1);
+}
+
+static inline void expect_moments(const double *x, int n, double mean, double sd, const char *what)
+{
+  expect_near(mean, mean_of(x, n), SIGMAS * sd / sqrt(n), what, 0);
+  expect_near(sd, sqrt(covariance(x, x, n)), SIGMAS * sd / sqrt(2.0 * n), what, 1);
+}
+
+static inline void expect_uncorrelated(const double *x, const double *y, int n, const char *what)
+{
+  expect_near(0, covariance(x, y, n) / sqrt(covariance(x, x, n) * covariance(y, y, n)), SIGMAS / sqrt(n), what, 0);
 }
 
 /* Bit for bit; in fixed point, where a product that lies halfway goes up on both sides, but for the rounding of some hundred steps, whose
@@ -201,6 +253,25 @@ static inline int prepared_if_held(const tse_config *c, tse_params *p)
 #endif
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status, wrong ? wrong : "");
   return 1;
+}
+
+/* A row with these inputs and measurements; which of them are used: bits of mask. */
+static inline sample sample_of_row(const tse_params *p, const double u[3], const double y[3], int mask)
+{
+  sample s;
+  memset(&s, 0, sizeof s);
+  s.dt = p->sample_time;
+  s.has_inputs = 1;
+  s.u.steer = real(u[0]);
+  s.u.v_front = r_mul(p->radius_front, real(u[1]));
+  s.u.v_rear = r_mul(p->radius_rear, real(u[2]));
+  for (int a = 0; a < 3; a++) {
+    const int use = mask >> a & 1;
+    s.use[a] = use ? TSE_R(1) : TSE_R(0);
+    s.y[a] = use ? r_mul(real(y[a]), p->inv_sd[a]) : TSE_R(0);
+    s.used += use;
+  }
+  return s;
 }
 
 #endif

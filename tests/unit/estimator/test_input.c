@@ -41,17 +41,6 @@ static tse_input good_row(void)
 
 static void set_channel(tse_input *u, const channel_row *row, tse_real x) { memcpy((char *)u + row->at, &x, sizeof x); }
 
-static tse_real neighbour(double x, double direction) /* of the limit as the format holds it */
-{
-#if defined(TSE_REAL_FLOAT)
-  return nextafterf((float)x, (float)direction);
-#elif defined(TSE_REAL_FIXED)
-  return real(x) + (direction > x ? 1 : -1);
-#else
-  return nextafter(x, direction);
-#endif
-}
-
 static void expect_real(double expected, tse_real actual, const char *what) { expect_near(expected, number(actual), 0, what, 0); }
 
 static void expect_row_refused(const tse_input *u, tse_status status, const char *name)

@@ -10,18 +10,6 @@
 
 #include "learnt_table.h"
 
-/* The neighbour of x in the settings' format. */
-static tse_setting towards(tse_setting x, double direction)
-{
-#if defined(TSE_REAL_FLOAT)
-  return nextafterf(x, (float)direction);
-#elif defined(TSE_REAL_FIXED)
-  return x + (direction > 0 ? 1 : -1);
-#else
-  return nextafter(x, direction);
-#endif
-}
-
 static tse_config defaults(void)
 {
   tse_config c;

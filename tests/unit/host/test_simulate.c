@@ -11,7 +11,6 @@
 #include "unit_support.h"
 #include "simulate_table.h"
 
-#define SIGMAS 4.42
 #define SAMPLES 20000
 
 static tse_sim sim, before;
@@ -56,43 +55,6 @@ static void start(const tse_config *c, const tse_sim_config *s)
 }
 
 static void step(const tse_sim_input *u, tse_sim_output *y) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, u, y)); }
-
-static tse_real neighbour(double x, double direction)
-{
-#if defined(TSE_REAL_FLOAT)
-  return nextafterf((float)x, (float)direction);
-#elif defined(TSE_REAL_FIXED)
-  return real(x) + (direction > x ? 1 : -1);
-#else
-  return nextafter(x, direction);
-#endif
-}
-
-static double mean_of(const double *x, int n)
-{
-  double sum = 0;
-  for (int i = 0; i < n; i++) sum += x[i];
-  return sum / n;
-}
-
-static double covariance(const double *x, const double *y, int n)
-{
-  const double mx = mean_of(x, n), my = mean_of(y, n);
-  double sum = 0;
-  for (int i = 0; i < n; i++) sum += (x[i] - mx) * (y[i] - my);
-  return sum / (n - 1);
-}
-
-static void expect_moments(const double *x, double mean, double sd, const char *what)
-{
-  expect_near(mean, mean_of(x, SAMPLES), SIGMAS * sd / sqrt(SAMPLES), what, 0);
-  expect_near(sd, sqrt(covariance(x, x, SAMPLES)), SIGMAS * sd / sqrt(2.0 * SAMPLES), what, 1);
-}
-
-static void expect_uncorrelated(const double *x, const double *y, int n, const char *what)
-{
-  expect_near(0, covariance(x, y, n) / sqrt(covariance(x, x, n) * covariance(y, y, n)), SIGMAS / sqrt(n), what, 0);
-}
 
 /* ------------------------------------------------------------------------------------------- the motion */
 
@@ -762,7 +724,7 @@ static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(voi
   s.spread_cy_rear = setting(spread[2]);
   record(&c, &s, 0.5, DRAWN);
   for (int a = 0; a < 3; a++) {
-    expect_moments(sample_of[a], 0.5 * mean[a], 0.5 * mean[a] * spread[a], "drawn stiffness");
+    expect_moments(sample_of[a], SAMPLES, 0.5 * mean[a], 0.5 * mean[a] * spread[a], "drawn stiffness");
     expect_white(sample_of[a], "from row to row");
     for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "between the stiffnesses");
   }
@@ -846,7 +808,7 @@ static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
   for (int a = 0; a < 8; a++)
     for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "channels and stiffness");
   for (int a = 0; a < 6; a++) {
-    expect_moments(sample_of[a], 0, sd[a], "noise");
+    expect_moments(sample_of[a], SAMPLES, 0, sd[a], "noise");
     expect_white(sample_of[a], "from row to row");
   }
   for (int a = 0; a < 6; a++) expect_normal(sample_of[a], 0, sd[a]);
@@ -1164,17 +1126,6 @@ static void test_null_arguments_are_refused(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_config_check(NULL, NULL));
   tse_sim_config_default(NULL);
   TEST_ASSERT_EQUAL_MEMORY(&before, &sim, sizeof sim);
-}
-
-static tse_setting towards(tse_setting x, double direction)
-{
-#if defined(TSE_REAL_FLOAT)
-  return nextafterf(x, (float)direction);
-#elif defined(TSE_REAL_FIXED)
-  return x + (direction > 0 ? 1 : -1);
-#else
-  return nextafter(x, direction);
-#endif
 }
 
 static void expect_config_refused(const tse_sim_config *s, const char *name)

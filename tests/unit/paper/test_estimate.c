@@ -52,7 +52,7 @@ static long double total(void)
   return sum;
 }
 
-static long double mean_of(const tse_real *value)
+static long double weighted_mean(const tse_real *value)
 {
   long double sum = 0.0L;
   for (int32_t i = 0; i < p.particles; i++) sum += weight_of(i) * number(value[i]);
@@ -61,7 +61,7 @@ static long double mean_of(const tse_real *value)
 
 static long double variance_of(const tse_real *value)
 {
-  const long double mean = mean_of(value);
+  const long double mean = weighted_mean(value);
   long double sum = 0.0L;
   for (int32_t i = 0; i < p.particles; i++) sum += weight_of(i) * (number(value[i]) - mean) * (number(value[i]) - mean);
   return sum / total();
@@ -82,23 +82,23 @@ static void expect_all_estimates(void)
   const double x[3] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate) };
   const double x_sd[3] = { number(y.vel_x_sd), number(y.vel_y_sd), number(y.yaw_rate_sd) };
   for (int a = 0; a < 3; a++) {
-    const double mean = (double)mean_of(f.p.x[a]), sd = (double)sqrtl(variance_of(f.p.x[a]));
+    const double mean = (double)weighted_mean(f.p.x[a]), sd = (double)sqrtl(variance_of(f.p.x[a]));
     expect_near(mean, x[a], RELATIVE * fabs(mean), "state", a);
     expect_near(sd, x_sd[a], RELATIVE_SD * sd + QUANTUM / sd, "sd of state", a); /* of what a variance is rounded by */
   }
-  expect_near(atan2((double)mean_of(f.p.x[1]), (double)mean_of(f.p.x[0])), number(y.sideslip), RELATIVE, "sideslip", 0);
+  expect_near(atan2((double)weighted_mean(f.p.x[1]), (double)weighted_mean(f.p.x[0])), number(y.sideslip), RELATIVE, "sideslip", 0);
 
   const double nu = number(f.nu), gamma = number(f.gamma);
   for (int a = 0; a < 3; a++) {
-    const double mean = (double)mean_of(f.p.mu[a]);
+    const double mean = (double)weighted_mean(f.p.mu[a]);
     /* lam is Lambda/nu; Sigma = Lambda/(nu - d_w - 1) with d_w = 3 */
-    const double sigma = nu * (double)mean_of(f.p.lam[diagonal[a]]) / (nu - 4.0);
+    const double sigma = nu * (double)weighted_mean(f.p.lam[diagonal[a]]) / (nu - 4.0);
     const double mean_sd = sqrt(gamma * sigma + (double)variance_of(f.p.mu[a]));
     expect_near(1.0 + mean, number(y.stiffness[a]), RELATIVE, "stiffness", a);
     expect_near(sqrt(sigma), number(y.stiffness_spread[a]), RELATIVE * sqrt(sigma), "spread", a);
     expect_near(mean_sd, number(y.stiffness_sd[a]), RELATIVE_SD * mean_sd, "sd of the mean", a);
 
-    const double sensor = number(p.sd[a]), bias = sensor * (double)mean_of(f.p.bias[a]);
+    const double sensor = number(p.sd[a]), bias = sensor * (double)weighted_mean(f.p.bias[a]);
     const double bias_sd = sensor * sqrt(number(f.bias_var[a]) + (double)variance_of(f.p.bias[a]));
     expect_near(bias, number(y.bias[a]), RELATIVE * sensor, "bias", a);
     expect_near(bias_sd, number(y.bias_sd[a]), RELATIVE_SD * bias_sd, "sd of bias", a);
@@ -126,7 +126,7 @@ static void test_weighted_means_are_those_of_any_rows(void)
   for (int32_t i = 0; i < TSE_STRIDE; i++) f.p.w[1][i] = real(i < 61 ? 0.01 * i : 1e6);
   paper_weighted_means(&p, &f, rows, 4, mean);
   for (int k = 0; k < 4; k++) {
-    const double expected = (double)mean_of(rows[k]);
+    const double expected = (double)weighted_mean(rows[k]);
     expect_near(expected, number(mean[k]), RELATIVE * (1.0 + fabs(expected)), "mean", k);
   }
 }

@@ -40,24 +40,6 @@ static void fill(const tse_params *p, const update_case *c, uint32_t step)
   }
 }
 
-static sample row(const tse_params *p, const double u[3], const double y[3], int mask)
-{
-  sample s;
-  memset(&s, 0, sizeof s);
-  s.dt = p->sample_time;
-  s.has_inputs = 1;
-  s.u.steer = real(u[0]);
-  s.u.v_front = r_mul(p->radius_front, real(u[1]));
-  s.u.v_rear = r_mul(p->radius_rear, real(u[2]));
-  for (int a = 0; a < 3; a++) {
-    const int use = mask >> a & 1;
-    s.use[a] = use ? TSE_R(1) : TSE_R(0);
-    s.y[a] = use ? r_mul(real(y[a]), p->inv_sd[a]) : TSE_R(0);
-    s.used += use;
-  }
-  return s;
-}
-
 /* As paper_update() does it. */
 static void learn(const tse_params *p, const sample *y)
 {
@@ -81,7 +63,7 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
   for (int k = 0; k < ROWS(update_cases); k++) {
     const update_case *const c = &update_cases[k];
     const tse_params p = params_of(c);
-    const sample y = row(&p, c->u, c->y, c->mask);
+    const sample y = sample_of_row(&p, c->u, c->y, c->mask);
     double mean[3] = { 0 }, product[3][3] = { { 0 } };
     static int below_t[5][ROWS(t_level)], below_f[ROWS(f_level)];
     memset(below_t, 0, sizeof below_t);
@@ -131,7 +113,7 @@ static void test_draws_differ_between_steps_seeds_and_particles(void)
 {
   const update_case *const c = &update_cases[0];
   tse_params p = params_of(c);
-  const sample y = row(&p, c->u, c->y, 7);
+  const sample y = sample_of_row(&p, c->u, c->y, 7);
   static tse_real first[3][TSE_STRIDE];
   fill(&p, c, 5);
   learn(&p, &y);
@@ -153,7 +135,7 @@ static void test_a_draw_does_not_depend_on_how_many_particles_there_are(void)
 {
   const update_case *const c = &update_cases[1];
   tse_params p = params_of(c);
-  const sample y = row(&p, c->u, c->y, 7);
+  const sample y = sample_of_row(&p, c->u, c->y, 7);
   static tse_real all[3][TSE_STRIDE];
   fill(&p, c, 9);
   learn(&p, &y);
@@ -177,7 +159,7 @@ static void learn_repeatedly(const tse_params *p, const update_case *c)
   for (int step = 0; step < STEPS; step++) {
     /* another sample every time; the states stay, for they are move.c's business */
     const double moved[3] = { c->y[0] + 0.1 * (step % 5 - 2), c->y[1] - 0.15 * (step % 3 - 1), c->y[2] };
-    const sample y = row(p, c->u, moved, step % 4 == 3 ? 3 : 7);
+    const sample y = sample_of_row(p, c->u, moved, step % 4 == 3 ? 3 : 7);
     learn(p, &y);
     f.filter.step++;
     for (int a = 0; a < 3; a++)
@@ -222,7 +204,7 @@ static void test_lambda_is_scaled_down_to_the_largest_spread(void)
 {
   const update_case *const c = &update_cases[0];
   tse_params p = params_of(c);
-  const sample y = row(&p, c->u, c->y, 7);
+  const sample y = sample_of_row(&p, c->u, c->y, 7);
   const double nu = c->nu + 1;
   static const double limit_of[] = { 1e3, 0.9, 0.5, 0.01 }; /* of lam's largest element at the start */
   static tse_filter_paper unlimited;
@@ -256,7 +238,7 @@ static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(v
     const update_case *const c = &update_cases[k];
     const tse_params p = params_of(c);
     for (int mask = 1; mask < 8; mask++) {
-      const sample y = row(&p, c->u, c->y, mask);
+      const sample y = sample_of_row(&p, c->u, c->y, mask);
       fill(&p, c, 77);
       learn(&p, &y);
       for (int a = 0; a < 3; a++) {
@@ -281,7 +263,7 @@ static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper
 {
   const update_case *const c = &update_cases[0];
   tse_params p = params_of(c);
-  const sample y = row(&p, c->u, c->y, 7);
+  const sample y = sample_of_row(&p, c->u, c->y, 7);
   static double free_w[3][TSE_MAX_PARTICLES];
   p.w_low = TSE_R(-1000);
   p.w_max = TSE_R(1000);
@@ -318,7 +300,7 @@ static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
       static const double most[6] = { 1.2, 400.0, 400.0, 50.0, 50.0, 6.0 }; /* input.toml */
       double u[6];
       for (int k2 = 0; k2 < 6; k2++) u[k2] = next_between(&state, -most[k2], most[k2]);
-      const sample s = row(&p, u, u + 3, (int)(next_word(&state) >> 8 & 7u));
+      const sample s = sample_of_row(&p, u, u + 3, (int)(next_word(&state) >> 8 & 7u));
       for (int32_t i = 0; i < p.particles; i++) {
         f.p.x[0][i] = real(next_between(&state, -70.0, 70.0));
         f.p.x[1][i] = real(next_between(&state, -30.0, 30.0));
@@ -343,7 +325,7 @@ static void test_states_and_weights_are_left_alone(void)
 {
   const update_case *const c = &update_cases[2];
   const tse_params p = params_of(c);
-  const sample y = row(&p, c->u, c->y, c->mask);
+  const sample y = sample_of_row(&p, c->u, c->y, c->mask);
   static tse_filter_paper before;
   fill(&p, c, 4);
   memcpy(&before, &f, sizeof f);

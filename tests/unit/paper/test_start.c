@@ -10,7 +10,6 @@
 #define PADDED 512
 #define STEPS 60
 #define SAMPLES (COUNT * STEPS)
-#define SIGMAS 4.42
 
 static tse_filter_paper filter, before;
 static double sample_of[6][SAMPLES];
@@ -51,32 +50,6 @@ static sample row(double v_front, double v_rear, double yaw_rate, int has_gyro)
   return y;
 }
 
-static double mean_of(const double *x)
-{
-  double sum = 0;
-  for (int i = 0; i < SAMPLES; i++) sum += x[i];
-  return sum / SAMPLES;
-}
-
-static double covariance(const double *x, const double *y)
-{
-  const double mx = mean_of(x), my = mean_of(y);
-  double sum = 0;
-  for (int i = 0; i < SAMPLES; i++) sum += (x[i] - mx) * (y[i] - my);
-  return sum / (SAMPLES - 1);
-}
-
-static void expect_normal(const double *x, double mean, double sd, const char *what)
-{
-  expect_near(mean, mean_of(x), SIGMAS * sd / sqrt(SAMPLES), what, 0);
-  expect_near(sd, sqrt(covariance(x, x)), SIGMAS * sd / sqrt(2.0 * SAMPLES), what, 1);
-}
-
-static void expect_uncorrelated(const double *x, const double *y, const char *what)
-{
-  expect_near(0, covariance(x, y) / sqrt(covariance(x, x) * covariance(y, y)), SIGMAS / sqrt(SAMPLES), what, 0);
-}
-
 static void collect(int step)
 {
   for (int a = 0; a < 3; a++)
@@ -96,12 +69,12 @@ static void test_states_start_around_wheel_speed_and_gyro_with_the_sd_of_the_set
     paper_start(&p, &filter, &y);
     collect(step);
   }
-  expect_normal(sample_of[0], 20.0, 0.3, "vel_x");
-  expect_normal(sample_of[1], 0.0, 0.2, "vel_y");
-  expect_normal(sample_of[2], 0.25, 0.05, "yaw rate");
-  expect_uncorrelated(sample_of[0], sample_of[1], "vel_x, vel_y");
-  expect_uncorrelated(sample_of[0], sample_of[2], "vel_x, yaw rate");
-  expect_uncorrelated(sample_of[1], sample_of[2], "vel_y, yaw rate");
+  expect_moments(sample_of[0], SAMPLES, 20.0, 0.3, "vel_x");
+  expect_moments(sample_of[1], SAMPLES, 0.0, 0.2, "vel_y");
+  expect_moments(sample_of[2], SAMPLES, 0.25, 0.05, "yaw rate");
+  expect_uncorrelated(sample_of[0], sample_of[1], SAMPLES, "vel_x, vel_y");
+  expect_uncorrelated(sample_of[0], sample_of[2], SAMPLES, "vel_x, yaw rate");
+  expect_uncorrelated(sample_of[1], sample_of[2], SAMPLES, "vel_y, yaw rate");
 }
 
 static void expect_start(const tse_config *c, const sample *y, double vel_x, double yaw_rate, const char *what)
@@ -288,9 +261,9 @@ static void test_restart_moves_states_to_wheels_and_gyro_less_its_bias(void)
     collect(step);
     for (int i = 0; i < COUNT; i++) sample_of[2][step * COUNT + i] += 0.005 * number(filter.p.bias[2][i]);
   }
-  expect_normal(sample_of[0], 30.0, 0.3, "vel_x");
-  expect_normal(sample_of[1], 0.0, 0.2, "vel_y");
-  expect_normal(sample_of[2], 0.25, 0.05, "yaw rate plus its bias");
+  expect_moments(sample_of[0], SAMPLES, 30.0, 0.3, "vel_x");
+  expect_moments(sample_of[1], SAMPLES, 0.0, 0.2, "vel_y");
+  expect_moments(sample_of[2], SAMPLES, 0.25, 0.05, "yaw rate plus its bias");
 }
 
 static void test_restart_subtracts_each_particles_own_gyro_bias(void)

@@ -49,24 +49,6 @@ static void fill(const tse_params *p, const weigh_case *c)
   }
 }
 
-static sample row(const tse_params *p, const double u[3], const double y[3], int mask)
-{
-  sample s;
-  memset(&s, 0, sizeof s);
-  s.dt = p->sample_time;
-  s.has_inputs = 1;
-  s.u.steer = real(u[0]);
-  s.u.v_front = r_mul(p->radius_front, real(u[1]));
-  s.u.v_rear = r_mul(p->radius_rear, real(u[2]));
-  for (int a = 0; a < 3; a++) {
-    const int use = mask >> a & 1;
-    s.use[a] = use ? TSE_R(1) : TSE_R(0);
-    s.y[a] = use ? r_mul(real(y[a]), p->inv_sd[a]) : TSE_R(0);
-    s.used += use;
-  }
-  return s;
-}
-
 static tse_real weighed(const tse_params *p, const sample *y) /* as paper_update() calls it */
 {
   const common c = paper_common_of(p, &f, y);
@@ -85,7 +67,7 @@ static void test_each_particles_density_is_the_students_t_for_every_combination_
     const weigh_case *const c = &weigh_cases[k];
     const tse_params p = params_of(c);
     for (int mask = 1; mask < 8; mask++) {
-      const sample y = row(&p, c->u[0], c->y[0], mask);
+      const sample y = sample_of_row(&p, c->u[0], c->y[0], mask);
       double largest = -1e300;
       fill(&p, c);
       const tse_real evidence = weighed(&p, &y);
@@ -106,7 +88,7 @@ static void test_evidence_is_the_log_of_the_weighted_sum_over_several_rows(void)
     const tse_params p = params_of(c);
     fill(&p, c);
     for (int step = 0; step < WEIGH_STEPS; step++) {
-      const sample y = row(&p, c->u[step], c->y[step], c->mask[step]);
+      const sample y = sample_of_row(&p, c->u[step], c->y[step], c->mask[step]);
       const tse_real evidence = weighed(&p, &y);
       /* errors of earlier rows' weights stay in the weights: step + 1 times one row's tolerance */
       const double tolerance = (step + 1) * (FIXED + RELATIVE * fabs(c->evidence[step])) + series(c->nu);
@@ -127,7 +109,7 @@ static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void
   const tse_params p = prepared(&config);
   for (int k = 0; k < ROWS(weigh_gamma_ratio); k++)
     for (int mask = 1; mask < 8; mask++) {
-      const sample y = row(&p, straight, weigh_gamma_ratio[k].z, mask);
+      const sample y = sample_of_row(&p, straight, weigh_gamma_ratio[k].z, mask);
       const double expected = weigh_gamma_ratio[k].log_density[mask - 1];
       memset(&f, 0, sizeof f);
       f.nu = real(weigh_gamma_ratio[k].nu);
@@ -147,7 +129,7 @@ static void test_weights_are_the_powers_of_the_log_weights_and_padding_has_none(
 {
   const weigh_case *const c = &weigh_cases[2];
   tse_params p = params_of(c);
-  const sample y = row(&p, c->u[0], c->y[0], 7);
+  const sample y = sample_of_row(&p, c->u[0], c->y[0], 7);
   fill(&p, c);
   for (int32_t i = 16; i < 24; i++) {
     f.weight[i] = TSE_R(5);
@@ -190,7 +172,7 @@ static void test_extreme_innovations_stay_finite(void)
   const tse_params p = prepared(&config);
   for (int k = 0; k < ROWS(far); k++)
     for (int mask = 1; mask < 8; mask++) {
-      const sample y = row(&p, turn, far[k], mask);
+      const sample y = sample_of_row(&p, turn, far[k], mask);
       fill(&p, &weigh_cases[k]);
       const tse_real evidence = weighed(&p, &y);
       TEST_ASSERT_TRUE(r_is_finite(evidence));
@@ -213,7 +195,7 @@ static void test_order_of_particles_survives_where_densities_underflow(void)
   tse_config_paper(&config);
   config.particles = 16;
   const tse_params p = prepared(&config);
-  const sample y = row(&p, straight, y_far, 7);
+  const sample y = sample_of_row(&p, straight, y_far, 7);
   memset(&f, 0, sizeof f);
   f.nu = TSE_R(2000);
   f.log_total = TSE_R(4);
@@ -244,7 +226,7 @@ static void test_one_broken_particle_does_not_take_the_others_along(void)
 {
   const weigh_case *const c = &weigh_cases[1];
   const tse_params p = params_of(c);
-  const sample y = row(&p, c->u[0], c->y[0], 7);
+  const sample y = sample_of_row(&p, c->u[0], c->y[0], 7);
   for (int32_t spoilt = 0; spoilt < 16; spoilt++) {
     fill(&p, c);
     f.p.x[1][spoilt] = broken();
