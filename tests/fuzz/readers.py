@@ -2,10 +2,8 @@
 
 A target is a reader, a few good files, and what must be true whatever a file holds: done (exit code 0; 3 or 4 where not all can
 be used) or refused (2), a refusal in a few lines without a traceback or a warning of a package, and nothing half-written. Files
-are changed at random
-(--engine loop), or by Atheris where it is installed (--engine atheris), which sees what a change makes the reader do. What
-breaks something is kept in build/fuzz/found/TARGET; with a name that says what was wrong it belongs into
-tests/fuzz/inputs/reader_TARGET.hex (inputs.py), which the tests go through."""
+are changed at random. What breaks something is kept in build/fuzz/found/TARGET; with a name that says what was wrong it belongs
+into tests/fuzz/inputs/reader_TARGET.hex (inputs.py), which the tests go through."""
 
 from __future__ import annotations
 
@@ -45,7 +43,6 @@ ROWS = 60  # of a log: enough for every check that a log goes through, few enoug
 MOST_LINES = 6  # of a refusal: its sentence, its hints, notes of what was read before
 MOST_BYTES = 1 << 18  # of a changed file
 MOST_MEMORY = 3 << 30  # bytes of addresses of the whole process: twice what it takes with its packages loaded
-KEY = "of these inputs"
 
 
 class Broken(Exception):
@@ -408,27 +405,6 @@ def kept(name: str) -> list[tuple[str, bytes]]:
     return inputs.found(f"reader_{name}")
 
 
-def with_atheris(name: str, runs: int, seconds: float, seed: int, found: Path) -> None:
-    """Does not come back: libFuzzer ends the process."""
-    import atheris
-
-    parent = Path(tempfile.mkdtemp(prefix="tse-fuzz-"))
-
-    def one(data: bytes) -> None:
-        if what := check(name, data, parent):
-            keep(name, data, what, found)
-            raise Broken(what)
-
-    corpus = ROOT / "build/fuzz/corpus" / f"reader_{name}"
-    corpus.mkdir(parents=True, exist_ok=True)
-    for data in TARGETS[name].seeds():
-        (corpus / hashlib.sha256(data).hexdigest()[:16]).write_bytes(data)
-    atheris.instrument_all()
-    limits = [f"-runs={runs}", f"-max_total_time={max(1, round(seconds))}", f"-seed={seed}", f"-max_len={MOST_BYTES}"]
-    atheris.Setup([sys.argv[0], *limits, str(corpus)], one)
-    atheris.Fuzz()
-
-
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}; default: all")
@@ -439,7 +415,6 @@ def options() -> argparse.Namespace:
         "--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--engine", choices=["loop", "atheris"], default="loop")
     parser.add_argument(
         "--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept"
     )
@@ -461,8 +436,6 @@ def run() -> int:
     given, findings = options(), 0
     limit_memory()
     for name in given.targets or TARGETS:
-        if given.engine == "atheris":
-            with_atheris(name, given.runs, given.seconds, given.seed, given.found)
         start = time.monotonic()
         done, wrong = search(name, given.runs, given.seconds, given.seed, given.found)
         findings += wrong
