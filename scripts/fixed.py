@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The fixed-point build beside double, on the same drives: writes scripts/results/fixed.md.
 
-    .venv/bin/python scripts/fixed.py [--runs R] [--bits 28,30,34,36]
+    .venv/bin/python scripts/fixed.py [--runs R]
 
 Every drive is simulated once, in double; both builds read the same log. Libraries are made in build/fixed (cmake, a C compiler).
 Six minutes for 20 runs on one free core, nearly all of it the form with particles. What counts, and when a run has
@@ -40,12 +40,11 @@ FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 LIMIT = {"rms": 10.0, "valid": 3.0}  # % of double's, points: what issue 14 asks
 
 
-def library(real: str, bits: int | None = None) -> Library:
+def library(real: str) -> Library:
     """A shared library of this tree, made where it is missing or older than its sources."""
-    folder = ROOT / "build" / "fixed" / (real if bits is None else f"{real}-{bits}")
-    flags = [f"-DCMAKE_C_FLAGS=-DTSE_FRACTION_BITS={bits}"] if bits is not None else []
+    folder = ROOT / "build" / "fixed" / real
     options = ["-DCMAKE_BUILD_TYPE=Release", f"-DTSE_REAL={real}", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=512",
-               "-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF", *flags]  # fmt: skip
+               "-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF"]  # fmt: skip
     for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--config", "Release"]):
         subprocess.run([str(c) for c in command], check=True, stdout=subprocess.DEVNULL)
     return Library(next(f for f in folder.rglob("*tse.*") if f.suffix in (".so", ".dylib", ".dll")))
@@ -82,8 +81,6 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                 d = simulated(case, seed)
                 known = scores.knowable(d, case)
                 for build, lib in builds.items():
-                    if form != "default" and build not in ("double", "fixed"):
-                        continue
                     for filter_seed in FILTER_SEEDS[form]:
                         config = settings(lib, form, d.about)
                         config.set("seed", filter_seed)
@@ -101,13 +98,11 @@ def validity(d: Drive, estimate: np.ndarray) -> dict[str, float]:
     return {f"{s}_valid": 100 * float(np.mean(estimate[f"{s}_valid"][later] == 0)) for s in STIFFNESS}
 
 
-def compared(runs: pd.DataFrame, fixed: str) -> list[str]:
+def compared(runs: pd.DataFrame) -> list[str]:
     """Lines of a table: fixed against double."""
     lines = []
     for (case, form), part in runs.groupby(["case", "form"], sort=False):
-        a, b = (part[part.build == name] for name in ("double", fixed))
-        if b.empty:
-            continue
+        a, b = (part[part.build == name] for name in ("double", "fixed"))
         rms = [[float(np.sqrt(x[f"{s}_mean_square"].mean())) for s in STIFFNESS] for x in (a, b)]
         ratio = max(100 * (y / x - 1) for x, y in zip(*rms, strict=True))
         valid = [[float(x[f"{s}_valid"].mean()) for s in STIFFNESS] for x in (a, b)]
@@ -132,24 +127,16 @@ def main() -> int:
     parser.add_argument(
         "--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long"
     )
-    parser.add_argument("--bits", default="", help="other numbers of fraction bits to show beside 32")
-    parser.add_argument("--use", nargs=2, metavar=("DOUBLE", "FIXED"), help="shared libraries that are there already")
     options = parser.parse_args()
-    if options.use:
-        builds = dict(zip(("double", "fixed"), (Library(Path(p)) for p in options.use), strict=True))
-    else:
-        builds = {"double": library("double"), "fixed": library("fixed")}
-    for bits in filter(None, options.bits.split(",")):
-        builds[f"fixed-{bits}"] = library("fixed", int(bits))
-    text = page(
-        study(builds, {"default": options.runs, "paper": options.paper_runs}), builds, options.runs, options.paper_runs
-    )
+    builds = {"double": library("double"), "fixed": library("fixed")}
+    found = study(builds, {"default": options.runs, "paper": options.paper_runs})
+    text = page(found, builds["fixed"], options.runs, options.paper_runs)
     OUT.write_text(text, encoding="utf-8")
     print(text)
     return 0
 
 
-def page(runs: pd.DataFrame, builds: dict[str, Library], many: int, few: int) -> str:
+def page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
     columns = ["case", "form", "drives", "RMS %, double", "RMS %, fixed", "worst change of RMS", "valid %, double",
                "valid %, fixed", "points", "diverged, double / fixed", "rows out of range", "within limits"]  # fmt: skip
     head = ["| " + " | ".join(columns) + " |", "|---|---|---:|---|---|---:|---|---|---:|---|---:|---|"]
@@ -162,10 +149,8 @@ def page(runs: pd.DataFrame, builds: dict[str, Library], many: int, few: int) ->
         "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest difference of these shares. Limits: RMS at "
         "most 10 % above double's, validity within 3 points, no more divergences.",
         "",
-    ]
-    for build, lib in builds.items():
-        if build != "double":
-            text += [f"## {build}: {lib.fraction_bits} bits behind the point", "", *head, *compared(runs, build), ""]
+        f"## fixed: {fixed.fraction_bits} bits behind the point", "", *head, *compared(runs), "",
+    ]  # fmt: skip
     return "\n".join(text)
 
 

@@ -39,17 +39,9 @@ def faults() -> list[tuple[str, mutation.Fault]]:
 
 def judged(chosen: list[tuple[str, mutation.Fault]], compiler: str) -> list[tuple[str, mutation.Fault, str]]:
     """Each with found, found by sanitizers, survived, stillborn or same."""
-    bench = mutation.Bench(mutation.ROOT / "build" / "faults", compiler)
-    bench.prepare()
-    sanitized = mutation.Bench(mutation.ROOT / "build" / "faults" / "sanitized", compiler, mutation.SANITIZERS)
-    sanitized.library.unlink(missing_ok=True)
-    done = []
+    court, done = mutation.Court(mutation.ROOT / "build" / "faults", compiler), []
     for what, fault in chosen:
-        verdict = bench.judge(fault)
-        if verdict == "survived":
-            if not sanitized.library.exists():
-                sanitized.prepare(quick=True)
-            verdict = "found by sanitizers" if sanitized.judge(fault, own_only=True) == "found" else verdict
+        verdict = court.judge(fault)
         print(f"{verdict}: src/{fault.file}:{fault.line}: {what}", flush=True)
         done.append((what, fault, verdict))
     return done

@@ -398,6 +398,24 @@ class Bench:
             changed.unlink()
 
 
+class Court:
+    """The bench, and for what survives there one with sanitizers, on which the file's own tests run."""
+
+    def __init__(self, work: Path, compiler: str) -> None:
+        self.bench, self.second = Bench(work, compiler), Bench(work / "sanitized", compiler, SANITIZERS)
+        self.bench.prepare()
+        self.second.library.unlink(missing_ok=True)
+
+    def judge(self, fault: Fault) -> str:
+        """As Bench.judge(), or found by sanitizers."""
+        verdict = self.bench.judge(fault)
+        if verdict == "survived":
+            if not self.second.library.exists():
+                self.second.prepare(quick=True)
+            verdict = "found by sanitizers" if self.second.judge(fault, own_only=True) == "found" else verdict
+        return verdict
+
+
 def sampled(faults: list[Fault], count: int, seed: int) -> list[Fault]:
     """Each fault as likely as any other, so that the interval is one of all of them."""
     return random.Random(seed).sample(faults, min(count, len(faults)))
@@ -446,28 +464,20 @@ def main() -> int:
             print(f"{f.file}:{f.line}: {f.kind}: {f.text}")
         print(f"{len(chosen)} of {len(faults)}")
         return 0
-    bench = Bench(ROOT / "build" / "mutation", given.compiler)
-    bench.prepare()
-    sanitized = Bench(ROOT / "build" / "mutation" / "sanitized", given.compiler, SANITIZERS)
-    sanitized.library.unlink(missing_ok=True)
+    court = Court(ROOT / "build" / "mutation", given.compiler)
     print(
-        f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(bench.seconds.values()):.0f} s",
+        f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(court.bench.seconds.values()):.0f} s",
         flush=True,
     )
     known, began, verdicts = equivalent(), time.monotonic(), []
     for fault in chosen:
         if time.monotonic() - began > given.seconds:
             break
-        verdict = "known" if key_of(fault) in known else bench.judge(fault)
-        if verdict == "survived":
-            if not sanitized.library.exists():
-                sanitized.prepare(quick=True)
-            verdict = sanitized.judge(fault, own_only=True)
-            verdict = "found by sanitizers" if verdict == "found" else "survived"
+        verdict = "known" if key_of(fault) in known else court.judge(fault)
         verdicts.append((fault, verdict))
         if verdict == "survived":
             print(f"survived: {fault.file}:{fault.line}: {fault.kind}: {fault.text}", flush=True)
-    page, share = report(given, len(faults), verdicts, known, bench)
+    page, share = report(given, len(faults), verdicts, known, court.bench)
     print(page)
     if given.write:
         REPORT.write_text(page)
