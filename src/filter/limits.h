@@ -51,6 +51,7 @@
 #define LEAST_SLOW_VAR TSE_R(1e-9)    /* squared unit of a channel */
 #define NEGLIGIBLE TSE_R(0.001)       /* 1: share of an innovation's variance: uncertain quantities that make less do not change the gain */
 #define LEAST_TURNING TSE_R(5)        /* m/s: what happens to the yaw rate is what happens across over the speed, over no less */
+#define MOST_ENDLESS TSE_R(9)         /* 1: square of endless force over force where a brush slides as a whole; beyond, its form says no more */
 #define LEAST_SPEED_ANGLE TSE_R(0.01) /* m/s: slower has no direction: the sideslip angle is 0 */
 #define LEAST_SPEED_SD TSE_R(1)       /* m/s: its sd is taken over no less */
 #define LEAST_SPEED TSE_R(0.1)        /* m/s: course and speed are taken over no less */

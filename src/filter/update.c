@@ -183,7 +183,7 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
 static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(LEAST_ACTIVITY));
-  const tse_real over = r_max(r_div(r_sqr(f->endless_x) + r_sqr(f->endless_y), force), TSE_R(1));
+  const tse_real over = r_clamp(r_div(r_sqr(f->endless_x) + r_sqr(f->endless_y), force), TSE_R(1), MOST_ENDLESS);
   const tse_real happens[IMU_CHANNELS] = { f->x, f->y, k->x[YAW] };
   const tse_real uneven = r_mul(r_mul(TAIL, k->noise[ACCEL_Y]), r_sqr(p->sensor_sd[ACCEL_Y])), least = r_sqr(LEAST_ACTIVITY) + uneven;
   const tse_real at_least[IMU_CHANNELS] = { least, least, r_div(least, r_sqr(r_max(k->x[VX], LEAST_TURNING))) };

@@ -309,8 +309,8 @@ static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
 }
 
 /* What happens counts as tyres without an end would do it: with the cubic of a brush at q = 2 at both axles it is 1/(1 - 2/3 + 4/27)
- * times as much. Nothing is measured, so that the state stays. */
-static void test_what_happens_near_the_end_of_tyres_counts_more(void)
+ * times as much; one that slides, at q = 8, counts as at q = 3. Nothing is measured, so that the state stays. */
+static void expect_activity(double q, double left, double counts)
 {
   tse_params p = a_car(1);
   static tse_kalman k;
@@ -326,14 +326,21 @@ static void test_what_happens_near_the_end_of_tyres_counts_more(void)
   for (int i = 0; i < STATES; i++) k.x[i] = TSE_R(0);
   k.x[VX] = TSE_R(20);
   k.x[YAW] = real(0.3);
-  k.x[AF] = real(2 * number(p.car.grip) * number(p.car.load_front) / number(p.car.ky_front));
-  k.x[AR] = real(2 * number(p.car.grip) * number(p.car.load_rear) / number(p.car.ky_rear));
+  k.x[AF] = real(q * number(p.car.grip) * number(p.car.load_front) / number(p.car.ky_front));
+  k.x[AR] = real(q * number(p.car.grip) * number(p.car.load_rear) / number(p.car.ky_rear));
   for (int n = 0; n < 2000; n++) update_row(&p, &k, &z, u);
-  const double left = 1 - 2.0 / 3 + 4.0 / 27, force = 2 * left * number(p.car.grip) * (number(p.car.load_front) + number(p.car.load_rear));
+  const double force = q * left * number(p.car.grip) * (number(p.car.load_front) + number(p.car.load_rear));
   const double least = pow(number(LEAST_ACTIVITY), 2) + number(TAIL) * pow(number(p.sensor_sd[ACCEL_Y]), 2);
   const double close = BY_NUMBER(1e-6, 2e-3, 1e-4);
-  expect_near(pow(force / left, 2) + least, number(k.activity[ACCEL_Y]), close * pow(force / left, 2), "across [m2/s4]", 0);
-  expect_near(pow(0.3 / left, 2) + least / 400, number(k.activity[YAW_RATE]), close, "turning [rad2/s2]", 0);
+  expect_near(pow(force * counts, 2) + least, number(k.activity[ACCEL_Y]), close * pow(force * counts, 2), "across [m2/s4]", 0);
+  expect_near(pow(0.3 * counts, 2) + least / 400, number(k.activity[YAW_RATE]), close, "turning [rad2/s2]", 0);
+}
+
+static void test_what_happens_near_the_end_of_tyres_counts_more(void)
+{
+  const double left = 1 - 2.0 / 3 + 4.0 / 27;
+  expect_activity(2, left, 1 / left);
+  expect_activity(8, 1.0 / 8, 3);
 }
 
 /* At standstill the gyro reads its bias, and nothing else is learnt. */
