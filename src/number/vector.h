@@ -339,39 +339,50 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
   return from + fixed_shifted(sum, SHORT_BITS + s->right);
 }
 
-/* a x of a row, nearest: where a is below a half, and where it may be more. */
-static inline int32_t short_product(int32_t x, int32_t m, int64_t half, int32_t right) { return (int32_t)((fixed_product(x, m) + half) >> 32) >> right; }
-static inline int32_t short_product_any(int32_t x, r_factored a)
+/* A factor below a half, as what a row is multiplied by and 2^32 shows: the digits that are shifted out are less than an eighth of a step
+ * of the row. */
+static inline int32_t factor_below_half(r_factored a) { return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m; }
+
+/* y + m x/2^32, nearest: y is the upper half of what the product is added to. */
+static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
 {
-  if (a.right >= 0) return short_product(x, a.m, (int64_t)1 << (31 + a.right), a.right);
-  const int32_t y = short_product(x, a.m, (int64_t)1 << 31, 0), most = SHORT_MOST >> -a.right;
-  return y > most ? SHORT_MOST - 1 : (y < -most ? -SHORT_MOST : (int32_t)((uint32_t)y << -a.right));
+  const uint64_t from = ((uint64_t)(uint32_t)y << 32) | 0x80000000u;
+  return short_stop((int32_t)(uint32_t)((from + (uint64_t)fixed_product(x, m)) >> 32));
+}
+
+/* y + a x, nearest, whatever a is. */
+static inline int32_t short_plus_any(int32_t y, int32_t x, r_factored a)
+{
+  if (a.right >= 0) return short_plus(y, x, factor_below_half(a));
+  const int32_t product = (int32_t)((fixed_product(x, a.m) + ((int64_t)1 << 31)) >> 32), most = SHORT_MOST >> -a.right;
+  const int32_t more = product > most ? SHORT_MOST - 1 : (product < -most ? -SHORT_MOST : (int32_t)((uint32_t)product << -a.right));
+  return short_stop(y + more);
 }
 
 static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int n)
 {
   if (a.right >= 0) {
-    const int64_t half = (int64_t)1 << (31 + a.right);
-    for (int i = 0; i < n; i++) y[i] = short_stop(y[i] + short_product(x[i], a.m, half, a.right));
+    const int32_t m = factor_below_half(a);
+    for (int i = 0; i < n; i++) y[i] = short_plus(y[i], x[i], m);
   } else {
-    for (int i = 0; i < n; i++) y[i] = short_stop(y[i] + short_product_any(x[i], a));
+    for (int i = 0; i < n; i++) y[i] = short_plus_any(y[i], x[i], a);
   }
 }
 
 static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
   if (a.right >= 0 && b.right >= 0) {
-    const int64_t half_a = (int64_t)1 << (31 + a.right), half_b = (int64_t)1 << (31 + b.right);
+    const int32_t m = factor_below_half(a), l = factor_below_half(b);
     for (int i = 0; i < n; i++) {
       const tse_short was = y[i];
-      y[i] = short_stop(was + short_product(x[i], a.m, half_a, a.right));
-      x[i] = short_stop(x[i] + short_product(was, b.m, half_b, b.right));
+      y[i] = short_plus(was, x[i], m);
+      x[i] = short_plus(x[i], was, l);
     }
   } else {
     for (int i = 0; i < n; i++) {
       const tse_short was = y[i];
-      y[i] = short_stop(was + short_product_any(x[i], a));
-      x[i] = short_stop(x[i] + short_product_any(was, b));
+      y[i] = short_plus_any(was, x[i], a);
+      x[i] = short_plus_any(x[i], was, b);
     }
   }
 }
@@ -379,15 +390,15 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
 static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
   if (a.right >= 0 && b.right >= 0) {
-    const int64_t half_a = (int64_t)1 << (31 + a.right), half_b = (int64_t)1 << (31 + b.right);
+    const int32_t m = factor_below_half(a), l = factor_below_half(b);
     for (int i = 0; i < n; i++) {
-      x[i] = short_stop(x[i] + short_product(y[i], b.m, half_b, b.right));
-      y[i] = short_stop(y[i] + short_product(x[i], a.m, half_a, a.right));
+      x[i] = short_plus(x[i], y[i], l);
+      y[i] = short_plus(y[i], x[i], m);
     }
   } else {
     for (int i = 0; i < n; i++) {
-      x[i] = short_stop(x[i] + short_product_any(y[i], b));
-      y[i] = short_stop(y[i] + short_product_any(x[i], a));
+      x[i] = short_plus_any(x[i], y[i], b);
+      y[i] = short_plus_any(y[i], x[i], a);
     }
   }
 }
@@ -405,7 +416,7 @@ static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s
 static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - fixed_product(a, x); }
 static inline tse_short r_end(r_total s) { return total_to_short(s); }
 static inline tse_short r_end_rate(r_total s) { return total_to_rate(s); }
-static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return short_stop(x + short_product_any(y, h)); }
+static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return short_plus_any(x, y, h); }
 static inline tse_short r_short_sum(tse_short x, tse_short y) { return short_stop(x + y); }
 
 #endif
