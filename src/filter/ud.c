@@ -245,7 +245,7 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, t
     over = r_divisor(s);
     p->e[e] = r_max(r_left(p->e[e], before, more, over), LEAST_D);
     for (int k = 0; k < e; k++) r_add_both(&p->w[k][STATES + e], &g[STATES + k], pull, push, 1);
-    g[STATES + e] = r_short_scaled(v[STATES + e], up);
+    g[STATES + e] = r_short_of(push, v[STATES + e], up);
   }
   for (int j = 0; j < STATES; j++) {
     const tse_real before = s, more = r_mul(v[j], f[j]);
@@ -255,7 +255,7 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, t
     p->d[j] = r_max(r_left(p->d[j], before, more, over), LEAST_D);
     r_add_both(&p->u[ud_column(j)], g, pull, push, j);
     for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_both(&p->w[e][j], &g[STATES + e], pull, push, 1);
-    g[j] = r_short_scaled(v[j], up);
+    g[j] = r_short_of(push, v[j], up);
   }
   const r_factored share = r_quotient(TSE_R(1), over, -up);
   for (int i = 0; i < STATES + EXTRAS_IN_USE(p); i++) gain[i] = r_times(g[i], share);

@@ -9,6 +9,7 @@
  *   r_short r_long      to a tse_short, nearest and stopped; back
  *   r_factor(x, up)     x 2^up to multiply rows by (2^up: only where rows are scaled, in fixed)
  *   r_quotient(x, d, up)  x/d 2^up, the same
+ *   r_short_of(a, x, up)  r_short_scaled(x, up), where a is r_factor(x, up)
  *   r_by(x, d)          x/d
  *   r_left(x, was, more, d)  x was/d, d = was + more, nothing negative
  */
@@ -55,6 +56,7 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
 static inline int r_scale_of(const tse_real *x, int n, int most) { return (void)x, (void)n, (void)most, 0; }
 static inline int r_scale_of_variance(tse_real x) { return (void)x, 0; }
 static inline tse_short r_short_scaled(tse_real x, int up) { return (void)up, x; }
+static inline tse_short r_short_of(r_factored a, tse_real x, int up) { return (void)a, (void)up, x; }
 static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; }
 static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
 
@@ -230,7 +232,7 @@ static inline r_factored r_factor(tse_real x, int up)
 
 static inline r_divided r_divisor(tse_real d)
 {
-  r_divided over = { INT32_MAX, -40 }; /* of nothing: as much as there is */
+  r_divided over = { INT32_MAX, -FIXED_BITS }; /* of nothing: as much as of half a step */
   if (d <= 0) return over;
   const int zeros = fixed_zeros((uint64_t)d);
   const uint32_t reciprocal = fixed_divide_word((uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62 over 2^31 .. 2^32 */
@@ -253,13 +255,14 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
   return factor_limited((int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
 
-/* As x - x more/d: what is taken is rounded, and nothing where it is nothing. both halves of x by a mantissa. */
+/* As x - x more/d: what is taken is rounded, and nothing where it is nothing. more is no more than d: their quotient has 32 digits, and
+ * both halves of x are multiplied by it. */
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
-  const r_factored a = r_quotient(more, d, 0);
-  const int32_t low = (int32_t)(uint32_t)x, high = (int32_t)((x - low) >> 32);
-  const int64_t taken = fixed_product(high, a.m) + ((fixed_product(low, a.m) + ((int64_t)1 << 31)) >> 32);
-  return (void)was, x - fixed_shifted(taken, a.right);
+  const int zeros = 64 - FIXED_BITS - d.right; /* of d */
+  const uint32_t digits = (uint32_t)(((uint64_t)more << (zeros - 1)) >> 32), share = (uint32_t)(((uint64_t)digits * (uint32_t)d.m) >> 29); /* below 1 */
+  const uint64_t low = (uint64_t)(uint32_t)x * share + 0x80000000u;
+  return (void)was, x - (tse_real)((uint64_t)(uint32_t)((uint64_t)x >> 32) * share + (low >> 32));
 }
 
 /* 2^up, which brings numbers of that size to an eighth of what a row holds, and the square root of a variance to a tenth or more. */
@@ -274,6 +277,13 @@ static inline int r_scale_of_variance(tse_real x)
 {
   const int log2 = 64 - fixed_zeros_of(x) - FIXED_BITS;
   return 3 - (log2 >> 1);
+}
+
+static inline tse_short r_short_of(r_factored a, tse_real x, int up)
+{
+  const int right = 32 - SHORT_BITS + a.right;
+  if (right <= 0) return r_short_scaled(x, up);
+  return right > 31 ? 0 : ((a.m >> (right - 1)) + 1) >> 1;
 }
 
 /* a x, x of a row that is scaled as a says. */

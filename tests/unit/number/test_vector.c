@@ -139,6 +139,18 @@ static void test_quotients_by_one_number_share_its_reciprocal(void)
   }
 }
 
+static void test_a_factor_knows_its_number(void)
+{
+  uint32_t seed = 9;
+  for (int n = 0; n < 5000; n++) {
+    const double x = n % 10 ? any_factor(&seed) : ldexp(any_factor(&seed), -30);
+    for (int up = -4; up < 8; up += 4) {
+      const double scaled = x * BY_NUMBER(1, 1, ldexp(1, up));
+      if (fabs(scaled) < 200) expect_near(scaled, number_of(r_short_of(r_factor(real(x), up), real(x), up)), 0.5 * STEP + 2 * RELATIVE * fabs(scaled) + BY_NUMBER(0, 0, ldexp(QUANTUM, up)), "as a number of a row", n);
+    }
+  }
+}
+
 static void test_sums_element_by_element(void)
 {
   uint32_t seed = 7;
@@ -169,6 +181,7 @@ int main(void)
   RUN_TEST(test_rows_that_are_scaled_are_multiplied_as_if_they_were_not);
   RUN_TEST(test_a_sum_of_products_is_rounded_once);
   RUN_TEST(test_quotients_by_one_number_share_its_reciprocal);
+  RUN_TEST(test_a_factor_knows_its_number);
   RUN_TEST(test_sums_element_by_element);
   return UNITY_END();
 }
