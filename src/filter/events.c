@@ -82,36 +82,27 @@ void sensitivities_clear(tse_kalman *k, int count)
     for (int i = 0; i < count; i++) k->doubt[q][i] = r_short(TSE_R(0));
 }
 
-/* The transition of the motion, to move several by. */
-typedef struct transition {
-  tse_short room[MOTION][STATES];
-  const tse_short *row[MOTION];
-  int32_t right[MOTION];
-} transition;
-
 /* Move a sensitivity with the row: the motion by M, what has noise in every row by what it keeps. */
-static void move(tse_short v[STATES], const transition *t, const tse_real keep[STATES])
+static void move(tse_short v[STATES], tse_short M[MOTION][COLUMNS], const tse_real keep[STATES])
 {
   tse_short to[MOTION];
-  for (int i = 0; i < MOTION; i++) to[i] = r_short(r_sum(TSE_R(0), v, t->row[i], t->right[i], STATES));
+  for (int i = 0; i < MOTION; i++) to[i] = r_slope_sum(r_short(TSE_R(0)), M[i], v, STATES);
   for (int i = 0; i < MOTION; i++) v[i] = to[i];
   for (int i = MOTION; i < FAST; i++) v[i] = r_short(r_mul(r_long(v[i]), keep[i]));
 }
 
-void sensitivities_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt)
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt)
 {
-  transition t;
-  for (int i = 0; i < MOTION; i++) t.row[i] = r_row(M[i], STATES, t.room[i], &t.right[i]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const e = &k->event[n];
     if (e->kind == EVENT_NONE) continue;
-    move(e->v, &t, keep);
+    move(e->v, M, keep);
     e->age += dt;
   }
   for (int q = 0; q < TSE_DOUBTS; q++) {
     if (!(p->uncertain[q] > TSE_R(0))) continue;
-    move(k->doubt[q], &t, keep);
-    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->doubt[q][i] = r_short(r_long(k->doubt[q][i]) + r_mul(M[i][STATES + q], p->uncertain[q]));
+    move(k->doubt[q], M, keep);
+    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->doubt[q][i] = r_short(r_long(k->doubt[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
   }
 }
 

@@ -137,15 +137,12 @@ typedef struct sums {
 } sums;
 
 /* Multiply M by U.   Updated: columns of U behind the motion, which may be anything   Returned: s  columns of the motion */
-static void transform(tse_ud *p, tse_real M[MOTION][COLUMNS], sums *s)
+static void transform(tse_ud *p, tse_short M[MOTION][COLUMNS], sums *s)
 {
-  tse_short room[MOTION][STATES], sum[MOTION];
-  const tse_short *row[MOTION];
-  int32_t right[MOTION];
-  for (int i = 0; i < MOTION; i++) row[i] = r_row(M[i], STATES, room[i], &right[i]);
+  tse_short sum[MOTION];
   for (int j = STATES - 1; j >= 0; j--) {
     tse_short *const u = &p->u[ud_column(j)];
-    for (int i = 0; i < MOTION; i++) sum[i] = r_short(r_sum(M[i][j], u, row[i], right[i], j));
+    for (int i = 0; i < MOTION; i++) sum[i] = r_slope_sum(M[i][j], M[i], u, j);
     for (int i = 0; i < MOTION; i++) {
       if (j < MOTION) s->row[i][j] = sum[i];
       else u[i] = sum[i];
@@ -180,7 +177,7 @@ static void take_out(tse_ud *p, sums *s, int j)
   }
 }
 
-void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION])
+void ud_move(tse_ud *p, tse_short M[MOTION][COLUMNS], const tse_real noise[MOTION])
 {
   sums s;
   transform(p, M, &s);

@@ -61,8 +61,22 @@ static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; 
 static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
 
 /* Rows of another format, made of those: themselves. */
+#define r_rows_of(x, room) ((void)(room), (x))
 static inline tse_short *r_row_scaled(tse_real *x, tse_short *room) { return (void)room, x; }
 static inline void r_row_back(tse_real *x, const tse_short *row, int n) { (void)x, (void)row, (void)n; }
+
+/* Slopes of a transition, in units of the state: to multiply a row by. r_slope_in_units: x to/over, held within most, of factors that
+ * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a row, x/over    r_slope_sum: from + slopes times a row */
+static inline tse_short r_slope(tse_real x) { return x; }
+static inline r_factored r_unit(tse_real unit) { return unit; }
+static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
+static inline tse_short r_slope_in_units(tse_real x, r_factored to, r_factored over, tse_real most) { return r_clamp(r_mul(r_mul(x, to), over), -most, most); }
+static inline tse_short r_short_over(tse_real x, r_factored over, tse_real most) { return r_clamp(r_mul(x, over), -most, most); }
+static inline tse_short r_slope_sum(tse_short from, const tse_short *slope, const tse_short *x, int n)
+{
+  for (int i = 0; i < n; i++) from += r_mul(slope[i], x[i]);
+  return from;
+}
 
 /* Row x as the second of a sum of products; room: for it.   Returned: *right  its shift */
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right) { return (void)n, (void)room, *right = 0, x; }
@@ -173,7 +187,8 @@ static inline int64_t fixed_shifted(int64_t x, int right)
 /* x 2^-right, nearest, as a tse_short, x up to 2^62. Where it stops lower digits remain. high: the upper half of y. */
 static inline uint64_t fixed_half_up(int64_t x, int right) { return (uint64_t)x + ((uint64_t)1 << (right - 1)); }
 static inline int32_t fixed_joined(int32_t high, uint64_t y, int right) { return (int32_t)(((uint32_t)high << (32 - right)) | ((uint32_t)y >> right)); }
-#define FIXED_NARROW(y, right) fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)((y) >> 32), (right) - 1), y, right)
+#define FIXED_NARROW_TO(y, right, bits) fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)((y) >> 32), (bits) + (right) - 32), y, right)
+#define FIXED_NARROW(y, right) FIXED_NARROW_TO(y, right, 31)
 
 static inline int32_t fixed_to_short(int64_t x)
 {
@@ -299,6 +314,7 @@ static inline int32_t row_of(const tse_real *x, int n, tse_short *m, int digits)
   return zeros + digits - 64;
 }
 
+#define r_rows_of(x, room) ((void)(x), (room))
 static inline tse_short *r_row_scaled(tse_real *x, tse_short *room) { return (void)x, room; }
 static inline void r_row_back(tse_real *x, const tse_short *row, int n)
 {
@@ -411,6 +427,54 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
       y[i] = short_plus_any(y[i], x[i], a);
     }
   }
+}
+
+/* Slopes: 2^-SLOPE_BITS, up to 16, so that 32 products with a row are below 2^62. Units: 2^-8 .. 1, of what is divided by one 1 is more. */
+#define SLOPE_BITS 23
+#define SLOPE_ALL (SLOPE_BITS + 5) /* digits, and the sign's */
+static inline tse_short r_slope(tse_real x)
+{
+  const uint64_t y = fixed_half_up(x, FIXED_BITS - SLOPE_BITS);
+  return FIXED_NARROW_TO(y, FIXED_BITS - SLOPE_BITS, SLOPE_ALL);
+}
+static inline r_factored r_unit(tse_real unit)
+{
+  const r_factored half = { factor_below_half(r_factor(unit, -1)), 0 };
+  return half;
+}
+static inline r_factored r_over_unit(tse_real unit)
+{
+  const r_factored part = { factor_below_half(r_quotient(FIXED_ONE, r_divisor(unit), -9)), 0 };
+  return part;
+}
+
+/* Slopes before are those of rows that are scaled. */
+static inline int32_t fixed_to_scaled(int64_t x)
+{
+  const uint64_t y = fixed_half_up(x, FIXED_BITS - SHORT_BITS - ROW_UP);
+  return FIXED_NARROW(y, FIXED_BITS - SHORT_BITS - ROW_UP);
+}
+
+static inline tse_short r_slope_in_units(tse_real x, r_factored to, r_factored over, tse_real most)
+{
+  const int32_t moved = short_plus(0, fixed_to_scaled(x), to.m); /* half of it */
+  const uint64_t y = fixed_half_up(fixed_product(moved, over.m), SHORT_BITS + ROW_UP + 22 - SLOPE_BITS);
+  return (void)most, FIXED_NARROW_TO(y, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
+}
+
+static inline tse_short r_short_over(tse_real x, r_factored over, tse_real most)
+{
+  const uint64_t y = fixed_half_up(fixed_product(fixed_to_scaled(x), over.m), ROW_UP + 23);
+  return (void)most, FIXED_NARROW(y, ROW_UP + 23);
+}
+
+static inline tse_short r_slope_sum(tse_short from, const tse_short *slope, const tse_short *x, int n)
+{
+  int64_t sum = (int64_t)from * (1 << SHORT_BITS) + (1 << (SLOPE_BITS - 1));
+  int i = 0;
+  for (; i + 4 <= n; i += 4) sum += fixed_product(slope[i], x[i]) + fixed_product(slope[i + 1], x[i + 1]) + fixed_product(slope[i + 2], x[i + 2]) + fixed_product(slope[i + 3], x[i + 3]);
+  for (; i < n; i++) sum += fixed_product(slope[i], x[i]);
+  return FIXED_NARROW((uint64_t)sum, SLOPE_BITS);
 }
 
 /* Sums of products that are made element by element, of coefficients and numbers of rows that are scaled: exact in 64 bits, rounded at

@@ -15,6 +15,14 @@ typedef struct dense {
 static inline tse_short short_of(double x) { return r_short(real(x)); }
 static inline double number_of(tse_short x) { return number(r_long(x)); }
 
+/* Slopes of a transition, r_slope(). */
+static inline tse_short slope_of(double x) { return r_slope(real(x)); }
+#if defined(TSE_REAL_FIXED)
+static inline double number_of_slope(tse_short x) { return ldexp(x, -SLOPE_BITS); }
+#else
+static inline double number_of_slope(tse_short x) { return number(x); }
+#endif
+
 /* U D U' multiplied out. */
 static inline dense dense_of(const tse_ud *p)
 {

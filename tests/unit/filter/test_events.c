@@ -91,7 +91,8 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
     tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
     double dense_h[ALL], z, e;
     if (row % 2) {
-      tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES];
+      tse_short M[MOTION][COLUMNS];
+      tse_real noise[MOTION], keep[STATES];
       double F[STATES][STATES], q[MOTION], x[STATES];
       for (int i = 0; i < STATES; i++) {
         keep[i] = TSE_R(1);
@@ -100,8 +101,8 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
       for (int i = 0; i < MOTION; i++) {
         noise[i] = real(0.01);
         q[i] = number(noise[i]);
-        for (int j = 0; j < COLUMNS; j++) M[i][j] = real((i == j) * 0.9 + next_between(seed, -0.05, 0.05));
-        for (int j = 0; j < STATES; j++) F[i][j] = number(M[i][j]);
+        for (int j = 0; j < COLUMNS; j++) M[i][j] = slope_of((i == j) * 0.9 + next_between(seed, -0.05, 0.05));
+        for (int j = 0; j < STATES; j++) F[i][j] = number_of_slope(M[i][j]);
       }
       for (int i = 0; i < STATES; i++) {
         x[i] = 0;
@@ -339,10 +340,11 @@ static void test_events_are_opened_in_turn(void)
       k.change_kind = TSE_CHANGE_ROAD;
       k.change_age = TSE_R(100);
     }
-    tse_real M[MOTION][COLUMNS], keep[STATES];
+    tse_short M[MOTION][COLUMNS];
+    tse_real keep[STATES];
     for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
     for (int i = 0; i < MOTION; i++)
-      for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
+      for (int j = 0; j < COLUMNS; j++) M[i][j] = slope_of(i == j);
     sensitivities_move(&p, &k, M, keep, real(0.01));
     events_decide(&p, &k, real(0.01));
     for (int i = 0; i < TSE_EVENTS; i++) {

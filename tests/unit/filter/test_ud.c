@@ -88,7 +88,8 @@ static void test_time_is_f_p_f_and_noise(void)
   uint32_t seed = 5;
   for (int n = 0; n < 100; n++) {
     tse_ud p;
-    tse_real M[MOTION][COLUMNS], noise[MOTION];
+    tse_short M[MOTION][COLUMNS];
+    tse_real noise[MOTION];
     double F[STATES][STATES], FP[STATES][STATES];
     any_covariance(&p, &seed);
     const dense m = dense_of(&p);
@@ -96,8 +97,8 @@ static void test_time_is_f_p_f_and_noise(void)
       for (int k = 0; k < STATES; k++) F[i][k] = i == k;
     for (int i = 0; i < MOTION; i++) {
       noise[i] = real(next_between(&seed, 0, 0.1));
-      for (int k = 0; k < COLUMNS; k++) M[i][k] = real((i == k) * 0.9 + next_between(&seed, -0.3, 0.3));
-      for (int k = 0; k < STATES; k++) F[i][k] = number(M[i][k]);
+      for (int k = 0; k < COLUMNS; k++) M[i][k] = slope_of((i == k) * 0.9 + next_between(&seed, -0.3, 0.3));
+      for (int k = 0; k < STATES; k++) F[i][k] = number_of_slope(M[i][k]);
     }
     dense after;
     for (int i = 0; i < STATES; i++)
@@ -225,9 +226,10 @@ static void test_d_stays_positive_in_a_long_run(void)
   for (int i = 0; i < MOTION; i++) noise[i] = real(1e-6);
   ud_set(&p, variance);
   for (int n = 0; n < rows; n++) {
-    tse_real M[MOTION][COLUMNS], h[STATES], f[STATES], v[STATES], gain[STATES];
+    tse_short M[MOTION][COLUMNS];
+    tse_real h[STATES], f[STATES], v[STATES], gain[STATES];
     for (int i = 0; i < MOTION; i++)
-      for (int k = 0; k < COLUMNS; k++) M[i][k] = real((i == k) * 0.99 + (k == (i + 3) % STATES) * 0.01);
+      for (int k = 0; k < COLUMNS; k++) M[i][k] = slope_of((i == k) * 0.99 + (k == (i + 3) % STATES) * 0.01);
     ud_move(&p, M, noise);
     for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.7 ? TSE_R(0) : real(next_between(&seed, -1, 1));
     const tse_real own = ud_measure(&p, h, f, v);

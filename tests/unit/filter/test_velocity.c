@@ -128,14 +128,15 @@ static void test_what_moves_the_others_keeps_what_they_share_with_the_extra_stat
   uint32_t seed = 3;
   for (int n = 0; n < 40; n++) {
     tse_ud p;
-    tse_real M[MOTION][COLUMNS], noise[MOTION];
+    tse_short M[MOTION][COLUMNS];
+    tse_real noise[MOTION];
     any_full(&p, &seed);
     full m = full_of(&p);
     identity(F);
     for (int i = 0; i < MOTION; i++) {
       noise[i] = real(next_between(&seed, 0, 0.1));
-      for (int j = 0; j < COLUMNS; j++) M[i][j] = real((i == j) + next_between(&seed, -0.2, 0.2));
-      for (int j = 0; j < STATES; j++) F[i][j] = number(M[i][j]);
+      for (int j = 0; j < COLUMNS; j++) M[i][j] = slope_of((i == j) + next_between(&seed, -0.2, 0.2));
+      for (int j = 0; j < STATES; j++) F[i][j] = number_of_slope(M[i][j]);
     }
     m = moved(&m, F);
     for (int i = 0; i < MOTION; i++) m.p[i][i] += number(noise[i]);

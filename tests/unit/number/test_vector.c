@@ -139,6 +139,36 @@ static void test_quotients_by_one_number_share_its_reciprocal(void)
   }
 }
 
+/* Slopes: x to/over is what r_short() has for one of a row, within what a slope holds; sums of them are rounded once. */
+static void test_slopes_are_brought_into_units_and_multiply_rows(void)
+{
+  uint32_t seed = 8;
+  const double step = BY_NUMBER(0, 0, ldexp(1, -23)), most = 1e4;
+  for (int n = 0; n < 2000; n++) {
+    const double to = next_between(&seed, 0.005, 0.5), over = next_between(&seed, 0.01, 0.5), x = next_between(&seed, -3, 3) * (n % 2 ? 0.01 : 1);
+    const double ratio = number(real(x)) * number(real(to)) / number(real(over)), held = BY_NUMBER(ratio, ratio, fmax(-16, fmin(16, ratio)));
+    const r_factored unit = r_unit(real(to)), own = r_over_unit(real(over));
+    const tse_short slope = r_slope_in_units(real(x), unit, own, real(most)), one = short_of(1);
+    /* of what is scaled by 2^ROW_UP a step is 2^-26, times 1/over */
+    const double near = 2 * RELATIVE * fabs(ratio) + step + BY_NUMBER(0, 0, ldexp(1.5, -25)) / over;
+    if (fabs(ratio) < 15.9) expect_near(held, number_of(r_slope_sum(short_of(0), &slope, &one, 1)), near + 0.5 * STEP, "in units", n);
+    else TEST_ASSERT_TRUE(fabs(number_of(r_slope_sum(short_of(0), &slope, &one, 1))) > 15);
+    if (fabs(x / over) < 250) expect_near(number(real(x)) / number(real(over)), number_of(r_short_over(real(x), own, real(most))), near + 0.5 * STEP + RELATIVE * fabs(x / over), "of a row", n);
+  }
+  for (int n = 0; n < 500; n++) {
+    tse_short slope[N], x[N];
+    double sum = 0;
+    any_row(x, 4, &seed);
+    for (int i = 0; i < N; i++) {
+      const double s = next_between(&seed, -15, 15);
+      slope[i] = r_slope(real(s));
+      sum += number(real(s)) * number_of(x[i]);
+    }
+    const tse_short from = r_slope(real(0.75));
+    if (fabs(sum) < 200) expect_near(0.75 + sum, number_of(r_slope_sum(from, slope, x, N)), 0.5 * STEP + N * 4 * step + 400 * RELATIVE, "a sum", n);
+  }
+}
+
 static void test_a_factor_knows_its_number(void)
 {
   uint32_t seed = 9;
@@ -181,6 +211,7 @@ int main(void)
   RUN_TEST(test_rows_that_are_scaled_are_multiplied_as_if_they_were_not);
   RUN_TEST(test_a_sum_of_products_is_rounded_once);
   RUN_TEST(test_quotients_by_one_number_share_its_reciprocal);
+  RUN_TEST(test_slopes_are_brought_into_units_and_multiply_rows);
   RUN_TEST(test_a_factor_knows_its_number);
   RUN_TEST(test_sums_element_by_element);
   return UNITY_END();
