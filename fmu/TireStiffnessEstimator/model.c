@@ -65,7 +65,7 @@ void model_codes(fmu_code_row *row, void *to)
     { 6, "Status", "TSE_W_GAP", "time step too long to bridge: states restarted from the sensors, what was learnt is kept" },
     { 7, "Status", "TSE_W_RECOVERED", "the state was no finite number, by a fault of the memory or an overflow: started over" },
     { 8, "Status", "TSE_W_WAITING", "no step: channels that are logged later are awaited; estimates of the last step, or of the start" },
-    { 9, "Status", "TSE_W_RANGE", "a number left the range of the number format: the sample was dropped" },
+    { 9, "Status", "TSE_W_RANGE", "a number reached the end of the range of the number format: it stops there, or the sample was dropped" },
     { 10, "Status", "TSE_W_IMPLAUSIBLE", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is" },
     { 0, "Reason", "valid", "usable" },
     { 1, "Reason", "starting", "too little seen since the start" },

@@ -31,7 +31,7 @@ typedef enum tse_status {
   TSE_W_GAP = 6,                /* time step too long to bridge: states restarted from the sensors, what was learnt is kept */
   TSE_W_RECOVERED = 7,          /* the state was no finite number, by a fault of the memory or an overflow: started over */
   TSE_W_WAITING = 8,            /* no step: channels that are logged later are awaited; estimates of the last step, or of the start */
-  TSE_W_RANGE = 9,              /* a number left the range of the number format: the sample was dropped */
+  TSE_W_RANGE = 9,              /* a number reached the end of the range of the number format: it stops there, or the sample was dropped */
   TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is */
   /* end of table */
   TSE_STATUS_END_

@@ -70,7 +70,7 @@ class Status(IntEnum):
     WAITING = 8
     """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
     RANGE = 9
-    """A number left the range of the number format: the sample was dropped."""
+    """A number reached the end of the range of the number format: it stops there, or the sample was dropped."""
     IMPLAUSIBLE = 10
     """The channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times
     too large it is."""

@@ -103,7 +103,7 @@ const char *tse_status_text(int32_t status)
     case TSE_W_GAP: return "time step too long to bridge: states restarted from the sensors, what was learnt is kept";
     case TSE_W_RECOVERED: return "the state was no finite number, by a fault of the memory or an overflow: started over";
     case TSE_W_WAITING: return "no step: channels that are logged later are awaited; estimates of the last step, or of the start";
-    case TSE_W_RANGE: return "a number left the range of the number format: the sample was dropped";
+    case TSE_W_RANGE: return "a number reached the end of the range of the number format: it stops there, or the sample was dropped";
     case TSE_W_IMPLAUSIBLE: return "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is";
     /* end of table */
     default: return "unknown status";

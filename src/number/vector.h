@@ -65,6 +65,9 @@ static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); 
 static inline tse_short *r_row_scaled(tse_real *x, tse_short *room) { return (void)room, x; }
 static inline void r_row_back(tse_real *x, const tse_short *row, int n) { (void)x, (void)row, (void)n; }
 
+/* Return whether a number of a row is above 15/16 of what it may be, where it stops. */
+static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
+
 /* Slopes of a transition, in units of the state: to multiply a row by. r_slope_in_units: x to/over, held within most, of factors that
  * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a row, x/over    r_slope_sum: from + slopes times a row */
 static inline tse_short r_slope(tse_real x) { return x; }
@@ -230,6 +233,12 @@ static inline tse_short r_short_scaled(tse_real x, int up)
   return y > SHORT_MOST - 1 ? SHORT_MOST - 1 : (y < -SHORT_MOST ? -SHORT_MOST : (int32_t)y);
 }
 static inline tse_short r_short(tse_real x) { return fixed_to_short(x); }
+static inline int r_near_end(const tse_short *x, int n)
+{
+  uint32_t bits = 0;
+  for (int i = 0; i < n; i++) bits |= (uint32_t)(x[i] ^ (x[i] >> 31)) + SHORT_MOST / 16;
+  return bits >= (uint32_t)SHORT_MOST;
+}
 static inline tse_real r_long_scaled(tse_short x, int up) { return fixed_shifted(x, SHORT_BITS - FIXED_BITS + up); }
 static inline tse_real r_long(tse_short x) { return (tse_real)x * ((tse_real)1 << (FIXED_BITS - SHORT_BITS)); }
 

@@ -299,7 +299,7 @@ static const tse_field status_fields[] = {
   { "TSE_W_GAP", 'c', 6, 0.0, 1.0, -1.0, "", "time step too long to bridge: states restarted from the sensors, what was learnt is kept" },
   { "TSE_W_RECOVERED", 'c', 7, 0.0, 1.0, -1.0, "", "the state was no finite number, by a fault of the memory or an overflow: started over" },
   { "TSE_W_WAITING", 'c', 8, 0.0, 1.0, -1.0, "", "no step: channels that are logged later are awaited; estimates of the last step, or of the start" },
-  { "TSE_W_RANGE", 'c', 9, 0.0, 1.0, -1.0, "", "a number left the range of the number format: the sample was dropped" },
+  { "TSE_W_RANGE", 'c', 9, 0.0, 1.0, -1.0, "", "a number reached the end of the range of the number format: it stops there, or the sample was dropped" },
   { "TSE_W_IMPLAUSIBLE", 'c', 10, 0.0, 1.0, -1.0, "", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is" },
   /* end of table */
 };

@@ -57,6 +57,30 @@ static double off(const truth *w, const tse_output *y, int a) { return fabs(numb
                                                                                                                       a)) /
                                                                        number(y->stiffness_sd[a]); }
 
+/* In fixed point a row of the filter holds numbers up to 256, where it stops: one of more than 240 is said, wherever it is. */
+static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  truth_start(&w, &c, 20, 0, 8);
+  reset(&w.p);
+  (void)drive(&w, 2000);
+  before = f;
+  const int said = BY_NUMBER(TSE_OK, TSE_OK, TSE_W_RANGE); /* the others have no end that near */
+  const tse_input u = truth_row(&w, 0.01);
+  tse_output y;
+  TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) < TSE_W_RANGE);
+  for (int where = 0; where < 3; where++) {
+    f = before;
+    tse_kalman *const k = &f.k;
+    int n = 0;
+    while (n < TSE_EVENTS - 1 && k->event[n].kind == EVENT_NONE) n++;
+    tse_short *const at[3] = { &k->p.u[ud_column(STATES - 1) + GX], &k->doubt[TSE_DOUBTS - 1][LEAN], &k->event[n].v[LEAN] };
+    *at[where] = short_of(where == 1 ? -256 : 256);
+    TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) >= said);
+  }
+}
+
 /* ------------------------------------------------------------------------------- estimates */
 
 static void test_stiffness_lies_in_its_interval_in_drives_of_its_own_model(void)
@@ -824,6 +848,7 @@ int main(void)
   RUN_TEST(test_readings_at_their_ends_leave_numbers);
   RUN_TEST(test_parts_of_the_sd_are_those_of_what_is_uncertain);
   RUN_TEST(test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_road_alone);
+  RUN_TEST(test_a_number_that_stops_at_the_end_of_its_row_is_said);
   RUN_TEST(test_uncertain_parameters_widen_the_interval);
   return UNITY_END();
 }
