@@ -145,16 +145,17 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
         return (at >= a - 1e-9) & (at < b - 1e-9)
 
     table.loc[during(5, 6) | during(6.3, 7), "p_sliding"] = 0.95
+    table.loc[during(19.5, 20), ["p_fault", "fault_channel"]] = [0.8, 0]  # likely, and not named yet
     table.loc[during(20, 22), ["p_fault", "fault_channel"]] = [0.9, 6]
     table.loc[during(22, 23), ["p_fault", "fault_channel"]] = [0.99, 4]
     table.loc[during(40, 41) | during(50, 52), "p_sliding"] = 0.92
     table.loc[during(55, 56), "p_sliding"] = 0.3
     found = spells(table)
     assert [(s.what, s.channel, round(s.start, 2), round(s.end, 2)) for s in found] == [
-        ("sliding", "", 5, 6.99), ("fault", "yaw_rate", 20, 21.99), ("fault", "accel_x", 22, 22.99), ("sliding", "", 40, 40.99),
+        ("sliding", "", 5, 6.99), ("fault", "yaw_rate", 19.5, 21.99), ("fault", "accel_x", 22, 22.99), ("sliding", "", 40, 40.99),
         ("sliding", "", 50, 51.99),
     ]  # fmt: skip
-    assert found[1].label == "yaw_rate at fault 20.00 .. 21.99 s, 90 %"
+    assert found[1].label == "yaw_rate at fault 19.50 .. 21.99 s, 90 %"
     assert words([], found)[0] == "sliding 3 times, 5.0 s in all, first at 5.00 s"
 
 

@@ -172,12 +172,22 @@ def spells(table: pd.DataFrame) -> list[Spell]:
         p = table[column].to_numpy()
         likely = p >= LIKELY
         if column == "p_fault" and "fault_channel" in table:
-            channel = table["fault_channel"].to_numpy()
+            channel = _named_at_last(table["fault_channel"].to_numpy(), spans(time, likely))
             for number in np.unique(channel[likely]).tolist():
                 found += _spells(time, p, likely & (channel == number), what, channel_name(number))
         else:
             found += _spells(time, p, likely, what, "")
     return sorted(found, key=lambda s: s.start)
+
+
+def _named_at_last(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
+    """The channel at fault by row: one that is likely and has no name yet is the one that gets it in the same run."""
+    found = channel.copy()
+    for first, after in runs:
+        for i in range(after - 2, first - 1, -1):
+            if found[i] == 0:
+                found[i] = found[i + 1]
+    return found
 
 
 def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
