@@ -145,7 +145,7 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
         return (at >= a - 1e-9) & (at < b - 1e-9)
 
     table.loc[during(5, 6) | during(6.3, 7), "p_sliding"] = 0.95
-    table.loc[during(19.5, 20), ["p_fault", "fault_channel"]] = [0.8, 0]  # likely, and not named yet
+    table.loc[during(19.5, 20), ["p_fault", "fault_channel"]] = [0.9, 0]  # likely, and not named yet
     table.loc[during(20, 22), ["p_fault", "fault_channel"]] = [0.9, 6]
     table.loc[during(22, 23), ["p_fault", "fault_channel"]] = [0.99, 4]
     table.loc[during(40, 41) | during(50, 52), "p_sliding"] = 0.92

@@ -98,6 +98,7 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
     for (int i = 0; i < STATES; i++) x[i] = number(k.x[i]);
     const dense before = dense_of(&k.p);
     z.dt = real(0.01);
+    z.has_steer = 1;
     z.given = BRAKE;
     z.rolls = at == SF ? ROLLS_FRONT : ROLLS_REAR;
     update_row(&p, &k, &z, straight);
