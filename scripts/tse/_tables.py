@@ -215,7 +215,7 @@ class Estimate(EstimateBase):
     change_age: float
     """Time since the last change ; 0 while there was none [s]."""
     change_probability: float
-    """Probability that there was that change."""
+    """Probability that nothing has happened since that change."""
     change_kind: int
     """0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over."""
     change_cx_front: float
