@@ -106,12 +106,15 @@ static int sound_common(const tse_filter_paper *f)
   return fine && sound_reals(f->slow, 3, -MOST_REAL, MOST_REAL);
 }
 
+#define ROUNDED TSE_R(0.00001)
+
 static int sound_particles(const tse_params *p, const tse_filter_paper *f)
 {
   const tse_particles *const q = &f->p;
   int fine = sound_common(f) && sound_reals(f->weight, TSE_STRIDE, TSE_R(0), TSE_R(1));
   fine = fine && sound_reals(q->x[0], (int)(sizeof *q / sizeof q->x[0][0]), -MOST_REAL, MOST_REAL);
   for (int i = 0; i < TSE_STRIDE; i++) fine = fine && f->ancestor[i] < p->particles && f->copies[i] <= p->particles;
+  for (int a = 0; a < 3; a++) fine = fine && sound_reals(q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED); /* a mean of draws */
   if (f->filter.started)
     for (int d = 0; d < 6; d += d ? 2 : 3) fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);
   return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64)); /* padding has larger ones */

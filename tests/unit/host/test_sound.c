@@ -392,7 +392,8 @@ static void test_particles_are_held_to_their_ranges(void)
   ANY_SIGN(slow);
   HELD(weight, TSE_R(0), TSE_R(1));
   ANY_SIGN(p.x);
-  ANY_SIGN(p.mu);
+  HELD_AMONG_OTHERS(p.mu, -MOST_REAL, MOST_REAL);
+  for (int a = 0; a < 3; a++) HELD(p.mu[a][p.particles - 1], p.w_low, p.w_max);
   ANY_SIGN(p.bias);
   ANY_SIGN(p.w);
   HELD_AMONG_OTHERS(p.lam, -MOST_REAL, MOST_REAL);
