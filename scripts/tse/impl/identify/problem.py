@@ -62,7 +62,7 @@ LEAN = "bank_superelevation"
 CUT = ((("accel_x",), ("wheel_speed_front", "wheel_speed_rear")), (("accel_y", "yaw_rate"), ()))
 # How the car is unlike the model, as a function of what it does (Kennedy & O'Hagan 2001): a share of the channel that goes with
 # SHAPES, each about 1 where a driver goes hard. None goes with the square of accel_y: that is the curve of the tyres, whose
-# friction is an unknown; beside such a share a race car was found to have a friction of 1.6, and tyres a third too stiff.
+# friction is an unknown, and such a share would take its place.
 UNLIKE = ("accel_y", "yaw_rate")
 SHAPES = ("ax", "ax v", "ax^2", "v")
 
