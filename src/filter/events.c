@@ -126,16 +126,30 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
 /* Return whether an event may name a channel that is frozen: one at a time is named. None that is frozen is used. */
 static int names_frozen(const tse_kalman *k, int32_t which) { return which >= EVENT_SENSOR && k->fault == NO_FAULT; }
 
+/* Return log2 of how unlikely the stiffness is that an axle would have: the prior is of a road with grip. Another has less, and more
+ * only where the axle is below its prior. */
+static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
+{
+  tse_real most = TSE_R(0);
+  for (int i = LCF; i <= LCR && a->kind <= EVENT_REAR; i++) {
+    const tse_real share = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
+    if (!(share > TSE_R(0)) || !(k->x[i] + share > TSE_R(0))) continue;
+    const tse_real at = k->x[i] + r_div(share, TSE_R(1) + r_mul(TSE_R(0.5), share)); /* log(1 + share), to second order */
+    if (at > TSE_R(0)) most = r_max(most, r_div(r_sqr(at), r_sqr(p->prior_sd[i]) + r_sqr(USUAL_MODEL_SD)));
+  }
+  return r_mul(HALF_LOG2_OF_E, most);
+}
+
 /* Return log2 of how much likelier the samples are if this happened. Along the road the force of a tyre beyond its grip is no
  * longer that of its stiffness: another road shows as a slow innovation of accel_x of which nothing is known, its variance
  * included. A channel that is frozen repeats its reading. */
-static tse_real log2_ratio(const tse_kalman *k, const tse_event *a)
+static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, const tse_event *a)
 {
   if (a->kind == EVENT_ALONG) return k->unusual > TSE_R(1) ? r_mul(HALF_LOG2_OF_E, k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
   if (a->kind == EVENT_BACK) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
-  const tse_real one = TSE_R(1) + a->info;
-  const tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(a->score, r_div(a->score, one))) - r_mul(TSE_R(0.5), r_log2(one));
-  if (a->kind < EVENT_STEER) return ratio;
+  const tse_real one = TSE_R(1) + a->info, amplitude = r_div(a->score, one);
+  const tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(a->score, amplitude)) - r_mul(TSE_R(0.5), r_log2(one));
+  if (a->kind < EVENT_STEER) return ratio - beyond(p, k, a, amplitude);
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
   const tse_real off = changed ? r_min(ratio, TSE_R(0)) : ratio, frozen = names_frozen(k, a->kind) ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
   return frozen > TSE_R(0) ? r_max(off, frozen) : off;
@@ -150,17 +164,19 @@ int event_is_small(const tse_kalman *k, const tse_event *a)
   return r_mul(a->score, a->score) + one < r_mul(r_sqr(kind_of(a->kind)->least), r_mul(one, one));
 }
 
-/* Weigh the events of each group, and that none has happened, by how likely and how usual they are. */
-static void weigh_events(tse_kalman *k)
+/* Weigh the events of each group, and that none has happened, by how likely and how usual they are.
+ *   Returned:  ratio  log2_ratio() of each */
+static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS])
 {
   tse_real *const weight = k->weight, *const none = k->none;
   for (int group = 0; group < TSE_GROUPS; group++) {
     tse_real most = TSE_R(0), sum;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
-      if (a->kind == EVENT_NONE) weight[n] = TSE_R(0);
+      if (a->kind == EVENT_NONE) weight[n] = ratio[n] = TSE_R(0);
       if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
-      weight[n] = r_max(r_log2(r_mul(kind_of(a->kind)->rate, kind_of(a->kind)->every)) + log2_ratio(k, a), LEAST_LOG2);
+      ratio[n] = log2_ratio(p, k, a);
+      weight[n] = r_max(r_log2(r_mul(kind_of(a->kind)->rate, kind_of(a->kind)->every)) + ratio[n], LEAST_LOG2);
       most = r_max(most, weight[n]);
     }
     sum = none[group] = r_exp2(-most);
@@ -217,22 +233,21 @@ static int may_be_back(const tse_kalman *k)
 }
 
 /* Find a place for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its place for
- * SETTLE_TIME, one that is likelier than not for ROAD_TIME: what is still not believed then is a model that does not fit, or drift.
+ * ROAD_TIME, since a driver who hardly turns shows little in a second: what is still not believed then is a model that does not fit,
+ * or drift.
  *   Given:     first, places  of the kind      due  age of the youngest from which another is opened
  *   Returned:  -1 if none is to be opened now */
-static int place_for(const tse_kalman *k, int first, int places, tse_real due)
+static int place_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int first, int places, tse_real due)
 {
   int best = first, oldest = -1;
   tse_real youngest = LONGEST_TIME, age = TSE_R(-1);
   for (int n = first; n < first + places; n++) {
     if (k->event[n].kind == EVENT_NONE) return n;
     youngest = r_min(youngest, k->event[n].age);
-    if (log2_ratio(k, &k->event[n]) > log2_ratio(k, &k->event[best])) best = n;
+    if (ratio[n] > ratio[best]) best = n;
   }
   for (int n = first; n < first + places; n++) {
-    const tse_real stays = k->weight[n] > LIKELY ? ROAD_TIME : n == best ? SETTLE_TIME
-                                                                         : TSE_R(0);
-    if ((places > 1 && k->event[n].age < stays) || !(k->event[n].age > age)) continue;
+    if ((places > 1 && n == best && k->event[n].age < ROAD_TIME) || !(k->event[n].age > age)) continue;
     age = k->event[n].age;
     oldest = n;
   }
@@ -240,13 +255,13 @@ static int place_for(const tse_kalman *k, int first, int places, tse_real due)
 }
 
 /* Open the next event of each kind when it is due. Places of the kinds lie one after the other. */
-static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
+static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
     const kind *const what = kind_of(which);
     const int possible = which != EVENT_BACK || may_be_back(k);
-    const int at = possible ? place_for(k, first, what->places, what->every - r_mul(TSE_R(0.5), dt)) : -1;
+    const int at = possible ? place_for(k, ratio, first, what->places, what->every - r_mul(TSE_R(0.5), dt)) : -1;
     if (at >= 0) open_event(p, k, at, which);
     first += what->places;
   }
@@ -282,10 +297,10 @@ static void close_events(tse_kalman *k, int group)
 }
 
 /* Return the likeliest road, for one that shows along the car alone: it has changed as far as it shows across. */
-static int likeliest_road(const tse_kalman *k, int n)
+static int likeliest_road(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int n)
 {
   for (int i = 0; i < TSE_EVENTS; i++)
-    if (k->event[i].kind == EVENT_ROAD && (k->event[n].kind != EVENT_ROAD || log2_ratio(k, &k->event[i]) > log2_ratio(k, &k->event[n]))) n = i;
+    if (k->event[i].kind == EVENT_ROAD && (k->event[n].kind != EVENT_ROAD || ratio[i] > ratio[n])) n = i;
   return n;
 }
 
@@ -331,13 +346,13 @@ static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_
 }
 
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
-static void believe(const tse_params *p, tse_kalman *k, int n)
+static void believe(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], int n)
 {
   tse_real var, was[4], was_var[4], moved[TSE_ALL];
   if (k->event[n].kind == EVENT_ALONG) {
     k->weight[n] = TSE_R(0);
     k->none[GOING] = TSE_R(1);
-    n = likeliest_road(k, n);
+    n = likeliest_road(k, ratio, n);
   }
   tse_event a = k->event[n];
   const tse_along along = k->along;
@@ -379,10 +394,11 @@ void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   if (k->fault == FAULT_STEER) k->agrees_for += dt; /* the offset is found anew */
   if (k->fault && k->agrees_for > SETTLE_TIME) k->fault = NO_FAULT;
-  weigh_events(k);
+  tse_real ratio[TSE_EVENTS];
+  weigh_events(p, k, ratio);
   for (int group = 0; group < TSE_GROUPS; group++) {
     const int best = k->none[group] < TSE_R(1) - BELIEVED ? likeliest(k, group) : -1;
-    if (best >= 0) believe(p, k, best);
+    if (best >= 0) believe(p, k, ratio, best);
   }
-  spawn(p, k, dt);
+  spawn(p, k, ratio, dt);
 }

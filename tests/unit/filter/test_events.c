@@ -294,6 +294,53 @@ static void test_a_change_is_reported_once(void)
   }
 }
 
+/* The prior is of a road with grip: tyres that would have more are as unlikely as it says, tyres that have less, or more than little, are
+ * not. */
+static void test_another_road_gives_no_more_grip_than_there_is(void)
+{
+  static trio t;
+  uint32_t seed = 9;
+  const double at[4] = { 0, 0, -2, 0.1 }, score[4] = { -12, 12, 12, 12 }, info = 20, unit = number(state_unit[LCR]);
+  double stated[4];
+  for (int n = 0; n < 4; n++) {
+    start(&t, EVENT_REAR, 0, 0, &seed);
+    t.p.prior_sd[LCR] = real(0.2);
+    t.k.x[LCR] = real(at[n]);
+    t.k.event[t.n].v[LCR] = short_of(0.4 / unit);
+    t.k.event[t.n].score = real(score[n]);
+    t.k.event[t.n].info = real(info);
+    stated[n] = log(odds(&t));
+    const double beyond = at[n] + log(1 + 0.4 * score[n] / (1 + info)), sd = hypot(0.2, number(USUAL_MODEL_SD));
+    const double less = score[n] > 0 && beyond > 0 ? 0.5 * beyond * beyond / (sd * sd) : 0;
+    expect_near(stated[0] - less, stated[n], 0.02, "odds", n); /* logarithm to second order, weights of six digits */
+  }
+  TEST_ASSERT_TRUE(stated[1] < stated[0] - 0.4 && stated[3] < stated[1] - 0.4);
+}
+
+/* A driver who hardly turns shows little: the likeliest event of a kind is kept for seconds, and not for ever. */
+static void test_the_likeliest_event_keeps_its_place(void)
+{
+  static tse_kalman k;
+  static tse_params p;
+  memset(&k, 0, sizeof k);
+  memset(&p, 0, sizeof p);
+  for (int n = 0; n < 300; n++) events_decide(&p, &k, real(0.01)); /* ages stay: all places of the kind are taken in turn as they come */
+  int kept = -1;
+  for (int n = 0; n < TSE_EVENTS && kept < 0; n++)
+    if (k.event[n].kind == EVENT_ROAD) kept = n;
+  TEST_ASSERT_TRUE(kept >= 0);
+  double left_at = 0;
+  for (int n = 0; n < 3000 && !(left_at > 0); n++) {
+    for (int i = 0; i < TSE_EVENTS; i++) k.event[i].age += real(0.01);
+    k.event[kept].score = TSE_R(-3); /* likelier than the others, and not believed */
+    k.event[kept].info = TSE_R(3);
+    const double age = number(k.event[kept].age);
+    events_decide(&p, &k, real(0.01));
+    if (number(k.event[kept].age) < age) left_at = age;
+  }
+  expect_near(number(ROAD_TIME), left_at, number(OPEN_TIME), "kept for", kept);
+}
+
 /* What does not fit yet after a change is being found: no fault, until the tyres have settled. */
 static void test_soon_after_a_change_nothing_is_a_fault(void)
 {
@@ -387,6 +434,8 @@ int main(void)
   RUN_TEST(test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it);
   RUN_TEST(test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there);
   RUN_TEST(test_tyres_that_are_back_are_known_as_before);
+  RUN_TEST(test_another_road_gives_no_more_grip_than_there_is);
+  RUN_TEST(test_the_likeliest_event_keeps_its_place);
   RUN_TEST(test_a_change_is_reported_once);
   RUN_TEST(test_soon_after_a_change_nothing_is_a_fault);
   RUN_TEST(test_without_evidence_nothing_is_believed);
