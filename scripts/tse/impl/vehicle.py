@@ -39,7 +39,7 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
 # Limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
 LEAST_GRIP_SD = 0.1
-CALIBRATED_MODEL_SD = 0.075
+CALIBRATED_MODEL_SD = 0.05
 LEAST_LATE_SD = 0.008  # s
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
