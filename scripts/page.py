@@ -166,9 +166,8 @@ def example() -> dict[str, Any]:
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
     from tse.impl import config, rows, simulate, units, vehicle, verdict
-    from tse.impl.logs import agree, physics, vocabulary
-    from tse.impl.logs.propose import scales
-    from tse.impl.logs.readers.table import _AT_END
+    from tse.impl.logs import agree, physics, scales, vocabulary
+    from tse.impl.logs.table import _AT_END
 
     factors: dict[str, dict[str, float]] = {}
     for si in ("s", "rad", "rad/s", "m/s", "m/s2"):

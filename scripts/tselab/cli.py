@@ -1,4 +1,4 @@
-"""The command line: options in, modules called, messages out. One module of tselab.commands a command, loaded when it is needed."""
+"""The command line: options in, modules called, messages out. One module of tselab a command, loaded when it is needed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import click
 from tse.impl import __version__
 from tse.impl.errors import UserError
 
-COMMANDS = {  # name: module of tselab.commands, what it does
+COMMANDS = {  # name: module of tselab, what it does
     "calibrate": ("calibrate", "Find what the car and the sensors of a log are."),
     "demo": ("demo", "Simulate a drive, estimate, read an MF4, find a hidden effect."),
     "estimate": ("estimate", "Estimate tyre stiffness from LOG."),
@@ -40,7 +40,7 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        return getattr(importlib.import_module(f"tselab.commands.{COMMANDS[name][0]}"), name)
+        return getattr(importlib.import_module(f"tselab.{COMMANDS[name][0]}"), name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

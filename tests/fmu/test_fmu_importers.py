@@ -36,7 +36,7 @@ from fmu_support import (
 )
 
 from tse.impl.files import alone
-from tselab.fmu.build import lock_of
+from tselab.fmu_build import lock_of
 
 STOP = 2.0
 

@@ -13,7 +13,7 @@ from fmu_support import ESTIMATOR, VEHICLE, Instance, unit
 
 from tse.impl.errors import UserError
 from tselab.cli import cli
-from tselab.fmu.parameters import parameter_set, parameters_of
+from tselab.fmu_parameters import parameter_set, parameters_of
 
 fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,7 +23,7 @@ STEP, STEPS = 1 / 128, 512  # s
 @pytest.fixture(scope="module")
 def ssp(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As `tselab fmu build` packs it."""
-    from tselab.fmu.build import build
+    from tselab.fmu_build import build
 
     out = tmp_path_factory.mktemp("system")
     build(out, (), None, lambda _: None)

@@ -13,7 +13,8 @@ import pytest
 
 from conftest import tselab, tselab_here
 from tse.impl.errors import UserError
-from tselab.fmu import build, platforms
+from tselab import fmu_build as build
+from tselab import fmu_platforms as platforms
 
 if shutil.which("cmake") is None:
     pytest.skip("cmake is not installed", allow_module_level=True)

@@ -12,7 +12,7 @@ import pytest
 from conftest import tselab_here
 from tests.cars.logs import make_logs
 from tse.impl.logs.propose import Proposal, propose
-from tse.impl.logs.readers.recording import Channel, Recording
+from tse.impl.logs.recording import Channel, Recording
 
 DEG, RADIUS, RATIO = 180 / np.pi, 0.31, 15.0
 CAR = f"mass = 1600\nlf = 1.2\nlr = 1.5\nwheel_radius_front = {RADIUS}\nwheel_radius_rear = {RADIUS}\n"

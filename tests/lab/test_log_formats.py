@@ -162,7 +162,7 @@ def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
             raise ModuleNotFoundError(name, name="asammdf")
         return real(name, *args, **kw)
 
-    monkeypatch.setattr("tse.impl.logs.readers.recording.importlib.import_module", without)
+    monkeypatch.setattr("tse.impl.logs.recording.importlib.import_module", without)
     done = tselab_here("signals", path)
     assert done.code == 2 and "pip install 'tse[mf4]'" in done.err and "scripts/setup.sh logs" in done.err
 

@@ -251,10 +251,10 @@ def in_small_pieces(monkeypatch) -> None:
     """Everything as of a log that is a hundred times as long."""
     monkeypatch.setattr(room, "MOST_BYTES", 8 * SMALL)
     monkeypatch.setattr(room, "MOST_HELD", SMALL)
-    for name in ("room", "logs.raster", "logs.readers.can", "logs.readers.columns", "logs.readers.mat", "logs.readers.mdf",
-                   "logs.readers.text"):  # fmt: skip
+    for name in ("room", "logs.raster", "logs.read_can", "logs.read_columns", "logs.read_mat", "logs.read_mdf",
+                   "logs.read_text"):  # fmt: skip
         monkeypatch.setattr(f"tse.impl.{name}.PIECE", SMALL)
-    monkeypatch.setattr("tse.impl.logs.readers.mat.MOST_AT_ONCE", 0)
+    monkeypatch.setattr("tse.impl.logs.read_mat.MOST_AT_ONCE", 0)
 
 
 def test_a_spline_in_pieces_has_the_same_bits_and_a_low_pass_the_same_value(monkeypatch):

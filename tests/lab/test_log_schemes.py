@@ -12,7 +12,7 @@ import pytest
 
 from tests.cars.logs import make_logs
 from tse.impl.logs.propose import propose
-from tse.impl.logs.readers.recording import Channel, Recording
+from tse.impl.logs.recording import Channel, Recording
 
 DEG, G = 180 / np.pi, 9.80665
 STEER = ["SteeringWheelAngle", "Steering_Wheel_Angle", "StrgWhlAng", "SWA", "LWI_Lenkradwinkel", "LRW", "Lenkradwinkel",

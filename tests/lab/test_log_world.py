@@ -16,7 +16,7 @@ from tse.impl.errors import UserError
 from tse.impl.logs import physics
 from tse.impl.logs.propose import propose
 from tse.impl.logs.readers import read_recording, reader_of
-from tse.impl.logs.readers.recording import Channel, Recording
+from tse.impl.logs.recording import Channel, Recording
 
 RADIUS = RADII["rear"]
 
@@ -183,7 +183,7 @@ def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_p
     pa = pytest.importorskip("pyarrow")
     import pyarrow.parquet as pq
 
-    from tse.impl.logs.readers import recording
+    from tse.impl.logs import recording
 
     table = {"time": pa.array(range(50000), pa.float64()), "x": pa.nulls(50000, pa.float64())}
     pq.write_table(pa.table(table), tmp_path / "t.parquet")

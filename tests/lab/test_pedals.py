@@ -16,10 +16,10 @@ from tse.impl.errors import UserError
 from tse.impl.gap.data import prepare
 from tse.impl.logs.agree import check_units
 from tse.impl.logs.log import read_frame, read_log
+from tse.impl.logs.proposal import toml_text
 from tse.impl.logs.propose import propose
-from tse.impl.logs.propose.text import toml_text
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.readers.recording import How
+from tse.impl.logs.recording import How
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import MEASURES, Log, Reading, average
 from tse.impl.vehicle import Vehicle, read_vehicle

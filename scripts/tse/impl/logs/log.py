@@ -1,4 +1,4 @@
-"""Read a log: a CSV with the names of the library, a frame, or any format of readers/. tse.impl.rows checks what comes."""
+"""Read a log: a CSV with the names of the library, a frame, or any format of readers.py. tse.impl.rows checks what comes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from tse.impl.errors import NoFile, UserError
 from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.readers.recording import How, Recording, listed
-from tse.impl.logs.readers.table import Column, seconds
+from tse.impl.logs.recording import How, Recording, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, known_channels, read_signals
+from tse.impl.logs.table import Column, seconds
 from tse.impl.room import Room
 from tse.impl.rows import (
     FEW_OUTSIDE,

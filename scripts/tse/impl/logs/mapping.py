@@ -10,7 +10,7 @@ import numpy as np
 
 from tse.impl.clock import straight
 from tse.impl.errors import UserError
-from tse.impl.logs.readers.recording import Channel, Recording
+from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.signals import Counter, Flag, Signal, Signals, unit_of
 from tse.impl.room import Room
 from tse.impl.rows import SIDES

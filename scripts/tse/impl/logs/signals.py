@@ -12,7 +12,7 @@ from typing import Any
 from tse.impl.core import library
 from tse.impl.errors import UserError
 from tse.impl.files import read_toml
-from tse.impl.logs.readers.recording import How
+from tse.impl.logs.recording import How
 from tse.impl.rows import OPTIONAL, SIDES
 from tse.impl.units import factor, quantity
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import re
 
-from tse.impl.logs.readers.table import words
+from tse.impl.logs.table import words
 
 # role -> (pattern over the words joined by blanks, score). The best one counts; NOT below takes off.
 ROLES: dict[str, tuple[tuple[str, float], ...]] = {

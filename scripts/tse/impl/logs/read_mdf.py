@@ -1,0 +1,162 @@
+"""MDF 3 and 4 by asammdf; frames of a bus in them by the databases."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from tse.impl.errors import UserError
+from tse.impl.logs.frames import Bus, databases_for
+from tse.impl.logs.recording import Channel, How, Recording, check_rows, need
+from tse.impl.room import PIECE, Room
+
+FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
+
+
+def read(path: Path, how: How) -> Recording:
+    """Channels with their conversions; values that are marked invalid are missing. Frames are decoded and their messages named."""
+    asammdf = need("asammdf", "mf4", str(path))
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
+    notes: list[str] = []
+    room = Room()
+    damage = ""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
+    try:
+        with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
+            channels = _plain(mdf, how, room)
+            channels |= _of_frames(path, mdf, how, room, bool(channels), notes)
+            version = mdf.version
+    except UserError:
+        raise
+    except Exception as error:  # asammdf's parsers stumble over damage in many ways
+        damage = f"{type(error).__name__}: {str(error)[:120]}"
+    finally:
+        gc.collect()
+        sys.unraisablehook = hook
+    if damage:  # outside of the above, for an error keeps alive what it was raised beside
+        raise UserError(
+            f"{path}: is damaged or cut off: {damage}; what an MDF holds is described in blocks all over the file, and some are "
+            "missing: copy it again, or have the recorder's own tool repair it"
+        )
+    return Recording(path, f"MDF {version}", channels, notes, room=room)
+
+
+def _is_finished(file: BinaryIO) -> bool:
+    """A file that was closed in order: asammdf reads it as it is. Given its name, it would map it, and all of it stay in memory;
+    of one that was not it makes a copy that it completes, and that needs the name."""
+    finished = file.read(8) == b"MDF     "
+    file.seek(0)
+    return finished
+
+
+def _plain(mdf: Any, how: How, room: Room) -> dict[str, Channel]:
+    found: list[tuple[str, str, Channel]] = []
+    for g, group in enumerate(mdf.groups):
+        check_rows(Path(mdf.name), f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
+        master = mdf.masters_db.get(g)
+        time: np.ndarray | None = None
+        title = getattr(group.channel_group, "acq_name", None) or getattr(group.channel_group, "comment", "") or ""
+        for c, channel in enumerate(group.channels):
+            if c == master or channel.name.startswith("CAN_DataFrame") or (how.wanted and not how.wanted(channel.name)):
+                continue
+            value, own, unit, text = _samples(mdf, g, c, time, room)
+            if value is None:
+                continue
+            time = own
+            found.append((channel.name, str(title), Channel(channel.name, time, value, unit, text)))
+    often = Counter(name for name, _, _ in found)
+    channels: dict[str, Channel] = {}
+    for name, title, c in found:
+        full = name
+        if often[name] > 1:
+            full = f"{title}.{name}" if title else name
+            k = 2
+            while full in channels:
+                full = f"{title + '.' if title else ''}{name}#{k}"
+                k += 1
+        channels[full] = Channel(full, c.time, c.value, c.unit, c.text)
+    return channels
+
+
+def _samples(
+    mdf: Any, group: int, index: int, time: np.ndarray | None, room: Room
+) -> tuple[np.ndarray | None, np.ndarray, str, str]:
+    """Values and times of a channel, piece by piece. `time`: of its group, where it was read."""
+    for raw in (False, True):  # of a table of texts: the numbers below it
+        value, times = room.growing(), room.growing()
+        first = None
+        for signal in _pieces(mdf, group, index, raw):
+            part = np.asarray(signal.samples)
+            if part.dtype.kind not in "biuf" or part.ndim != 1:
+                break
+            first = first or signal
+            part = part.astype(float)
+            bad = signal.invalidation_bits
+            if bad is not None and len(np.atleast_1d(bad)) == len(part):
+                part = np.where(np.asarray(bad, bool), np.nan, part)
+            value.extend(part)
+            if time is None:
+                times.extend(np.asarray(signal.timestamps, float))
+        else:
+            if first is None:
+                break
+            found = value.array()
+            if time is not None and len(time) != len(found):
+                return _samples(mdf, group, index, None, room)
+            unit, text = str(first.unit or ""), str(first.comment or "")[:200]
+            return found, time if time is not None else times.array(), unit, text
+        for column in (value, times):
+            column.array()  # no longer growing
+    return None, np.zeros(0), "", ""
+
+
+def _pieces(mdf: Any, group: int, index: int, raw: bool) -> Iterator[Any]:
+    """The channel as asammdf's Signals of so many records each, until there are none."""
+    done = 0
+    while True:
+        signal = mdf.get(
+            group=group, index=index, raw=raw, ignore_invalidation_bits=True, record_offset=done, record_count=PIECE
+        )
+        if not len(signal.samples):
+            return
+        yield signal
+        done += PIECE
+        if len(signal.samples) < PIECE:
+            return
+
+
+def _of_frames(path: Path, mdf: Any, how: How, room: Room, others: bool, notes: list[str]) -> dict[str, Channel]:
+    """Signals of the frames of all buses, in order of time. `others`: the file has other channels, too."""
+    bus, times = None, room.growing()
+    for g, group in enumerate(mdf.groups):
+        for c, channel in enumerate(group.channels):
+            if channel.name != FRAMES[0]:
+                continue
+            for frame in _pieces(mdf, g, c, raw=True):
+                samples = frame.samples
+                names = samples.dtype.names or ()
+                if not all(n in names for n in FRAMES[1:]):
+                    break
+                if bus is None:
+                    databases = databases_for(path, how, required=not others)
+                    if not databases:
+                        return {}
+                    bus = Bus(path, databases, how, room)
+                raw = samples[FRAMES[2]]
+                length = (
+                    samples["CAN_DataFrame.DataLength"]
+                    if "CAN_DataFrame.DataLength" in names
+                    else np.full(len(raw), raw.shape[1])
+                )
+                data = [bytes(r[: int(n)]) for r, n in zip(raw, length, strict=True)]
+                times.extend(np.asarray(frame.timestamps, float))
+                bus.add(np.asarray(samples[FRAMES[1]], np.int64), data)
+    return bus.channels(times.array(), None, notes) if bus is not None else {}

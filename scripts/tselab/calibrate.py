@@ -1,0 +1,134 @@
+"""The command `tselab calibrate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tselab.gap import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct
+from tselab.options import FILE, PROGRESS, for_programs, reading, saying
+
+if TYPE_CHECKING:
+    from tse.impl.calibrate.result import Result
+    from tse.impl.rows import Reading
+
+NOT_CONVERGED = 12  # exit code
+
+
+class Calibrate(Run):
+    """--hold-out takes all files up to the next option."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        click.Command.format_epilog(self, ctx, formatter)
+
+
+@click.command(cls=Calibrate)
+@LOGS
+@VEHICLE
+@click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
+              help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
+@click.option(
+    "--out",
+    metavar="CALIBRATED.toml",
+    type=FILE,
+    required=True,
+    help="The calibrated vehicle file; .json and .html beside it.",
+)
+@click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
+@reading
+@for_programs
+@JOBS
+@PROGRESS
+def calibrate(
+    logs: tuple[Path, ...],
+    vehicle_path: Path,
+    hold_out: tuple[Path, ...],
+    out: Path,
+    steps: int | None,
+    jobs: int,
+    progress: bool | None,
+    reading: Reading,
+    as_json: bool,
+    table: Path | None,
+) -> int:
+    """Find what the car and the sensors of a log are, from ordinary driving.
+
+    \b
+    tselab calibrate drive1.csv drive2.csv --vehicle car.toml --out calibrated.toml
+    tselab calibrate log_*.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
+    tselab estimate drive3.csv --vehicle calibrated.toml
+
+    Found together, with what passenger cars have as prior: how late every channel is behind the gyro, steering ratio, offset and
+    lag, wheel radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load transfer, yaw inertia, stiffness, and
+    the noise of the sensors. What these logs do not show is named, keeps its prior, and is in the intervals of the estimate. Half
+    an hour of driving with bends and some braking is a good start; a second calibration, with --vehicle calibrated.toml
+    and other logs, starts from the first.
+
+    \b
+    CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
+    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated as it is, not fitted
+    CALIBRATED.json            all numbers, for programs
+    CALIBRATED.html            the same for people
+
+    --json says the same numbers on standard output, --table writes a row for each finding.
+
+    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged, and they show nothing of it, or less
+    than 20 s of them can be compared with a simulation; 12 not converged (written all the same, and said); 2 bad input; 130
+    Ctrl-C.
+    """
+    from tse.impl import results
+    from tse.impl.calibrate import output, page, workflow
+    from tse.impl.calibrate.result import words
+    from tse.impl.files import check_distinct, check_writable
+    from tse.impl.vehicle import read_vehicle, stiffness_words
+
+    _distinct(logs, hold_out)
+    formula = read_vehicle(vehicle_path).formula_path
+    numbers, html = out.with_suffix(".json"), out.with_suffix(".html")
+    kept_formula = output.formula_beside(out) if formula else None
+    check_distinct(
+        {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula, "--table": table},
+        {"--vehicle": vehicle_path, "the formula of --vehicle": formula} | {str(p): p for p in logs},
+    )
+    check_writable(out)
+    results.check_table(table)
+    if table is not None:
+        check_writable(table)
+    with saying(progress) as say:
+        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading)
+        output.write(out, result, [p.name for p in logs])
+        say("the page")
+        text = [stiffness_words(read_vehicle(out)), *words(result)]
+        page.write(html, result, text)
+    written = [str(out), *(p.name for p in (kept_formula, numbers, html) if p), *([str(table)] if table else [])]
+    if table is not None:
+        results.write_rows(table, [{"logs": " ".join(map(str, logs)), **f.as_json()} for f in result.findings])
+    code = _code(result)
+    if as_json:
+        results.say_json(
+            {"logs": logs, "vehicle": vehicle_path, **output.as_json(result), "exit_code": code, "written": written}
+        )
+        return code
+    for line in text:
+        click.echo(line)
+    for group in result.groups:
+        for finding in group.members:
+            if finding.shown:
+                click.echo(f"  {finding.words}")
+    for line in result.notes:
+        click.echo(f"note: {line}", err=True)
+    click.echo(f"Written: {', '.join(written)}")
+    return code
+
+
+def _code(result: Result) -> int:
+    from tse.impl.calibrate.result import LEAST_SECONDS
+    from tse.impl.results import NOTHING, USABLE
+
+    if not result.fit.converged:
+        return NOT_CONVERGED
+    if result.seconds < LEAST_SECONDS:
+        return NOTHING
+    return USABLE if any(f.shown for f in result.findings) else NOTHING

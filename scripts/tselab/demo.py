@@ -1,0 +1,291 @@
+"""The demonstration: simulate, estimate, compare; everything left in one directory. Then the same drive as an MF4 of other names,
+units, rates and latencies."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+import pandas as pd
+
+from tse.impl import maneuvers
+from tse.impl.config import make_config
+from tse.impl.core import STIFFNESS, Config, SimConfig
+from tse.impl.errors import UserError
+from tse.impl.estimate import Estimate, estimate, estimate_to, write_table
+from tse.impl.files import atomic
+from tse.impl.fleet.single import prepare
+from tse.impl.gap.run.output import write_all
+from tse.impl.gap.run.workflow import run
+from tse.impl.logs.log import read_log
+from tse.impl.logs.proposal import toml_text
+from tse.impl.logs.propose import propose
+from tse.impl.logs.readers import read_recording
+from tse.impl.logs.recording import need
+from tse.impl.report import write_report
+from tse.impl.rows import Reading
+from tse.impl.simulate import simulate, with_references
+from tse.impl.tables import simulated_vehicle
+from tse.impl.vehicle import read_vehicle
+from tse.impl.verdict import NAMES
+from tselab.montecarlo.pictures import demo_picture
+from tselab.options import FILE, PROGRESS, show_progress
+
+if TYPE_CHECKING:
+    from tse.impl.gap.run.workflow import Result
+
+
+@click.command()
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    default=Path("demo"),
+    show_default=True,
+    help="Directory; made if needed.",
+)
+@click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
+@PROGRESS
+def demo(out: Path, seed: int, progress: bool | None) -> None:
+    """Simulate double lane changes with a road change, estimate, compare; do it again from an MF4 of other names, units, rates
+    and latencies; then find a hidden effect.
+
+    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; in
+    the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
+    the logs of a car with a hidden effect, and all that 'tselab gap' makes of them.
+    """
+    from tse.impl.tables import simulated_vehicle
+
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a directory is needed")
+    made = run_demo(out, seed, show_progress(progress))
+    click.echo(summary(made, out))
+    try:
+        logged = run_logger(out / "logger", made.log, simulated_vehicle(), made.est.table)
+        click.echo("\n" + logger_summary(logged, out / "logger"))
+    except UserError as error:
+        click.echo(f"\nleft out: {error}")
+    say = (lambda text: click.echo(f"gap: {text}", err=True)) if show_progress(progress) else (lambda _: None)
+    click.echo("\n" + gap_summary(run_gap(out / "gap", seed, say, os.cpu_count() or 1), out / "gap"))
+
+
+DURATION, ROAD_CHANGE = 72.0, (36.0, 0.7)
+SETTLED, LAST = 10.0, 12.0  # s: what the summary looks at
+START = 0.8  # of nominal
+
+
+# A second car, with something that the model does not have, for `tselab gap`: it rolls on its springs, and gravity leaks into
+# accel_y. The logs are of the simulator with wheels, torques and a stiffness that scatters; the workflow has the plain car.
+HIDDEN = "body_roll"
+HIDDEN_SETTINGS = {
+    "body_roll_gain": 0.009, "body_roll_frequency": 1.5, "body_roll_damping": 0.3, "body_roll_height": 0.15,
+    "body_roll_coupling": 0.3,
+}  # fmt: skip
+GAP_DRIVES = (  # manoeuvre, seconds, speed, amplitude, held out
+    ("sine-sweep", 30.0, 20.0, 0.03, False),
+    ("double-lane-change", 36.0, 22.0, 0.04, False),
+    ("square-waves", 30.0, 12.0, 0.06, False),
+    ("square-waves", 30.0, 28.0, 0.02, True),
+)
+SPREAD = 0.02  # of the stiffness from sample to sample, share of its mean
+STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # rad, rad/s
+
+
+@dataclass
+class Demo:
+    est: Estimate
+    truth: pd.DataFrame
+    files: list[str]
+    log: pd.DataFrame
+    gap: Result | None = None
+
+
+def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
+    """Write vehicle, filter settings, log, truth, estimates, report and picture."""
+    out.mkdir(parents=True, exist_ok=True)
+    with atomic(out / "vehicle.toml") as file:
+        file.write(simulated_vehicle())
+    with atomic(out / "filter.toml") as file:
+        file.write("# a wrong start, to see it being found\n" + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS))
+    vehicle = read_vehicle(out / "vehicle.toml")
+    config = Config(vehicle.values)
+    maneuver = maneuvers.build(
+        "double-lane-change", config, sample_time=config.sample_time, duration=DURATION, road=[ROAD_CHANGE]
+    )
+    simulation = simulate(maneuver, config, SimConfig({"seed": seed}), vehicle.driven_axle, progress)
+    write_table(with_references(simulation), out / "log.csv")
+    write_table(simulation.truth, out / "truth.csv")
+
+    log = read_log(out / "log.csv")
+    config, notes = make_config(vehicle, log, out / "filter.toml", {"seed": seed})
+    est = estimate(log, config, progress)
+    write_table(est.table, out / "est.csv")
+    write_report(out / "report.html", est, log, vehicle, config, notes + log.notes)
+    files = ["vehicle.toml", "filter.toml", "log.csv", "truth.csv", "est.csv", "report.html"]
+    with contextlib.suppress(UserError):  # matplotlib is optional
+        demo_picture(out / "demo.png", est.table, simulation.truth, simulation.log)
+        files.append("demo.png")
+    return Demo(est, simulation.truth, files, simulation.log)
+
+
+def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: None, jobs: int = 1) -> Result:
+    """Logs of a car with a hidden effect, and the gap workflow over them: everything in `out`."""
+
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "car.toml"
+    with atomic(path) as file:
+        file.write(simulated_vehicle())
+    vehicle = read_vehicle(path)
+    car = Config(vehicle.values)
+    truth = Config(vehicle.values | HIDDEN_SETTINGS)
+    spread = {f"spread_{s}": SPREAD for s in STIFFNESS}
+    noise = {
+        "steer_angle_sd": STEER_NOISE,
+        "wheel_speed_sd": WHEEL_NOISE,
+        "true_bias_accel_y": 0.05,
+        "true_cy_rear": 1.05,
+    }
+    paths: dict[bool, list[Path]] = {False: [], True: []}
+    say("simulating a car with a hidden effect")
+    for i, (name, duration, speed, amplitude, held) in enumerate(GAP_DRIVES):
+        maneuver = maneuvers.build(
+            name, car, sample_time=car.sample_time, duration=duration, speed=speed, amplitude=amplitude, seed=seed + i
+        )
+        log = simulate(
+            maneuver, truth, SimConfig(spread | noise | {"seed": seed + i, "speed": speed}), vehicle.driven_axle
+        ).log
+        paths[held].append(out / f"{'held_out' if held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv")
+        write_table(log, paths[held][-1])
+    result = run(paths[False], path, paths[True], jobs, say)
+    write_all(out, result, path, jobs, say)
+    return result
+
+
+def gap_summary(result: Result, out: Path) -> str:
+    """What was hidden, what was found, in plain words."""
+    before, after = result.fit_before["accel_y"], result.fit_after["accel_y"]
+    held = result.held_out["accel_y"]
+    return "\n".join(
+        [
+            f"A second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m). tselab gap says:",
+            *(f"  {w}" for w in result.words),
+            f"accel_y against the simulation: {before:.2f} times the sensor's noise before, {after:.2f} after; in a "
+            f"manoeuvre that the fit has not seen {held.before:.2f} before, {held.after:.2f} after.",
+            f"Written to {out}: gap.png, report.html, verdict.json, vehicle_improved.toml, effects.h ...",
+        ]
+    )
+
+
+def summary(demo: Demo, out: Path) -> str:
+    """Five lines."""
+    table = demo.est.table
+    time, end = table["time"].to_numpy(), table["time"].iloc[-1]
+    lines = [
+        f"Double lane changes, {end:.0f} s; at {ROAD_CHANGE[0]:g} s all stiffness drops to {100 * ROAD_CHANGE[1]:.0f} %."
+    ]
+    parts = {
+        f"from {SETTLED:g} s to the change": (time >= SETTLED) & (time < ROAD_CHANGE[0]),
+        f"in the last {LAST:g} s": time > end - LAST,
+    }
+    for key in STIFFNESS:
+        true = demo.truth[f"true_{key}"].to_numpy()[: len(table)]
+        valid = table[f"{key}_valid"].to_numpy() == 1
+        error = table[key].to_numpy() / true - 1
+        texts = [
+            f"{100 * np.sqrt(np.mean(error[p & valid] ** 2)):.1f} % {name}"
+            for name, p in parts.items()
+            if (p & valid).any()
+        ]
+        lines.append(
+            f"{NAMES[key]}: RMS error {', '.join(texts) or 'unknown'}; valid {100 * valid.mean():.0f} % of the time"
+        )
+    lines.append(f"Written to {out}: {', '.join(demo.files)}")
+    return "\n".join(lines)
+
+
+# ---- the same drive as an MF4 of a measuring system, and what a user does with it
+
+
+RATIO, TRACK = 15.3, 1.55  # m
+DEG, G = 180 / np.pi, 9.80665
+GROUPS = {  # group of the MF4: rows of the clean log per entry, latency in s, channels with their units
+    "LWI": (4, 0.030, {"LWI_Lenkradwinkel": "deg"}),
+    "ESP_wheels": (2, 0.040, dict.fromkeys(("ESP_VL", "ESP_VR", "ESP_HL", "ESP_HR"), "km/h")),
+    "IMU": (1, 0.010, {"Gierrate": "deg/s", "Querbeschl": "g", "Laengsbeschl": "m/s2"}),
+}
+
+
+@dataclass(frozen=True)
+class Logger:
+    """What came of it. `off`: estimate over that from the clean log, less 1, at the end of the drive."""
+
+    found: dict[str, str]  # channel -> what it was guessed from
+    late: float  # s by which the wheels were found to be behind the gyro
+    off: dict[str, float]
+
+
+def run_logger(out: Path, log: pd.DataFrame, vehicle: str, clean: pd.DataFrame) -> Logger:
+    """Write car.toml and drive.mf4, have signals.toml proposed, estimate. `log`: the clean rows; `vehicle`: the text of the vehicle
+    file; `clean`: what was estimated from them. UserError: no library for MF4."""
+
+    need("asammdf", "mf4", "the demonstration of an MF4")
+    out.mkdir(parents=True, exist_ok=True)
+    with atomic(out / "car.toml") as file:
+        file.write(f"steering_ratio = {RATIO}\n{vehicle}")
+    car = read_vehicle(out / "car.toml")
+    write_mf4(out / "drive.mf4", log, car.values)
+    recording = read_recording(out / "drive.mf4")
+    proposal = propose(recording, car)
+    with atomic(out / "signals.toml") as file:
+        file.write(toml_text(recording, proposal))
+    prepared = prepare(out / "drive.mf4", out / "car.toml", None, None, {}, "default", {}, Reading())
+    est = estimate_to(out / "est.csv", prepared.log, prepared.config)
+
+    def end(table: pd.DataFrame) -> pd.Series:
+        return table[table["time"] > table["time"].iloc[-1] - LAST][list(STIFFNESS)].mean()
+
+    off = end(est.table) / end(clean) - 1
+    wheels = next((g.latency for g in proposal.guesses if g.channel == "wheel_speed_rear"), float("nan"))
+    return Logger({g.channel: " and ".join(g.name) for g in proposal.guesses}, wheels, off.to_dict())
+
+
+def write_mf4(path: Path, log: pd.DataFrame, car: dict[str, float]) -> None:
+    """The log as that of a measuring system."""
+    from asammdf import MDF, Signal
+
+    d = {name: log[name].to_numpy(float) for name in log}
+    side = 0.5 * TRACK * d["yaw_rate"]
+    front, rear = (d[f"wheel_speed_{a}"] * car[f"wheel_radius_{a}"] for a in ("front", "rear"))
+    value = {
+        "LWI_Lenkradwinkel": DEG * RATIO * d["steer_angle"],
+        "ESP_VL": 3.6 * (front - side), "ESP_VR": 3.6 * (front + side),
+        "ESP_HL": 3.6 * (rear - side), "ESP_HR": 3.6 * (rear + side),
+        "Gierrate": DEG * d["yaw_rate"], "Querbeschl": d["accel_y"] / G, "Laengsbeschl": d["accel_x"],
+    }  # fmt: skip
+    with MDF(version="4.10") as mdf:
+        for group, (every, latency, units) in GROUPS.items():
+            time = d["time"][::every] + latency
+            mdf.append([Signal(value[n][::every], time, unit=u, name=n) for n, u in units.items()], acq_name=group)
+        mdf.save(path, overwrite=True)
+
+
+def logger_summary(made: Logger, out: Path) -> str:
+    """In plain words."""
+    true = GROUPS["ESP_wheels"][1] - GROUPS["IMU"][1]
+    off = ", ".join(f"{NAMES[key].lower()} {100 * x:+.1f} %" for key, x in made.off.items())
+    return "\n".join(
+        [
+            "The same drive as a measuring system logs it: an MF4, four wheels in km/h, steering wheel in degrees, three rates, "
+            "latencies.",
+            f"tselab signals finds {len(made.found)} of 6 channels; the wheels {1e3 * made.late:.0f} ms behind the gyro "
+            f"({1e3 * true:.0f} ms are true).",
+            f"Against the estimates from the clean log, last {LAST:g} s: {off}.",
+            f"Written to {out}: car.toml, drive.mf4, signals.toml, est.csv",
+        ]
+    )

@@ -1,0 +1,186 @@
+"""The command `tselab fleet`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tselab.gap import JOBS
+from tselab.options import CALIBRATE, FILE, FORM, PROGRESS, key_values, reading, show_progress
+
+if TYPE_CHECKING:
+    from tse.impl.fleet.keep import Done
+    from tse.impl.rows import Reading
+
+MOST_ERRORS = 10  # that the terminal names
+
+
+@click.command()
+@click.argument("words", metavar="LOG|FOLDER|GLOB ...", nargs=-1, required=True)
+@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars.")
+@click.option("--vehicles", "table", metavar="TABLE.csv", type=FILE, help="Which car each log is of: columns log, vehicle, car, "
+              "signals.")  # fmt: skip
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    required=True,
+    help="Directory; made if needed; what is done there is used again.",
+)
+@click.option("--car", metavar="NAME", help="All logs are of this one car; else a folder of logs is a car.")
+@click.option("--learn/--no-learn", default=True, show_default=True, help="Each drive starts from what the one of the same car "
+              "before it taught; else each by itself, all at once.")  # fmt: skip
+@click.option("--reports/--no-reports", default=True, show_default=True, help="A report for each log.")
+@click.option("--estimates", is_flag=True, help="Also keep the estimates of each log, row by row, as Parquet.")
+@click.option(
+    "--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'."
+)
+@click.option(
+    "--average", metavar="SECONDS", type=float, help="Average the logs over blocks of so long first, at most 0.1 s."
+)
+@CALIBRATE
+@reading
+@FORM
+@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
+@JOBS
+@click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
+              "see the logs under the same paths.")  # fmt: skip
+@click.option("--restart", is_flag=True, help="Run all again, also what is done.")
+@click.option("--json", "as_json", is_flag=True, help="What was found as JSON, instead of words.")
+@PROGRESS
+def fleet(
+    words: tuple[str, ...],
+    vehicle_path: Path | None,
+    table: Path | None,
+    out: Path,
+    car: str | None,
+    learn: bool,
+    reports: bool,
+    estimates: bool,
+    config_path: Path | None,
+    average: float | None,
+    calibrate: bool,
+    form: str,
+    pairs: tuple[str, ...],
+    jobs: int,
+    scheduler: str | None,
+    restart: bool,
+    as_json: bool,
+    progress: bool | None,
+    reading: Reading,
+) -> int:
+    """Estimate many logs of many cars, and look at them together.
+
+    \b
+    tselab fleet logs/ --vehicle car.toml --out results
+    tselab fleet 'logs/**/*.mf4' --vehicles cars.csv --out results
+    tselab fleet logs/ --vehicles cars.csv --out results --scheduler tcp://host:8786
+
+    Each log is run as by 'tselab estimate', in any format that 'tselab signals --help' lists, with the signals.toml beside it or
+    --signals. What a drive teaches is where the next drive of the same car starts, in order of time: what the log itself says (MF4,
+    MDF, BLF, MCAP), else a date in its name or its folder's, else the time of the file. Several cars run at once.
+
+    Which car a log is of: with --vehicle, each folder directly below FOLDER is a car, however deep its logs are; --car: all
+    are one. With --vehicles, the first row of the table that names it: its log is a file, a folder, or a pattern, relative to
+    the table:
+
+    \b
+    log,vehicle,car,signals
+    golf_17,cars/golf.toml,golf 17,
+    taxi/*.blf,cars/rav4.toml,taxi,cars/rav4.signals.toml
+
+    \b
+    DIR/fleet.parquet   a row per log, stretch of road and stiffness: value, sd, validity, changes, warnings; error of a bad log
+    DIR/fleet.html      cars and their trends, the softest first, with links to all reports
+    DIR/reports/        a report for each log;  DIR/estimates/  with --estimates
+    DIR/learnt/         what each car's drives taught, for 'tselab estimate --load-learnt'
+    DIR/calibrated/     vehicle files of cars that nobody had calibrated, made of their first logs, at most ten minutes of four;
+                        learnt states are of these; with --no-learn each log is calibrated by itself, --no-calibrate: none
+    DIR/logs/           what is done: the same command goes on from there, also after it was killed, and runs new and changed logs
+
+    \b
+    python -c "import pandas as pd; print(pd.read_parquet('results/fleet.parquet').groupby(['car', 'stiffness']).value.last())"
+    duckdb -c "select car, stiffness, arg_max(value, start_time) from 'results/fleet.parquet' where usable <> 'no' group by all"
+
+    Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130 Ctrl-C.
+    """
+    from tse.impl.errors import UserError
+    from tse.impl.fleet import find, page
+    from tse.impl.fleet.keep import PAGE, TABLE, Store
+    from tse.impl.fleet.run import Interrupted, Plan, run
+    from tse.impl.vehicle import read_vehicle
+
+    if (vehicle_path is None) == (table is None):
+        raise UserError(
+            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log"
+        )
+    if car is not None and table is not None:
+        raise UserError("option --car: the table of --vehicles says which car a log is of")
+    settings = key_values(pairs)
+    drives = find.drives(words, vehicle_path, table, car, out)
+    for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):
+        read_vehicle(path)  # one that is wrong is refused before anything is run
+    store = Store(out, restart)
+    plan = Plan(reading, config_path, average, form, settings, learn, reports, estimates, calibrate)
+    try:
+        done = run(drives, plan, store, jobs, scheduler, show_progress(progress))
+    except Interrupted as stopped:
+        click.echo(f"tselab: {stopped}", err=True)
+        sys.exit(130)
+    frame = store.write(done)
+    page.write(out / PAGE, done, frame, out.resolve().name)
+    code = _code(done)
+    found = page.cars(done, frame)
+    if as_json:
+        from tse.impl.results import say_json
+
+        say_json(_document(done, found, code, [out / TABLE, out / PAGE]))
+        return code
+    from tse.impl.results import CODES
+
+    counts = {c: sum(not d.outcome.error and d.outcome.code == c for d in done) for c in CODES}
+    bad = [d for d in done if d.outcome.error]
+    usable, in_part, nothing = counts.values()
+    hours = sum(d.outcome.seconds for d in done) / 3600
+    click.echo(
+        f"{len(done)} logs of {len(found)} car{'s' if len(found) != 1 else ''}, {hours:.1f} h: {usable} usable, {in_part} in part, "
+        f"{nothing} that tell nothing, {len(bad)} that cannot be read"
+    )
+    for d in bad[:MOST_ERRORS]:
+        click.echo(f"error: {d.outcome.error}", err=True)
+    if len(bad) > MOST_ERRORS:
+        click.echo(f"and {len(bad) - MOST_ERRORS} more, which {out / PAGE} lists", err=True)
+    click.echo(f"Written to {out}: {TABLE}, {PAGE}")
+    return code
+
+
+def _code(done: Sequence[Done]) -> int:
+    from tse.impl.results import IN_PART, NOTHING, USABLE
+
+    codes = {NOTHING if d.outcome.error else d.outcome.code for d in done}
+    return codes.pop() if len(codes) == 1 else IN_PART if codes else USABLE
+
+
+def _document(done: Sequence[Done], cars: Sequence[Any], code: int, written: Sequence[Path]) -> dict[str, Any]:
+    from tse.impl.results import CODES
+
+    return {
+        "logs": [
+            {"car": d.drive.car, "log": d.drive.log, "start": d.drive.start, "start_from": d.drive.start_from,
+             "seconds": d.outcome.seconds, "usable": CODES[d.outcome.code] if not d.outcome.error else "no",
+             "error": d.outcome.error or None, "notes": d.outcome.notes, "report": d.report or None}
+            for d in done
+        ],
+        "cars": [
+            {"car": c.name, "logs": len(c.done), "hours": c.hours,
+             "last": {k: {"of_nominal": v.ratio, "band": v.band, "time": v.when.isoformat()} for k, v in c.last.items()}}
+            for c in cars
+        ],
+        "usable": CODES[code],
+        "exit_code": code,
+        "written": written,
+    }  # fmt: skip

@@ -1,0 +1,143 @@
+"""The command `tselab signals`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from tselab.options import FILE
+
+if TYPE_CHECKING:
+    from tse.impl.logs.proposal import Line
+    from tse.impl.logs.propose import Proposal
+    from tse.impl.logs.recording import Recording
+
+MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
+
+
+@click.command()
+@click.argument("log_path", metavar="LOG", type=FILE)
+@click.option("--write", "out", metavar="SIGNALS.toml", type=FILE, help="Write the proposal there.")
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    help="Radii, wheelbase and steering ratio make the guesses sharper.",
+)
+@click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: DBC, "
+                                                            "ARXML, KCD, SYM; "
+              "default: those beside the log. May be repeated.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option("--all", "every", is_flag=True, help="List all signals, however many.")
+def signals(
+    log_path: Path, out: Path | None, vehicle_path: Path | None, databases: tuple[Path, ...], as_json: bool, every: bool
+) -> int:
+    """What a log holds, and which signal is probably which channel.
+
+    \b
+    tselab signals drive.mf4
+    tselab signals drive.blf --database car.dbc --vehicle car.toml --write signals.toml
+    tselab estimate drive.blf --vehicle car.toml
+
+    Guesses are by names (makers', ISO 8855, openpilot, ROS; English, German, French, Spanish, Italian), units, and physics: lateral
+    acceleration against speed times yaw rate, wheels against each other and the yaw rate, acceleration against the change of the
+    wheels' speed, steering angle against curvature. Each comes with the figure that speaks for it: look through the file and edit
+    it. A file that is there is not overwritten without being asked: remove it first.
+
+    Formats: CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC, candump and CSV with a frame per row
+    (SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog
+    (extra openpilot).
+
+    Logs of any length are read in pieces by tselab estimate, which keeps them in temporary files without a name (1.1 GB for ten
+    hours of an MF4 at 100 Hz; TMPDIR says where, and where that is in memory, nothing is won). As a whole are read: of MAT 5 a
+    variable at a time (of a struct all of it: ten hours of four signals at 100 Hz are 120 MB), of a CSV a column of dates or of
+    text, of openpilot the file.
+
+    Exit code: 0 all channels found, 3 some are missing, 2 bad input.
+    """
+    from tse.impl.errors import UserError
+    from tse.impl.files import atomic, check_writable
+    from tse.impl.logs.proposal import listing, toml_text
+    from tse.impl.logs.propose import propose
+    from tse.impl.logs.readers import read_recording
+    from tse.impl.logs.recording import How
+    from tse.impl.logs.signals import read_signals
+    from tse.impl.rows import beside_of
+    from tse.impl.vehicle import read_vehicle
+
+    if out is not None:
+        check_writable(out)
+        if out.exists():
+            raise UserError(f"{out}: is there already: remove it first, or name another file")
+    car = read_vehicle(vehicle_path) if vehicle_path is not None else None
+    beside = beside_of(log_path)
+    how = How(databases=databases)
+    if beside is not None and out is None:
+        said = read_signals(beside).how  # how the file is read is a matter of the user
+        how = How(**{**vars(said), "databases": (*databases, *said.databases)})
+    recording = read_recording(log_path, how)
+    proposal = propose(recording, car)
+    lines = listing(recording, proposal)
+    if as_json:
+        click.echo(json.dumps(_as_json(recording, proposal, lines), indent=1))
+    else:
+        click.echo(_text(recording, proposal, lines, every))
+    if out is not None:
+        if not proposal.guesses:
+            raise UserError(
+                f"{log_path}: nothing could be guessed, so {out} is not written: write it by hand, see 'tselab estimate --help'"
+            )
+        with atomic(out) as file:
+            file.write(toml_text(recording, proposal, databases, out.parent))
+        click.echo(f"Written to {out}", err=as_json)
+    return 3 if proposal.missing else 0
+
+
+def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bool) -> str:
+    from tse.impl.logs.proposal import headline
+    from tse.impl.tables import text_table
+
+    rows = [["signal", "unit", "Hz", "least", "most", "missing", "proposed for"]]
+    shown = (
+        lines
+        if every or len(lines) <= MOST_ROWS
+        else [x for x in lines if x.used] + [x for x in lines if not x.used][:MOST_ROWS]
+    )
+    rows += [
+        [x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used]
+        for x in shown
+    ]
+    parts = [f"{recording.path}: {recording.format}, {len(lines)} signals", "", text_table(rows, right=(2, 3, 4, 5))]
+    if len(shown) < len(lines):
+        parts.append(f"and {len(lines) - len(shown)} more, which --all lists")
+    parts.append("")
+    for g in proposal.guesses:
+        parts += [headline(g), *(f"  {f}" for f in g.figures)]
+    if proposal.missing:
+        parts.append(f"not found: {', '.join(proposal.missing)}")
+    parts += [f"warning: {w}" for w in proposal.warnings]
+    parts += [f"note: {n}" for n in recording.notes]
+    return "\n".join(parts)
+
+
+def _as_json(recording: Recording, proposal: Proposal, lines: list[Line]) -> dict[str, Any]:
+    def plain(x: Any) -> Any:
+        return None if isinstance(x, float) and not np.isfinite(x) else x
+
+    return {
+        "log": str(recording.path),
+        "format": recording.format,
+        "signals": [{k: plain(v) for k, v in asdict(x).items()} for x in lines],
+        "proposal": {
+            g.channel: {k: plain(v) for k, v in asdict(g).items() if k != "channel"} for g in proposal.guesses
+        },
+        "missing": proposal.missing,
+        "warnings": proposal.warnings,
+        "notes": recording.notes,
+    }

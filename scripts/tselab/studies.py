@@ -1,0 +1,149 @@
+"""`tselab montecarlo`, `paper`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tse.impl.errors import UserError
+from tselab.montecarlo import STUDIES
+from tselab.options import (
+    FILE,
+    FIRST_SEED,
+    FORM,
+    JOBS,
+    JSON,
+    PROGRESS,
+    RESTART,
+    key_values,
+    show_progress,
+)
+
+
+class StudyCommand(click.Command):
+    """Lists the studies too."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        lines = [f"  {name:<11} {runs:>3} runs  {title}" for name, (runs, title) in STUDIES.items()]
+        formatter.write("\nStudies, with their usual number of runs of each case:\n" + "\n".join(lines) + "\n")
+
+
+@click.command(cls=StudyCommand)
+@click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
+@click.option(
+    "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
+)
+@JOBS
+@click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786.")
+@click.option("--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]")
+@click.option("--cases", metavar="A,B", help="Only these cases of the study.")
+@FIRST_SEED
+@FORM
+@click.option(
+    "--set",
+    "pairs",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Any setting of filter or simulator; may be repeated. What a case is about wins.",
+)
+@RESTART
+@PROGRESS
+@JSON
+def montecarlo(
+    name: str,
+    runs: int | None,
+    jobs: int,
+    scheduler: str | None,
+    out: Path | None,
+    cases: str | None,
+    first_seed: int,
+    form: str,
+    pairs: tuple[str, ...],
+    restart: bool,
+    progress: bool | None,
+    as_json: bool,
+) -> None:
+    """Monte-Carlo studies against the simulator's truth.
+
+    \b
+    tselab montecarlo --study stress --runs 200 --jobs 2
+    tselab montecarlo --study peers --runs 20 --cases nominal,noise-3x --out peers
+    tselab montecarlo --study stress+ekf --runs 200
+    tselab montecarlo --study stress --scheduler tcp://host:8786
+
+    Every finished run is kept in DIR/runs.jsonl: the same command goes on after Ctrl-C, more --runs and --cases are added to
+    what is there; runs of other settings or of another library are not taken.
+
+    NAME+ekf runs another estimator beside the study's, on the same data; so does a function of yours, NAME+module.function, which
+    takes the log and the settings and returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
+
+    Writes NAME.csv, NAME.md, runs.csv and, with matplotlib, NAME.png.
+    """
+    from tse.impl.core import Config, SimConfig
+
+    settings: dict[str, float] = {}
+    sim_settings: dict[str, float] = {}
+    sim_config, config = SimConfig(), Config()
+    for key, value in key_values(pairs).items():
+        if key == "seed":
+            raise UserError("option --set: the seeds are set by --first-seed and --runs")
+        group, checked = (sim_settings, sim_config) if key in sim_config else (settings, config)
+        checked.set(key, value, source="option --set")
+        group[key] = value
+    wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
+    plan = {"form": form, "settings": settings, "sim_settings": sim_settings, "cases": wanted}
+    _study(name, runs, first_seed, out or Path(f"montecarlo-{name}"), plan, jobs, scheduler, restart, progress, as_json)
+
+
+def _study(
+    name: str, runs: int | None, first_seed: int, out: Path, plan: dict[str, Any], jobs: int, scheduler: str | None,
+    restart: bool, progress: bool | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Run a study, write its files and say what it found."""
+    from tselab.montecarlo import studies
+    from tselab.montecarlo.engine import Interrupted, Plan
+    from tselab.montecarlo.engine import run as run_all
+    from tselab.montecarlo.pictures import write
+
+    study = studies.study(name, plan.get("cases", ()))
+    todo = Plan(study, runs or study.runs, first_seed, **plan)
+    try:
+        rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
+    except Interrupted as stopped:
+        click.echo(f"tselab: {stopped}", err=True)
+        sys.exit(130)
+    text, files = write(todo, rows, out)
+    if as_json:
+        from tse.impl import results
+
+        results.say_json({"study": name, "text": text, "written": files})
+        return
+    click.echo(text)
+    click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")
+
+
+@click.command()
+@click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each.  [default: 200]")
+@JOBS
+@click.option("--out", metavar="DIR", type=FILE, default=Path("paper"), show_default=True, help="Made if needed.")
+@FIRST_SEED
+@RESTART
+@PROGRESS
+@JSON
+def paper(
+    runs: int | None, jobs: int, out: Path, first_seed: int, restart: bool, progress: bool | None, as_json: bool
+) -> None:
+    """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its numbers beside ours.
+
+    \b
+    tselab paper
+    tselab paper --runs 40 --jobs 2 --out paper
+
+    The filters: the paper's as printed, the same with settings that keep it from diverging, and the default. Every finished run is
+    kept in DIR/runs.jsonl: the same command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with matplotlib,
+    paper.png.
+    """
+    _study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)
