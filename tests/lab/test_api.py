@@ -426,7 +426,11 @@ print(e.vel_x)
     assert float(done.stdout) == pytest.approx(60.0 * 0.33, rel=0.01)
 
 
-def test_the_package_loads_without_what_only_other_parts_need():
-    heavy = "'scipy.signal', 'scipy.stats', 'plotly', 'matplotlib', 'fmpy'"
-    code = f"import sys, tse; print(sorted(m for m in ({heavy}) if m in sys.modules))"
+@pytest.mark.parametrize(("used", "heavy"), [
+    ("pass", "'scipy.signal', 'scipy.stats', 'plotly', 'matplotlib', 'fmpy'"),
+    ("tse.estimate({log!r}, {vehicle!r})", "'scipy', 'plotly', 'matplotlib', 'fmpy'"),  # scipy: 80 MB, a second
+])  # fmt: skip
+def test_nothing_is_loaded_that_only_other_parts_need(used, heavy, drive):
+    used = used.format(log=str(drive.log), vehicle=str(drive.vehicle))
+    code = f"import sys, tse; {used}; print(sorted(m for m in ({heavy}) if m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -190,9 +190,9 @@ def implausible(table: pd.DataFrame) -> str:
 
     The check of a row (src/filter/plausible.c) begins after some bends, gains and losses of speed; a unit or an axle that is taken
     for another stays so. A channel that fails late contradicts fewer rows, and leaves what was valid before."""
-    reasons = table[[f"{key}_reason" for key in STIFFNESS]].astype(str).to_numpy()
-    drives = ~np.isin(reasons, STILL).any(axis=1)
-    against = np.flatnonzero(drives & (reasons == "implausible").any(axis=1))
+    reasons = [table[f"{key}_reason"] for key in STIFFNESS]
+    drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
+    against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
     if not drives.any() or len(against) <= MOSTLY * drives.sum() or against[-1] != np.flatnonzero(drives)[-1]:
         return ""
     share, last = percent(len(against) / float(drives.sum())), table.iloc[against[-1]]
@@ -220,9 +220,9 @@ def _contradicted(v: Verdict) -> Verdict:
 def remarks(table: pd.DataFrame) -> list[str]:
     """Return what the filter found out about the sensors, in words."""
     found = []
-    learnt = table[table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))]
+    learnt = table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))
     for channel in MEASURES:
-        ratio = float(learnt[f"noise_{channel}"].median()) if len(learnt) else 1.0
+        ratio = float(table.loc[learnt, f"noise_{channel}"].median()) if learnt.any() else 1.0
         if ratio > NOISY:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
     off = np.any([table[f"{key}_reason"] == "diverging" for key in STIFFNESS], axis=0)
