@@ -1,13 +1,13 @@
-"""The paper's study through both FMUs connected: scripts/results/fmu.png, and its
-table. The same bytes every time.
+"""The paper's study through both FMUs connected: scripts/results/fmu.png, and its table. The same bytes every time.
 
-    .venv/bin/python tests/fmu/pictures.py
+.venv/bin/python tests/fmu/pictures.py
 """
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from docsite.pictures import small
 from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, unit
 
 from tse.impl.core import STIFFNESS
@@ -55,7 +55,9 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 
 def main() -> None:
     est, truth, log = study()
-    demo_picture(ROOT / "scripts" / "results" / "fmu.png", est, truth, log)
+    picture = ROOT / "scripts" / "results" / "fmu.png"
+    demo_picture(picture, est, truth, log)
+    small(picture)
     time, rows = est["time"], []
     for s in STIFFNESS:
         error = est[s] / truth[f"true_{s}"] - 1
