@@ -8,7 +8,7 @@
 #     --runs N      inputs of each target, for instance 1000000; with --seconds whichever comes first; default: --seconds 3, about
 #                   a minute in all
 #     --seed N      of libFuzzer's choices, so that --runs does the same again; default: another each time
-#     --minimise    then keeps in tests/fuzz/inputs only inputs that reach what no smaller one does, at most 40 of a target
+#     --minimise    then keeps in tests/fuzz/inputs.hex only inputs that reach what no smaller one does, at most 40 of a target
 #     --table FILE  writes what was run there too, in Markdown: scripts/results/fuzz.md
 # Without clang and its libFuzzer the C targets are skipped; exit code 77 when nothing could run.
 set -uo pipefail

@@ -1,10 +1,10 @@
-"""Pack and unpack the inputs that the fuzz targets keep: one file a target, inputs/TARGET.hex, a line each.
+"""Pack and unpack the inputs that the fuzz targets keep: inputs.hex, a line each.
 
     python3 tests/fuzz/inputs.py unpack TARGET FOLDER    write each input into a file of FOLDER
     python3 tests/fuzz/inputs.py pack TARGET FOLDER      make the files of FOLDER the corpus of TARGET
 
-A line is a name, a space, the bytes in hexadecimal. The name is `corpus` for what a search starts from; any other says what
-once broke something, and `pack` leaves it."""
+A line is a target, a name, the bytes in hexadecimal, with a space between. The name is `corpus` for what a search starts from; any
+other says what once broke something, and `pack` leaves it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ import hashlib
 import sys
 from pathlib import Path
 
-INPUTS = Path(__file__).resolve().parent / "inputs"
+INPUTS = Path(__file__).resolve().parent / "inputs.hex"
 CORPUS = "corpus"
+
+
+def lines() -> list[list[str]]:
+    """Return target, name and digits of each input."""
+    return [line.split(" ") for line in INPUTS.read_text(encoding="ascii").splitlines()]
 
 
 def read(target: str) -> list[tuple[str, bytes]]:
     """Return name and bytes of each input that is kept of a target."""
-    path = INPUTS / f"{target}.hex"
-    lines = path.read_text(encoding="ascii").splitlines() if path.exists() else []
-    return [(name, bytes.fromhex(data)) for name, _, data in (line.partition(" ") for line in lines)]
+    return [(name, bytes.fromhex(data)) for of, name, data in lines() if of == target]
 
 
 def found(target: str) -> list[tuple[str, bytes]]:
@@ -37,9 +40,10 @@ def unpack(target: str, folder: Path) -> None:
 
 def pack(target: str, folder: Path) -> None:
     """Write the files of a folder as the corpus of a target; keep what once broke it."""
-    given = [(CORPUS, p.read_bytes()) for p in sorted(folder.iterdir())]
-    lines = [f"{name} {data.hex()}\n" for name, data in given + found(target)]
-    (INPUTS / f"{target}.hex").write_text("".join(lines), encoding="ascii")
+    kept = [line for line in lines() if line[:2] != [target, CORPUS]]
+    given = [[target, CORPUS, p.read_bytes().hex()] for p in sorted(folder.iterdir())]
+    rows = sorted(given + kept, key=lambda line: (line[0], line[1] != CORPUS))
+    INPUTS.write_text("".join(" ".join(row) + "\n" for row in rows), encoding="ascii")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 A target is a reader, a few good files, and what must be true whatever a file holds: done (exit code 0; 3 or 4 where not all can
 be used) or refused (2), a refusal in a few lines without a traceback or a warning of a package, and nothing half-written. Files
 are changed at random. What breaks something is kept in build/fuzz/found/TARGET; with a name that says what was wrong it belongs
-into tests/fuzz/inputs/reader_TARGET.hex (inputs.py), which the tests go through."""
+into tests/fuzz/inputs.hex (inputs.py), which the tests go through."""
 
 from __future__ import annotations
 

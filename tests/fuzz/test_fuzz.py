@@ -53,8 +53,8 @@ def test_wrong_options_are_refused(args):
 
 
 def test_the_inputs_that_are_kept_are_all_there():
-    """Also those of the readers; a target's file is what its C program and its search go through."""
-    there = {p.stem for p in inputs.INPUTS.iterdir()}
+    """Also those of the readers; those of a target are what its C program and its search go through."""
+    there = {target for target, _, _ in inputs.lines()}
     broke = {name: len(inputs.found(name)) for name in there if inputs.found(name)}
     assert {name: len(inputs.read(name)) - broke.get(name, 0) for name in TARGETS} == dict.fromkeys(TARGETS, 40)
     assert broke == {"fmu_calls_vehicle": 1, "replay": 1, "settings": 2, "step": 2,
@@ -64,14 +64,15 @@ def test_the_inputs_that_are_kept_are_all_there():
 
 def test_what_is_packed_is_unpacked(tmp_path, monkeypatch):
     """A corpus is replaced, what once broke the target stays."""
-    monkeypatch.setattr(inputs, "INPUTS", tmp_path)
-    (tmp_path / "step.hex").write_text("corpus 00\nwhat_broke_it ff0a\n", encoding="ascii")
+    monkeypatch.setattr(inputs, "INPUTS", tmp_path / "inputs.hex")
+    inputs.INPUTS.write_text("replay corpus 01\nstep corpus 00\nstep what_broke_it ff0a\n", encoding="ascii")
     folder = tmp_path / "new"
     folder.mkdir()
     for name, data in ("a", b""), ("b", b"\n\r\x00"):
         (folder / name).write_bytes(data)
     inputs.pack("step", folder)
     assert inputs.read("step") == [("corpus", b""), ("corpus", b"\n\r\x00"), ("what_broke_it", b"\xff\n")]
+    assert inputs.read("replay") == [("corpus", b"\x01")]
     inputs.unpack("step", tmp_path / "out")
     assert sorted(p.read_bytes() for p in (tmp_path / "out").iterdir()) == [b"", b"\n\r\x00", b"\xff\n"]
 
