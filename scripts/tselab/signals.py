@@ -54,10 +54,8 @@ def signals(
     (SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog
     (extra openpilot).
 
-    Logs of any length are read in pieces by tselab estimate, which keeps them in temporary files without a name (1.1 GB for ten
-    hours of an MF4 at 100 Hz; TMPDIR says where, and where that is in memory, nothing is won). As a whole are read: of MAT 5 a
-    variable at a time (of a struct all of it: ten hours of four signals at 100 Hz are 120 MB), of a CSV a column of dates or of
-    text, of openpilot the file.
+    Files are read in pieces; tselab estimate keeps the channels that it needs in memory. As a whole are read: of MAT 5 a variable
+    at a time (of a struct all of it), of a CSV a column of dates or of text, of openpilot the file.
 
     Exit code: 0 all channels found, 3 some are missing, 2 bad input.
     """

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import pickle
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,14 +10,14 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from log_formats import FORMATS, drive, messages, repeated
-from tse.impl import estimate, room, rows
+from log_formats import FORMATS, drive, messages
+from tse.impl import estimate, rows
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
 from tse.impl.logs import log as module
 from tse.impl.logs import raster
 from tse.impl.logs.log import read_log
-from tse.impl.room import Room
+from tse.impl.logs.recording import Growing
 from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
 
@@ -176,21 +172,6 @@ def test_a_wheel_out_of_range_is_missing_and_named_with_its_side(tmp_path):
 # ---- very long logs, here those of more than a few rows
 
 
-def test_a_very_long_log_is_the_same_from_a_file_of_the_system(drive, tmp_path, short_parts, monkeypatch):
-    lines = lines_of(drive)
-    lines[200] = lines[200].replace(",", ",oops,", 1).rsplit(",", 1)[0]
-    whole = read(tmp_path, lines)
-    monkeypatch.setattr(room, "MOST_BYTES", HERE)
-    long = read(tmp_path, lines)
-    assert long.room._maps and not whole.room._maps
-    long.let_go()
-    pd.testing.assert_frame_equal(whole.data, long.data)
-    assert np.array_equal(whole.time, long.time) and np.array_equal(whole.line, long.line) and whole.notes == long.notes
-    sent = pickle.loads(pickle.dumps(long))  # as to a worker of a cluster
-    pd.testing.assert_frame_equal(whole.data, sent.data)
-    sent.let_go()
-
-
 def test_of_a_very_long_log_a_part_of_the_rows_is_kept_for_the_verdict_and_all_are_counted(drive, monkeypatch):
     log = read_log(drive.log)
     config = Config(read_vehicle(drive.vehicle).values)
@@ -212,8 +193,7 @@ def test_noise_and_units_of_a_very_long_log_are_those_of_its_liveliest_part(driv
     assert rows.liveliest(log, 2001) is log
 
 
-# ---- Logs that are too long for memory: what is read of them in pieces is what is read as a whole, and the pieces are let
-# go.
+# ---- what is read of a log in pieces is what is read as a whole
 
 
 SECONDS = 30.0
@@ -238,8 +218,6 @@ def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_
     whole = read_log(path, reading=reading)
     in_small_pieces(monkeypatch)
     log = read_log(path, reading=reading)
-    assert log.room._maps and not whole.room._maps
-    log.let_go()
     assert np.array_equal(log.time, whole.time) and log.notes == whole.notes and log.turn == whole.turn
     for channel in whole.data:
         np.testing.assert_array_equal(log.data[channel], whole.data[channel], err_msg=channel)
@@ -249,11 +227,8 @@ def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_
 
 def in_small_pieces(monkeypatch) -> None:
     """Everything as of a log that is a hundred times as long."""
-    monkeypatch.setattr(room, "MOST_BYTES", 8 * SMALL)
-    monkeypatch.setattr(room, "MOST_HELD", SMALL)
-    for name in ("room", "logs.raster", "logs.read_can", "logs.read_columns", "logs.read_mat", "logs.read_mdf",
-                   "logs.read_text"):  # fmt: skip
-        monkeypatch.setattr(f"tse.impl.{name}.PIECE", SMALL)
+    for name in ("raster", "read_can", "read_columns", "read_mat", "read_mdf", "read_text"):
+        monkeypatch.setattr(f"tse.impl.logs.{name}.PIECE", SMALL)
     monkeypatch.setattr("tse.impl.logs.read_mat.MOST_AT_ONCE", 0)
 
 
@@ -269,72 +244,10 @@ def test_a_spline_in_pieces_has_the_same_bits_and_a_low_pass_the_same_value(monk
     np.testing.assert_allclose(raster.resample(t, x, down, 10.0), slow, rtol=0, atol=1e-14)
 
 
-HOURS, MOST = 3.0, 130  # MB that reading a log of so many hours may take on top: 70 and 80; as a whole 455 and 628
-MEASURE = """
-import resource, sys
-from pathlib import Path
-from tse.impl.logs.log import read_log
-from tse.impl.rows import Reading
-from tse.impl.vehicle import read_vehicle
-reading = Reading(car=read_vehicle(Path(sys.argv[3])))
-read_log(Path(sys.argv[1]), reading=reading)
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-rows = len(read_log(Path(sys.argv[2]), reading=reading))
-print(rows, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // (2**20 if sys.platform == "darwin" else 2**10))
-"""
-
-
-@pytest.mark.parametrize("name", ["MF4", "Parquet"])
-def test_a_long_log_takes_less_memory_than_its_channels(name, short, tmp_path):
-    needs, write = FORMATS[name]
-    if find_spec(needs) is None:
-        pytest.skip(f"{needs} is not installed: scripts/setup.sh logs")
-    parts, car = short
-    folders = [tmp_path / "short", tmp_path / "long"]
-    for folder in folders:
-        folder.mkdir()
-    times = round(3600 * HOURS / SECONDS)
-    paths = [write(folder, repeated(parts, n, SECONDS)) for folder, n in zip(folders, (1, times), strict=True)]
-    done = subprocess.run([sys.executable, "-c", MEASURE, *map(str, paths), str(car)], capture_output=True, text=True,
-                          env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}, check=True)  # fmt: skip
-    rows, memory = map(int, done.stdout.split())
-    assert rows == pytest.approx(360000 * HOURS, abs=20)
-    assert memory < MOST
-
-
-def test_nothing_is_left_in_the_folder_for_temporary_files(tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    own = Room()
-    long = own.keep(np.arange(1e6))
-    column = own.growing()
-    column.extend(long)
-    column.extend(long)
-    assert own._maps and not list(tmp_path.iterdir())  # not even while it is used
-    own.let_go()
-    found = column.array()
-    assert len(found) == 2e6 and np.array_equal(found[1_000_000:], long)
-    assert np.array_equal(pickle.loads(pickle.dumps((own, found)))[1], found)
-
-
-def test_a_column_that_grows_knows_what_is_missing(monkeypatch):
-    monkeypatch.setattr(room, "MOST_HELD", 4)
-    own = Room()
-    column = own.growing()
+def test_a_column_that_grows_knows_what_is_missing():
+    column = Growing()
     for place, value in ((2, 1.0), (2, 2.0), (5, 3.0)):
         column.set(place, value)
-        own.took(1)
     column.set(5, 4.0)
     column.pad(8)
     np.testing.assert_array_equal(column.array(), [np.nan, np.nan, 2.0, np.nan, np.nan, 4.0, np.nan, np.nan])
-
-
-def test_a_disk_that_is_full_is_an_error_and_no_signal(monkeypatch):
-    if not hasattr(os, "posix_fallocate"):
-        pytest.skip("this system cannot reserve room in a file")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(OSError, match="No space left"):
-        Room().keep(np.zeros(1 << 20))

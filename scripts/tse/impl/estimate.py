@@ -315,8 +315,6 @@ def _run(
             if first:
                 take(_block(log.time[done : done + first], outputs[:first], config))
             done += first
-            if done % GROUP == 0:
-                log.let_go()
     return filter_.save_learnt(), filter_.uncertainty_sd()
 
 

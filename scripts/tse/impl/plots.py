@@ -160,9 +160,7 @@ class Data:
         """A column of the log, with the references."""
         column = self._log.data[name] if name in self._log.data else self._log.ref[name]
         y = column.to_numpy()[: self.rows]
-        line = np.concatenate([thin(y[i : i + PART], self.stride) for i in range(0, max(len(y), 1), PART)])
-        self._log.let_go()
-        return line
+        return np.concatenate([thin(y[i : i + PART], self.stride) for i in range(0, max(len(y), 1), PART)])
 
     def references(self, quantity: str | None) -> list[str]:
         return [c for c in self._log.ref if match_reference(c) == quantity]

@@ -13,7 +13,6 @@ import numpy as np
 from tse.impl.clock import straight
 from tse.impl.core import CONFIG, INPUT, Field, library
 from tse.impl.errors import UserError
-from tse.impl.room import Room
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -140,7 +139,6 @@ class Log:
     # of an axle with two wheels: right less left over the yaw rate, track/radius
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # of `notes` those that --strict refuses
-    room: Room | None = None  # where the columns of a very long log are
 
     def __len__(self) -> int:
         return len(self.time)
@@ -172,11 +170,6 @@ class Log:
     def optional(self) -> list[str]:
         """Return the channels of input.toml that are optional, that the log has."""
         return [f.name for f in library().optional if f.name in self.extra]
-
-    def let_go(self) -> None:
-        """What was read so far need not stay in memory."""
-        if self.room is not None:
-            self.room.let_go()
 
     def steers_beyond(self, limit: float) -> np.ndarray:
         with np.errstate(invalid="ignore"):
@@ -220,11 +213,9 @@ def checked(
     notes: list[str],
     spare: Collection[str] = MEASURES,
     place: str = "line",
-    room: Room | None = None,
 ) -> Log:
     """A log from columns in SI units, (rows,), with the library's names; wheels also by their side. `line`: of each row, in the
-    file (`place`: what it counts). `room`: where the columns are. UserError: a column that cannot be what it is called."""
-    room = room or Room()
+    file (`place`: what it counts). UserError: a column that cannot be what it is called."""
     wanted = columns()[1:]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in table and all(c in table for c in pair)}
     parts = {name: sides.get(name, (name,)) for name in wanted}
@@ -232,7 +223,6 @@ def checked(
     for c, mine in parts.items():
         if not any(s in table and np.isfinite(table[s]).any() for s in mine):
             empty.append(c)
-        room.let_go()
     absent = lacking([c for c in wanted if c not in empty], [], spare)
     needed = [c for name in wanted if name not in absent for c in parts[name]]
     missing = [c for c in needed if c not in table]
@@ -241,23 +231,21 @@ def checked(
     data = {name: table.pop(name) for name in needed}
     for f in library().channels:
         if f.name in absent:
-            data[f.name] = room.keep(np.full(len(time), np.nan))
+            data[f.name] = np.full(len(time), np.nan)
             if f.name not in SIDES:
                 notes.append(f"{f.name} is not in the log: what only it shows is not known")
             continue
         for name in parts[f.name]:
-            _check_channel(path, data, line, f, notes, name, place, room)
-            room.let_go()
-    _not_stuck(data, parts, notes, room)
+            _check_channel(path, data, line, f, notes, name, place)
+    _not_stuck(data, parts, notes)
     if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
         raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
     per_turn: dict[str, float] = {}
     for axle, pair in sides.items():
         if axle not in absent:
             mean, per_turn[axle] = _axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
-            data[axle] = room.keep(mean)
+            data[axle] = mean
             del mean
-            room.let_go()
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
         other = next(c for c in SIDES if c != stand_in)
@@ -278,16 +266,16 @@ def checked(
         if 0 < (count := int(gone.sum())) < len(time):
             where = f"first in {place} {line[gone.argmax()]}"
             notes.append(f"{name}: {count} of {len(time)} cells are missing or not usable ({where})")
-        room.let_go()
     frame = _frame({name: data[name] for name in wanted}, len(time))
     ref = _frame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, len(time))
     some = {c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None}
     extra = _frame(some, len(time) if some else 0)
-    return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn,
-               room=room)  # fmt: skip
+    return Log(
+        path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn
+    )
 
 
-def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str], room: Room) -> None:
+def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str]) -> None:
     """A measurement that has one value all the time, while the car does what it should show, measures nothing: it is missing.
     The filter would find it at fault, but only row by row, and what it says before that is lost."""
     for name, witness, least in WITNESSES:
@@ -302,7 +290,7 @@ def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], 
             notes.append(
                 f"{name} is {value[first]:g} in every row, while {witness} changes: it measures nothing and is taken as missing"
             )
-            data[name] = room.keep(np.full(len(value), np.nan))
+            data[name] = np.full(len(value), np.nan)
 
 
 def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
@@ -513,7 +501,6 @@ def _check_channel(
     notes: list[str],
     name: str,
     place: str,
-    room: Room,
 ) -> None:
     """`name`: of the column, which may be one side of the channel f. A few values that nothing can have are missing."""
     value = data[name]
@@ -530,7 +517,7 @@ def _check_channel(
             f"{path}: {place} {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
             f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
         )
-    data[name] = room.keep(np.where(bad, np.nan, value))
+    data[name] = np.where(bad, np.nan, value)
     notes.append(
         f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in {place} {line[i]})"
     )

@@ -90,7 +90,6 @@ def assemble(
     if average is not None:
         log = average_log(log, average)
     lively = liveliest(log, MOST_ROWS)
-    log.let_go()
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
     else:
@@ -122,7 +121,6 @@ def assemble(
         *notes,
         *vehicle.notes,
     ]
-    log.let_go()
     return Prepared(vehicle, log, config, notes, warnings)
 
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tse.impl.logs.recording import Channel
-from tse.impl.room import Growing, Room
+from tse.impl.logs.recording import Channel, Growing
 
 LONGEST = (
     12  # elements of an array that become channels of their own: four wheels, not a camera's picture or a covariance
@@ -67,7 +66,6 @@ class Collector:
     """Collects messages topic by topic, and makes channels of them. `wanted`: which names are needed; None: all."""
 
     def __init__(self, wanted: Callable[[str], bool] | None = None) -> None:
-        self.room = Room()
         self._wanted = wanted
         self._topics: dict[str, _Topic] = {}
 
@@ -75,19 +73,16 @@ class Collector:
         """One message. Its time is that of its header, where it has one."""
         own = self._topics.get(topic)
         if own is None:
-            own = self._topics[topic] = _Topic(type_, self.room.growing())
+            own = self._topics[topic] = _Topic(type_, Growing())
         row = len(own.time)
         measured = stamp(message)
         own.time.set(row, time if measured is None else measured)
-        count = 1
         for name, value in flat(message):
             if name not in own.columns:
                 needed = self._wanted is None or self._wanted(_full(topic, name))
-                own.columns[name] = self.room.growing() if needed else None
+                own.columns[name] = Growing() if needed else None
             if (column := own.columns[name]) is not None:
                 column.set(row, value)
-                count += 1
-        self.room.took(count)
 
     def channels(self) -> dict[str, Channel]:
         """By topic and path: /imu.angular_velocity.z."""

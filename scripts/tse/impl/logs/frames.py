@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.recording import Channel, How, listed, need
-from tse.impl.room import Growing, Room
+from tse.impl.logs.recording import Channel, Growing, How, listed, need
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 EXTENDED = 0x1FFFFFFF
@@ -49,8 +48,8 @@ class _Kept:
 class Bus:
     """Frames, some at a time, into signals: their bits all at once, as the databases say. `how`: which signals are needed."""
 
-    def __init__(self, path: Path, databases: Sequence[Path], how: How, room: Room):
-        self._path, self._databases, self._how, self._room = path, databases, how, room
+    def __init__(self, path: Path, databases: Sequence[Path], how: How):
+        self._path, self._databases, self._how = path, databases, how
         self._messages = _messages_of(path, databases)
         self._kept: dict[int, _Kept] = {}
         self._unknown: set[int] = set()
@@ -72,10 +71,10 @@ class Bus:
             rows = order[bounds[k] : bounds[k + 1]]
             for s, have, value in _signals(kept.message, kept.signals, [data[i] for i in rows]):
                 if s.name not in kept.value:
-                    kept.value[s.name] = self._room.growing()
+                    kept.value[s.name] = Growing()
                 frames = kept.frames.get(_pattern(s))
                 if frames is None:
-                    frames = kept.frames[_pattern(s)] = self._room.growing()
+                    frames = kept.frames[_pattern(s)] = Growing()
                 if len(frames) == len(kept.value[s.name]):  # the first of those that share them
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)
@@ -95,7 +94,7 @@ class Bus:
         """Signals by message.signal, s and physical units. Values that the database calls invalid stay. `time`: of the frames that
         are kept, in the order of the file; `keep`: which those are, (frames,); None: all, and they are put in order of time."""
         channels: dict[str, Channel] = {}
-        place = None if keep is None or keep.all() else self._room.keep(np.cumsum(keep) - 1)
+        place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         for identifier in sorted(self._kept):
             kept = self._kept[identifier]
             clocks: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray | slice]] = {}
@@ -107,13 +106,10 @@ class Bus:
                     clocks[key] = self._clock(kept.frames[key].array().astype(np.int64), time, keep, place)
                     same = next((c for c, _ in clocks.values() if np.array_equal(c, clocks[key][0])), clocks[key][0])
                     clocks[key] = same, clocks[key][1]
-                    self._room.let_go()
                 at, chosen = clocks[key]
-                value = kept.value[s.name].array()
-                value = value if isinstance(chosen, slice) else self._room.keep(value[chosen])
+                value = kept.value[s.name].array()[chosen]
                 name = f"{kept.message.name}.{s.name}"
                 channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200])
-                self._room.let_go()
         unknown = [f"{i:#x}" for i in sorted(self._unknown)]
         if not channels and not self._how.wanted:
             raise UserError(
@@ -130,12 +126,12 @@ class Bus:
         """Times of these frames, and which of them have one, in which order."""
         if place is not None and keep is not None:
             chosen = keep[frames]
-            return self._room.keep(time[place[frames[chosen]]]), chosen
+            return time[place[frames[chosen]]], chosen
         own = time[frames]
         if keep is None and (np.diff(own) < 0).any():
             order = np.argsort(own, kind="stable")
-            return self._room.keep(own[order]), order
-        return self._room.keep(own), slice(None)
+            return own[order], order
+        return own, slice(None)
 
 
 def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:

@@ -24,7 +24,6 @@ from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import How, Recording, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, known_channels, read_signals
 from tse.impl.logs.table import Column, seconds
-from tse.impl.room import Room
 from tse.impl.rows import (
     FEW_OUTSIDE,
     MEASURES,
@@ -91,7 +90,7 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     if twice:
         raise UserError(f"{path}: column {', '.join(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
-    table, line, skipped, room = _numbers(path, header, needed, whole, lines, notes)
+    table, line, skipped = _numbers(path, header, needed, whole, lines, notes)
     if whole is not None:
         notes.append(f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out")
     if skipped:
@@ -99,8 +98,7 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     time, keep = straightened(path, table.pop("time"), line, notes)
     if not keep.all():
         table, line = {c: x[keep] for c, x in table.items()}, line[keep]
-    room.let_go()
-    return checked(path, time, table, line, notes, spare, room=room)
+    return checked(path, time, table, line, notes, spare)
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
@@ -251,17 +249,14 @@ def _too_wide(path: Path) -> str:
 
 def _numbers(
     path: Path, header: list[str], needed: list[str], whole: int | None, most: int, notes: list[str]
-) -> tuple[dict[str, np.ndarray], np.ndarray, list[str], Room]:
+) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
     are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
     Rows without any of what is needed are blank. `whole`: rows to read, where not all; `most`: rows that there may be."""
     if whole == 0:
         raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
     wanted = [c for c in header if c in needed or _beside(c)]
-    room = Room()
-    columns = {
-        name: room.empty(most + 1) for name in wanted
-    }  # as long as ever needed: to put parts together takes twice the room
+    columns = {name: np.empty(most + 1) for name in wanted}  # parts that are put together take twice as much
     lines = np.empty(most + 1, np.int32)
     rows = 0
     wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
@@ -283,7 +278,6 @@ def _numbers(
                     wrong[name] = int(lines[place][bad.argmax()]), str(column.iloc[int(bad.argmax())])
                 columns[name][place] = numbers.to_numpy(float)
             rows = place.stop
-            room.let_go()
     if not rows:
         raise UserError(f"{path}: has a header but no rows")
     for name in wanted:
@@ -302,7 +296,7 @@ def _numbers(
                 f"missing{hint}"
             )
     skipped = [name for name in wanted if name in wrong]
-    return {c: columns[c][:rows] for c in wanted if c not in wrong}, lines[:rows], skipped, room
+    return {c: columns[c][:rows] for c in wanted if c not in wrong}, lines[:rows], skipped
 
 
 def to_numbers(column: pd.Series) -> pd.Series:
@@ -359,20 +353,18 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
         notes.append(f"signals by {signals.path}")
     found = series(recording, signals, reading.car, notes)
     _speed_for_wheels(path, found, reading, notes)
-    room = recording.room
     del recording  # what is not asked for need not stay
-    rows = on_raster(found, reading.rate or signals.rate, room)
+    rows = on_raster(found, reading.rate or signals.rate)
     notes += rows.notes
-    line = room.keep(np.arange(1, len(rows.time) + 1))
-    log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row", room=room)
+    line = np.arange(1, len(rows.time) + 1)
+    log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row")
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
             f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure out"
         )
         log.notes.insert(0, log.warnings[-1])
-    log.slower = _slower(rows.native, rows.rate, room)
-    log.let_go()
+    log.slower = _slower(rows.native, rows.rate)
     return log
 
 
@@ -405,14 +397,14 @@ def by_own_names(recording: Recording) -> Signals | None:
     return Signals(None, {s.channel: s for s in whole.values() if s.channel not in sided})
 
 
-def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float, room: Room) -> dict[str, Slower]:
+def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:
     """By channel; of an axle that of its wheels."""
     found = {n: Slower(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
             left, right = (found.pop(s) for s in pair)
             mean = 0.5 * (left.value + np.interp(left.time, right.time, right.value))
-            found[axle] = Slower(left.time, room.keep(mean), left.rows)
+            found[axle] = Slower(left.time, mean, left.rows)
     return {n: s for n, s in found.items() if n in {*columns(), *MEASURES} and n not in OPTIONAL}
 
 

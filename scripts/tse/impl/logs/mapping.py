@@ -12,7 +12,6 @@ from tse.impl.clock import straight
 from tse.impl.errors import UserError
 from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.signals import Counter, Flag, Signal, Signals, unit_of
-from tse.impl.room import Room
 from tse.impl.rows import SIDES
 from tse.impl.units import factor
 
@@ -35,7 +34,6 @@ class Clocks:
     """Times of a recording, put right once for all channels that share one."""
 
     notes: list[str] = field(default_factory=list)
-    room: Room = field(default_factory=Room)
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
@@ -43,12 +41,10 @@ class Clocks:
         """Increasing time and the values that have one."""
         if id(channel.time) not in self._done:
             time, keep, said = straight(channel.time)
-            time = time if time is channel.time else self.room.keep(time)
             self._done[id(channel.time)] = channel.time, time, keep
             self.notes += [x for x in said if x not in self.notes]
         _, time, keep = self._done[id(channel.time)]
         value = channel.value if keep.all() else channel.value[keep]
-        self.room.let_go()
         return time, value
 
     def earlier(self, time: np.ndarray, latency: float) -> np.ndarray:
@@ -56,7 +52,7 @@ class Clocks:
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:
-            self._earlier[id(time), latency] = self.room.keep(time - latency)
+            self._earlier[id(time), latency] = time - latency
         return self._earlier[id(time), latency]
 
 
@@ -64,7 +60,7 @@ def series(recording: Recording, signals: Signals, car: Any | None, notes: list[
     """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels.
 
     UserError: a name that the log does not have, a speed without a radius, a unit that is none of the channel."""
-    clocks = Clocks(room=recording.room)
+    clocks = Clocks()
     found: dict[str, Series] = {}
     for channel, signal in signals.signals.items():
         parts = SIDES.get(channel, (channel,)) if len(signal.name) == 2 else (channel,)
@@ -118,9 +114,7 @@ def _one(
     if signal.counter is not None:
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
-    value, time = clocks.room.keep(value), clocks.earlier(time, signal.latency)
-    clocks.room.let_go()
-    return Series(part, time, value, signal.latency, signal.hold)
+    return Series(part, clocks.earlier(time, signal.latency), value, signal.latency, signal.hold)
 
 
 def _factor(signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]) -> float:

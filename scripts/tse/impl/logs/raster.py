@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from tse.impl.logs.mapping import Series
+from tse.impl.logs.recording import PIECE
 from tse.impl.noise import fresh
-from tse.impl.room import PIECE, Room
 from tse.impl.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 
 FASTEST = (
@@ -68,45 +68,38 @@ def rate_of(time: np.ndarray) -> float:
     return 1.0 / float(np.median(step)) if len(step) else 0.0
 
 
-def on_raster(found: Mapping[str, Series], rate: float | None, room: Room | None = None) -> Rows:
+def on_raster(found: Mapping[str, Series], rate: float | None) -> Rows:
     """All channels on rows at `rate`, Hz; None: the fastest channel's, up to FASTEST. A table whose columns share an even, full
-    time is left as it is. `room`: where the rows of a very long log are."""
-    room = room or Room()
+    time is left as it is."""
     plain = _as_it_is(found, rate)
     if plain is not None:
         return plain
     own, rates = {}, {}
     for name, s in found.items():
-        t, x = entries(s)
-        own[name] = (s.time if t is s.time else room.keep(t)), (s.value if x is s.value else room.keep(x))
-        rates[name] = rate_of(t)
-        del t, x
-        room.let_go()
+        own[name] = entries(s)
+        rates[name] = rate_of(own[name][0])
     core = [n for n in found if _axle(n) in (*DRIVES, *MEASURES)]
     if rate is None:
         fast = [rates[n] for n in core if rates[n] >= SLOWEST_OWN]
         rate = min(max(fast, default=10.0), FASTEST)
         rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
-    time = room.keep(_times(own, rates, core, rate))
+    time = _times(own, rates, core, rate)
     rows = Rows(time, {}, rate)
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
         if name in VELOCITIES:  # a measurement each: none is made of two, and none is held
-            rows.value[name] = room.keep(_nearest(t, x, time))
+            rows.value[name] = _nearest(t, x, time)
         else:
             held = s.hold or name == "brake"  # a switch
-            rows.value[name] = room.keep(_hold(t, x, time) if held else resample(t, x, time, rate))
+            rows.value[name] = _hold(t, x, time) if held else resample(t, x, time, rate)
         if name in core:
             keep |= np.isfinite(rows.value[name])
         if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITIES:
             rows.native[name] = t, x, rates[name]
-        room.let_go()
     if not keep.all():
-        rows.time = room.keep(time[keep])
-        for name in rows.value:
-            rows.value[name] = room.keep(rows.value[name][keep])
-            room.let_go()
+        rows.time = time[keep]
+        rows.value = {name: x[keep] for name, x in rows.value.items()}
     _say(rows, found, rates)
     return rows
 

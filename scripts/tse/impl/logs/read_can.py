@@ -16,8 +16,7 @@ import numpy as np
 from tse.impl.clock import straight
 from tse.impl.errors import UserError
 from tse.impl.logs.frames import Bus, databases_for
-from tse.impl.logs.recording import How, Recording, need
-from tse.impl.room import PIECE, Room
+from tse.impl.logs.recording import PIECE, Growing, How, Recording, need
 
 FIRST = 2000  # rows of a table from which its identifiers and times are understood
 TITLES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
@@ -78,8 +77,7 @@ def read(path: Path, how: How) -> Recording:
     can = need("can", "can", str(path))
     logging.getLogger("can").setLevel(logging.CRITICAL)
     databases = databases_for(path, how, required=True)
-    room = Room()
-    bus, times = Bus(path, databases, how, room), room.growing()
+    bus, times = Bus(path, databases, how), Growing()
     time: list[float] = []
     ids: list[int] = []
     data: list[bytes] = []
@@ -127,6 +125,5 @@ def read(path: Path, how: How) -> Recording:
         notes.append(f"{errors} error frames on the bus")
     clock, keep, said = straight(times.array(), together=True)  # one clock for all messages: before they are separated
     notes += [f"frames: {s}" for s in said]
-    clock = room.keep(clock)
     channels = bus.channels(clock, keep, notes)
-    return Recording(path, TITLES.get(suffix, "CAN log"), channels, notes, room=room)
+    return Recording(path, TITLES.get(suffix, "CAN log"), channels, notes)

@@ -10,9 +10,8 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import How, Recording, check_rows, need
+from tse.impl.logs.recording import PIECE, How, Later, Recording, check_rows, need
 from tse.impl.logs.table import Column, recording_of
-from tse.impl.room import PIECE, Later, Room
 
 
 def read(path: Path, how: How) -> Recording:
@@ -20,14 +19,13 @@ def read(path: Path, how: How) -> Recording:
     pa = need("pyarrow", "all", str(path))
     with open(path, "rb") as file:
         parquet = file.read(4) == b"PAR1"
-    room = Room()
     try:
         schema, rows, batches = (_parquet if parquet else _feather)(path)
         check_rows(path, "the table", rows)
         if not rows:
             raise UserError(f"{path}: has columns but no rows")
-        columns = [_column(pa, field, steps, rows, batches, room) for field, steps in _leaves(pa, schema)]
-        found = recording_of(path, "Parquet" if parquet else "Feather", columns, how, room=room)
+        columns = [_column(pa, field, steps, rows, batches) for field, steps in _leaves(pa, schema)]
+        found = recording_of(path, "Parquet" if parquet else "Feather", columns, how)
         pa.default_memory_pool().release_unused()
     except UserError:
         raise
@@ -101,7 +99,7 @@ def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
         yield from walk(field, (place,))
 
 
-def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, batches: Batches, room: Room) -> Column:
+def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, batches: Batches) -> Column:
     meta = {k.decode(errors="replace").lower(): v.decode(errors="replace") for k, v in (field.metadata or {}).items()}
     kind = pa.types
     dates = kind.is_timestamp(field.type) or kind.is_duration(field.type)
@@ -120,5 +118,5 @@ def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, batches: Bat
         return column.to_pandas()
 
     plain = kind.is_integer(field.type) or kind.is_floating(field.type)
-    values = Later(rows, lambda: (part.to_pandas().to_numpy(float) for part in parts()), room) if plain else whole
+    values = Later(rows, lambda: (part.to_pandas().to_numpy(float) for part in parts())) if plain else whole
     return Column(field.name, values, meta.get("unit", meta.get("units", "")), meta.get("description", ""), rows, dates)

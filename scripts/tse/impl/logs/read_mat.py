@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import Channel, How, Recording, check_rows, listed, need
+from tse.impl.logs.recording import PIECE, Channel, How, Later, Recording, check_rows, listed, need
 from tse.impl.logs.table import TIME_WORDS, Column, recording_of, unit_at_end, with_unit, words
-from tse.impl.room import PIECE, Later, Room
 from tse.impl.units import factor, kind
 
 MOST_AT_ONCE = 1 << 25  # bytes of a file of version 5 that is read as a whole, and not variable by variable
@@ -28,9 +27,8 @@ def read(path: Path, how: How) -> Recording:
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []
-    room = Room()
     hdf = b"HDF" in head[:8] or head.startswith(b"MATLAB 7.3")
-    leaves = list(_version73(path, opaque, room) if hdf else _version5(path, opaque, room))
+    leaves = list(_version73(path, opaque) if hdf else _version5(path, opaque))
     units = {
         name.rpartition(".")[0]: v
         for name, v in leaves
@@ -47,9 +45,7 @@ def read(path: Path, how: How) -> Recording:
             raise UserError(f"{path}: [log] time: there is no {how.time!r}; it has {listed(vectors)}")
         times = {how.time: vectors[how.time]}
     if not times and len({len(v) for v in vectors.values()}) == 1:
-        return recording_of(
-            path, "MAT", [Column(n, v) for n, v in vectors.items()], how, notes, room
-        )  # in words of a table
+        return recording_of(path, "MAT", [Column(n, v) for n, v in vectors.items()], how, notes)  # in words of a table
     clocks: dict[str, np.ndarray] = {}
     channels: dict[str, Channel] = {}
     for name, v in vectors.items():
@@ -59,8 +55,7 @@ def read(path: Path, how: How) -> Recording:
         if own is None:
             continue
         if own not in clocks:
-            clocks[own] = room.keep(_seconds(path, own, _read(times[own]), units.get(own, ""), how, notes))
-            room.let_go()
+            clocks[own] = _seconds(path, own, _read(times[own]), units.get(own, ""), how, notes)
         plain, unit = with_unit(_tidy(name))
         if how.wanted and not how.wanted(plain):
             continue
@@ -72,7 +67,7 @@ def read(path: Path, how: How) -> Recording:
             f"which "
             'is the time in signals.toml: [log] time = "NAME"'
         )
-    return Recording(path, "MAT", channels, notes, room=room)
+    return Recording(path, "MAT", channels, notes)
 
 
 def _read(v: np.ndarray | Later) -> np.ndarray:
@@ -122,7 +117,7 @@ def _seconds(path: Path, name: str, v: np.ndarray, unit: str, how: How, notes: l
     )
 
 
-def _version5(path: Path, opaque: list[str], room: Room) -> Iterator[tuple[str, Any]]:
+def _version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
     import scipy.io
 
     arguments: dict[str, Any] = {"squeeze_me": True, "struct_as_record": False}
@@ -131,9 +126,7 @@ def _version5(path: Path, opaque: list[str], room: Room) -> Iterator[tuple[str, 
         for only in [[name] for name, _, _ in scipy.io.whosmat(path)] if one_by_one else [None]:
             for name, value in scipy.io.loadmat(path, variable_names=only, **arguments).items():
                 if not name.startswith("__"):
-                    for leaf, found in _walk(name, value, opaque):
-                        yield leaf, room.keep(found) if isinstance(found, np.ndarray) else found
-            room.let_go()
+                    yield from _walk(name, value, opaque)
     except UserError:
         raise
     except Exception as error:  # a damaged file: whatever its parser stumbles over
@@ -192,16 +185,16 @@ def _vectors(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
                 yield f"{name}.{i + 1}", value[:, i].astype(float)
 
 
-def _version73(path: Path, opaque: list[str], room: Room) -> Iterator[tuple[str, Any]]:
+def _version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
     h5py = need("h5py", "mat", str(path))
     try:
         with h5py.File(path, "r") as file:
-            yield from _walk_hdf(file, "", opaque, h5py, room)
+            yield from _walk_hdf(file, "", opaque, h5py)
     except (OSError, RuntimeError, KeyError) as error:
         raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
 
 
-def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any, room: Room) -> Iterator[tuple[str, Any]]:
+def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tuple[str, Any]]:
     for key, item in group.items():
         name = f"{at}.{key}" if at else key
         if key.startswith("#"):
@@ -211,18 +204,18 @@ def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any, room: Room) -> 
         if item.attrs.get("MATLAB_object_decode") is not None:
             opaque.append(name)
         elif isinstance(item, h5py.Group):
-            yield from _walk_hdf(item, name, opaque, h5py, room)
+            yield from _walk_hdf(item, name, opaque, h5py)
         elif kind_ == "char":
             yield name, "".join(chr(c) for c in np.asarray(item).ravel() if c)
         elif item.dtype.kind in "biuf":
             check_rows(Path(item.file.filename), name, int(np.prod(item.shape, dtype=float)))
-            yield from _vectors_of(name, item, h5py, room)
+            yield from _vectors_of(name, item, h5py)
             unit = item.attrs.get("unit", item.attrs.get("units"))
             if unit is not None:
                 yield f"{name}.unit", unit.decode() if isinstance(unit, bytes) else str(unit)
 
 
-def _vectors_of(name: str, item: Any, h5py: Any, room: Room) -> Iterator[tuple[str, Any]]:
+def _vectors_of(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
     """As _vectors(), of a dataset that is read when it is needed, a slice at a time."""
     long = [axis for axis, n in enumerate(item.shape) if n > 1]
     if item.size <= PIECE or len(long) > 2:
@@ -248,4 +241,4 @@ def _vectors_of(name: str, item: Any, h5py: Any, room: Room) -> Iterator[tuple[s
         return read
 
     for i in range(count):
-        yield name if across is None else f"{name}.{i + 1}", Later(rows, pieces(i), room)
+        yield name if across is None else f"{name}.{i + 1}", Later(rows, pieces(i))

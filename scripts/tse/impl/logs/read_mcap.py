@@ -45,7 +45,7 @@ def read(path: Path, how: How) -> Recording:
         )
     if strange:
         notes.append(f"topics that cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}")
-    return Recording(path, "MCAP", collect.channels(), notes, room=collect.room)
+    return Recording(path, "MCAP", collect.channels(), notes)
 
 
 MAGIC = b"\x89MCAP0\r\n"

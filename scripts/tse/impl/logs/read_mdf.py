@@ -14,8 +14,7 @@ import numpy as np
 
 from tse.impl.errors import UserError
 from tse.impl.logs.frames import Bus, databases_for
-from tse.impl.logs.recording import Channel, How, Recording, check_rows, need
-from tse.impl.room import PIECE, Room
+from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, check_rows, need
 
 FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
 
@@ -25,14 +24,13 @@ def read(path: Path, how: How) -> Recording:
     asammdf = need("asammdf", "mf4", str(path))
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     notes: list[str] = []
-    room = Room()
     damage = ""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
         with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
-            channels = _plain(mdf, how, room)
-            channels |= _of_frames(path, mdf, how, room, bool(channels), notes)
+            channels = _plain(mdf, how)
+            channels |= _of_frames(path, mdf, how, bool(channels), notes)
             version = mdf.version
     except UserError:
         raise
@@ -46,7 +44,7 @@ def read(path: Path, how: How) -> Recording:
             f"{path}: is damaged or cut off: {damage}; what an MDF holds is described in blocks all over the file, and some are "
             "missing: copy it again, or have the recorder's own tool repair it"
         )
-    return Recording(path, f"MDF {version}", channels, notes, room=room)
+    return Recording(path, f"MDF {version}", channels, notes)
 
 
 def _is_finished(file: BinaryIO) -> bool:
@@ -57,7 +55,7 @@ def _is_finished(file: BinaryIO) -> bool:
     return finished
 
 
-def _plain(mdf: Any, how: How, room: Room) -> dict[str, Channel]:
+def _plain(mdf: Any, how: How) -> dict[str, Channel]:
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(Path(mdf.name), f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
@@ -67,7 +65,7 @@ def _plain(mdf: Any, how: How, room: Room) -> dict[str, Channel]:
         for c, channel in enumerate(group.channels):
             if c == master or channel.name.startswith("CAN_DataFrame") or (how.wanted and not how.wanted(channel.name)):
                 continue
-            value, own, unit, text = _samples(mdf, g, c, time, room)
+            value, own, unit, text = _samples(mdf, g, c, time)
             if value is None:
                 continue
             time = own
@@ -87,11 +85,11 @@ def _plain(mdf: Any, how: How, room: Room) -> dict[str, Channel]:
 
 
 def _samples(
-    mdf: Any, group: int, index: int, time: np.ndarray | None, room: Room
+    mdf: Any, group: int, index: int, time: np.ndarray | None
 ) -> tuple[np.ndarray | None, np.ndarray, str, str]:
     """Values and times of a channel, piece by piece. `time`: of its group, where it was read."""
     for raw in (False, True):  # of a table of texts: the numbers below it
-        value, times = room.growing(), room.growing()
+        value, times = Growing(), Growing()
         first = None
         for signal in _pieces(mdf, group, index, raw):
             part = np.asarray(signal.samples)
@@ -110,11 +108,9 @@ def _samples(
                 break
             found = value.array()
             if time is not None and len(time) != len(found):
-                return _samples(mdf, group, index, None, room)
+                return _samples(mdf, group, index, None)
             unit, text = str(first.unit or ""), str(first.comment or "")[:200]
             return found, time if time is not None else times.array(), unit, text
-        for column in (value, times):
-            column.array()  # no longer growing
     return None, np.zeros(0), "", ""
 
 
@@ -133,9 +129,9 @@ def _pieces(mdf: Any, group: int, index: int, raw: bool) -> Iterator[Any]:
             return
 
 
-def _of_frames(path: Path, mdf: Any, how: How, room: Room, others: bool, notes: list[str]) -> dict[str, Channel]:
+def _of_frames(path: Path, mdf: Any, how: How, others: bool, notes: list[str]) -> dict[str, Channel]:
     """Signals of the frames of all buses, in order of time. `others`: the file has other channels, too."""
-    bus, times = None, room.growing()
+    bus, times = None, Growing()
     for g, group in enumerate(mdf.groups):
         for c, channel in enumerate(group.channels):
             if channel.name != FRAMES[0]:
@@ -149,7 +145,7 @@ def _of_frames(path: Path, mdf: Any, how: How, room: Room, others: bool, notes: 
                     databases = databases_for(path, how, required=not others)
                     if not databases:
                         return {}
-                    bus = Bus(path, databases, how, room)
+                    bus = Bus(path, databases, how)
                 raw = samples[FRAMES[2]]
                 length = (
                     samples["CAN_DataFrame.DataLength"]

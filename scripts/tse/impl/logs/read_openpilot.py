@@ -41,7 +41,7 @@ def read(path: Path, how: How) -> Recording:
         notes.append(f"the log is cut off after {count} events: what is before is used")
     if not count:
         raise UserError(f"{path}: has none of the services {', '.join(SERVICES)}")
-    return Recording(path, "openpilot", collect.channels(), notes, room=collect.room)
+    return Recording(path, "openpilot", collect.channels(), notes)
 
 
 def _add(collect: Collector, service: str, time: float, message: Any) -> None:

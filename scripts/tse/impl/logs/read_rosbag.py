@@ -127,7 +127,7 @@ def read(path: Path, how: How) -> Recording:
                 collect.add(topic, time, message, kind)
                 count += 1
             if count:
-                return Recording(path, "ROS bag", collect.channels(), notes, room=collect.room)
+                return Recording(path, "ROS bag", collect.channels(), notes)
         store = typesys.get_typestore(typesys.Stores.LATEST)
         with highlevel.AnyReader([bag], default_typestore=store) as reader:
             for connection, time, raw in reader.messages():
@@ -150,4 +150,4 @@ def read(path: Path, how: How) -> Recording:
         raise UserError(
             f"{path}: has no message that can be read{f' (types unknown: {listed(strange.values())})' if strange else ''}"
         )
-    return Recording(path, "ROS bag", collect.channels(), notes, room=collect.room)
+    return Recording(path, "ROS bag", collect.channels(), notes)

@@ -18,9 +18,8 @@ import pandas as pd
 
 from tse.impl.errors import UserError
 from tse.impl.logs.readers import FORMATS
-from tse.impl.logs.recording import How, Recording
+from tse.impl.logs.recording import PIECE, Growing, How, Recording
 from tse.impl.logs.table import Column, may_be_time, recording_of, with_unit
-from tse.impl.room import PIECE, Room
 from tse.impl.units import known
 
 HEAD = 400  # lines that are looked at
@@ -54,9 +53,8 @@ def read(path: Path, how: How) -> Recording:
         "on_bad_lines": "error",
     })  # fmt: skip
     of = dict(zip(names, units or [""] * len(names), strict=False))
-    room = Room()
     needed = [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
-    rows, plain = table.numbers(needed, room)
+    rows, plain = table.numbers(needed)
     if not rows:
         raise UserError(f"{path}: has a header but no rows")
     columns = [
@@ -69,7 +67,7 @@ def read(path: Path, how: How) -> Recording:
         parts = [f"separator {separator!r}", f"decimal {decimal!r}"]
         parts += [f"names in line {header + 1}"] if header else []
         notes.append(f"read as CSV with {', '.join(parts)}{', a row of units' if units else ''}")
-    return recording_of(path, "CSV", columns, how, notes, room)
+    return recording_of(path, "CSV", columns, how, notes)
 
 
 def _is_needed(place: int, name: str, unit: str, how: How) -> bool:
@@ -87,15 +85,15 @@ class _Table:
     errors: str
     arguments: dict[str, Any]
 
-    def numbers(self, places: Sequence[int], room: Room) -> tuple[int, dict[int, np.ndarray]]:
+    def numbers(self, places: Sequence[int]) -> tuple[int, dict[int, np.ndarray]]:
         """How many rows it has, and those of the columns at `places` that hold nothing but numbers, read a piece at a time."""
-        found = {i: room.growing() for i in places}
+        found = {i: Growing() for i in places}
         rows = 0
         with self._reading() as file, pd.read_csv(file, chunksize=PIECE, **self.arguments) as parts:
             for part in parts:
                 rows += len(part)
                 for i in [i for i in found if not _is_plain(part[i])]:
-                    found.pop(i).array()
+                    found.pop(i)
                 for i, column in found.items():
                     column.extend(part[i].to_numpy(float))
         return rows, {i: column.array() for i, column in found.items()}

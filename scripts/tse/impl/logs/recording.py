@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -12,9 +13,9 @@ from types import ModuleType
 import numpy as np
 
 from tse.impl.errors import UserError
-from tse.impl.room import Room
 
 MOST_NAMED = 6  # names that one message lists
+PIECE = 1 << 16  # entries that are read, decoded or resampled at a time: 11 minutes at 100 Hz, 0.5 MB a column
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,6 @@ class Recording:
     channels: dict[str, Channel]
     notes: list[str] = field(default_factory=list)
     start: float = 0.0  # s, what was taken off all times: an epoch, where they are of one
-    room: Room = field(default_factory=Room)  # where the channels of a very long log are
 
     def __iter__(self) -> Iterator[Channel]:
         return iter(self.channels.values())
@@ -83,10 +83,62 @@ class Recording:
         moved: dict[int, np.ndarray] = {}
         for c in self:
             if id(c.time) not in moved:
-                moved[id(c.time)] = self.room.keep(c.time - start)
-                self.room.let_go()
+                moved[id(c.time)] = c.time - start
         channels = {c.name: replace(c, time=moved[id(c.time)]) for c in self}
         return replace(self, channels=channels, start=self.start + start)
+
+
+# ---- Columns that a file gives piece by piece: what a reader holds at a time beside them is PIECE entries.
+
+
+class Growing:
+    """A column that is filled from its beginning, and then an array."""
+
+    def __init__(self) -> None:
+        self._values = array("d")
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def extend(self, values: np.ndarray) -> None:
+        """More numbers, (entries,)."""
+        self._values.frombytes(np.ascontiguousarray(values, float).tobytes())
+
+    def set(self, place: int, value: float) -> None:
+        """The number at `place`, which is behind all others; those between are missing. Or again the last one."""
+        self.pad(place)
+        if place == len(self):
+            self._values.append(value)
+        else:
+            self._values[-1] = value
+
+    def pad(self, length: int) -> None:
+        """So many are missing at the end as are needed for this length."""
+        self._values.extend([np.nan] * (length - len(self)))
+
+    def array(self) -> np.ndarray:
+        """All of it, (entries,). Nothing can be added any more."""
+        return np.frombuffer(self._values) if self._values else np.zeros(0)
+
+
+class Later:
+    """A column that is read when it is needed, in pieces. `rows`: how many it has; `pieces`: reads it, (entries,) at a time."""
+
+    def __init__(self, rows: int, pieces: Callable[[], Iterable[np.ndarray]]):
+        self._rows, self._pieces = rows, pieces
+        self._found: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def read(self) -> np.ndarray:
+        """All of it as floats, (rows,)."""
+        if self._found is None:
+            column = Growing()
+            for piece in self._pieces():
+                column.extend(piece)
+            self._found = column.array()
+        return self._found
 
 
 MOST_ROWS = 360_000_000  # of a signal: a hundred hours at 1 kHz

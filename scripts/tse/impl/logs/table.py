@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import Channel, How, Recording, listed, near
-from tse.impl.room import Later, Room
+from tse.impl.logs.recording import Channel, How, Later, Recording, listed, near
 from tse.impl.units import factor, kind, known
 
 TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
@@ -53,11 +52,8 @@ def _are_dates(x: pd.Series | np.ndarray) -> bool:
     return pd.api.types.is_datetime64_any_dtype(x) or pd.api.types.is_timedelta64_dtype(x)
 
 
-def recording_of(
-    path: Path, format_: str, columns: Sequence[Column], how: How, notes: Sequence[str] = (), room: Room | None = None
-) -> Recording:
-    """Columns as channels. `room`: where those of a very long table go. UserError: none can be the time."""
-    room = room or Room()
+def recording_of(path: Path, format_: str, columns: Sequence[Column], how: How, notes: Sequence[str] = ()) -> Recording:
+    """Columns as channels. UserError: none can be the time."""
     said = list(notes)
     named = []
     for c in columns:
@@ -71,8 +67,7 @@ def recording_of(
         time = np.arange(rows) * float(how.step or 0.0)
         said.append(f"without a time of its own: rows are {how.step:g} s apart, as [log] step says")
     else:
-        time = room.keep(seconds(path, named[at], said, how))
-        room.let_go()
+        time = seconds(path, named[at], said, how)
     channels: dict[str, Channel] = {}
     skipped = []
     for i, c in enumerate(named):
@@ -91,12 +86,10 @@ def recording_of(
                 k += 1
             said.append(f"column {name} appears more than once: the next one is called {name}#{k}")
             name = f"{name}#{k}"
-        value = value if isinstance(c.values, np.ndarray | Later) else room.keep(value)
-        room.let_go()
         channels[name] = Channel(name, time, value, c.unit or unit_at_end(name), c.text)
     if skipped and not how.wanted:
         said.append(f"not numbers, not used: {listed(skipped)}")
-    return Recording(path, format_, channels, said, room=room)
+    return Recording(path, format_, channels, said)
 
 
 def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
