@@ -329,13 +329,13 @@ def main() -> int:
     made = build(ROOT / "build" / "fmus", tuple(PLATFORMS), None, lambda text: print(text, file=sys.stderr))
     fmus = sorted(b.path for b in made if b.path.suffix == ".fmu")
     verdicts = {f.name: validate(f) for f in fmus}
-    (RESULTS / "fmu_validators.md").write_text(validators_table(verdicts))
     with tempfile.TemporaryDirectory() as folder:
         units = {f.name: Unit(f, Path(folder) / f.stem) for f in fmus}
         clients = {name: compare(of) for name, of in units.items()}
         heads = [f"{name}, {STEPS} steps, {len(outputs_of(of))} outputs" for name, of in units.items()]
-    (RESULTS / "fmu_clients.md").write_text(clients_table(clients, heads))
-    print(validators_table(verdicts), clients_table(clients, heads), sep="\n")
+    text = f"{clients_table(clients, heads)}\n{validators_table(verdicts)}"
+    (RESULTS / "fmu_importers.md").write_text(text)
+    print(text)
     bad = [text for found in verdicts.values() for v in found for text in v.findings]
     bad += [
         f"{n}: {r}" for n, rows in clients.items() for r in rows if r.ran and r.says not in ("reference", "same bits")
