@@ -24,17 +24,6 @@ def example(name, *arguments):
     return done.stdout
 
 
-def test_a_log_becomes_an_estimate():
-    out = example("estimate_log.py")
-    within = re.search(r"within (.+) % of the truth", out)
-    assert within and float(within[1]) < 3.0  # the road changes to 70 %
-    assert "Front cornering stiffness" in out
-
-
-def test_a_log_of_the_users_becomes_an_estimate(drive):
-    assert "cy_front: 1" in example("estimate_log.py", drive.log, drive.vehicle)
-
-
 def test_a_stream_is_followed():
     out = example("stream.py")
     assert "row refused: steer_angle = 7 is outside its range -1.2 .. 1.2 rad" in out
