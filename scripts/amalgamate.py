@@ -26,7 +26,6 @@ FORMATS = ("double", "float", "fixed")
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"[^\n]*\n', re.M)
 C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n', re.M)
 ALIAS = re.compile(r"^#define (\w+) +TSE_NAME\(\w+\)\n", re.M)
-COMMENT = re.compile(r"/\*.*?\*/", re.S)
 TOKEN = re.compile(
     r"""(?P<space>\s+|/\*.*?\*/|\\\n)
     |(?P<directive>(?:(?<=\n)|\A)[ \t]*\#(?:/\*.*?\*/|\\\n|[^\n])*)

@@ -28,7 +28,6 @@ class Platform:
     tuple3: str
     suffix: str
     targets: tuple[str, ...]  # of zig; several are joined to one universal binary
-    run_by: str  # who runs this binary in tests; "" for nobody
 
     def folder(self, fmi: str) -> str:
         return self.tuple3 if fmi == "3" else self.name
@@ -41,11 +40,11 @@ class Platform:
 PLATFORMS = {
     p.name: p
     for p in (
-        Platform("linux64", "x86_64-linux", ".so", ("x86_64-linux-gnu.2.2.5",), "any importer on Linux"),
-        Platform("win64", "x86_64-windows", ".dll", ("x86_64-windows-gnu",), "wine"),
-        Platform("darwin64", "x86_64-darwin", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0"), ""),
-        Platform("aarch64-linux", "aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",), "qemu-aarch64"),
-        Platform("aarch64-darwin", "aarch64-darwin", ".dylib", ("aarch64-macos.11.0",), ""),
+        Platform("linux64", "x86_64-linux", ".so", ("x86_64-linux-gnu.2.2.5",)),
+        Platform("win64", "x86_64-windows", ".dll", ("x86_64-windows-gnu",)),
+        Platform("darwin64", "x86_64-darwin", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0")),
+        Platform("aarch64-linux", "aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",)),
+        Platform("aarch64-darwin", "aarch64-darwin", ".dylib", ("aarch64-macos.11.0",)),
     )
 }
 
