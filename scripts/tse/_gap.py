@@ -16,18 +16,16 @@ from tse._log import Log, LogLike, PathLike, checked, several
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
 from tse.impl.estimate import write_table
-from tse.impl.gap.infer import show
 from tse.impl.gap.run import pictures, workflow
-from tse.impl.gap.run.output import write_all
-from tse.impl.gap.run.table import FIT, HELD_OUT
+from tse.impl.gap.run.output import Written, write_all
 from tse.impl.vehicle import Vehicle
 
 
 class Gap(Shown):
     """What a run of `tselab gap` has found, and the folder with what it has written."""
 
-    def __init__(self, result: workflow.Result, folder: Path, keep: Any):
-        self._result, self._keep = result, keep
+    def __init__(self, result: workflow.Result, written: Written, folder: Path, keep: Any):
+        self._result, self._written, self._keep = result, written, keep
         self.folder = folder
         """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...; temporary where gap() was given none."""
         self.verdict = result.verdict
@@ -53,11 +51,7 @@ class Gap(Shown):
 
     def plot(self) -> Any:
         """Return a figure of plotly: residuals over sensor noise by channel, before and after."""
-        problem, naming = self._result.problem, self._result.naming
-        parts = {FIT: show.compare(problem, naming.baseline.residuals, self._result.final.residuals)}
-        if self._result.held_out:
-            parts[HELD_OUT] = self._result.held_out
-        return pictures.gap_bars(parts)
+        return pictures.gap_bars(self._written.changes)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab gap`."""
@@ -107,8 +101,7 @@ def gap(
     held = [_file(log, folder, f"held-out-{i}") for i, log in enumerate(hold_out, 1)]
     car = vehicle_file(vehicle, folder)
     result = workflow.run(fitted, car, held, jobs, say, formula)
-    write_all(folder, result, car, jobs, say)
-    return Gap(result, folder, keep)
+    return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)
 
 
 def _file(log: LogLike, folder: Path, name: str) -> Path:

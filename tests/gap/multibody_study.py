@@ -26,8 +26,8 @@ TABLE = ROOT / "scripts" / "results" / "gap-multibody.md"
 def run(car: int) -> dict:
     """One car: its logs, the workflow, what counts."""
     from tests.gap import multibody
-    from tse.impl.gap.run.output import finite
     from tse.impl.gap.run.workflow import run as gap
+    from tse.impl.results import plain
 
     folder = FOLDER / f"car{car}"
     done = folder / "result.json"
@@ -37,7 +37,7 @@ def run(car: int) -> dict:
         logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
         verdict = gap(logs, folder / "car.toml", held).as_json()
         done.write_text(
-            json.dumps(finite({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")}))
+            json.dumps(plain({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")}))
         )
     return json.loads(done.read_text())
 

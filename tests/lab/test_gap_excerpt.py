@@ -23,9 +23,9 @@ from tse.impl.gap.infer.hypotheses import NAME_AT
 from tse.impl.gap.infer.naming import Named, name
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.run import workflow
-from tse.impl.gap.run.output import finite
 from tse.impl.gap.simulate import simulate
 from tse.impl.logs.log import read_log
+from tse.impl.results import plain
 from tse.impl.rows import MEASURES, Log
 from tse.impl.vehicle import read_vehicle
 
@@ -149,7 +149,7 @@ def clean(tmp_path_factory) -> Clean:
     log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=12.0)
     result = workflow.run([log], vehicle)
     assert result.verdict == "none"
-    told = json.loads(json.dumps(finite(result.as_json()), allow_nan=False))["undetectable"]
+    told = json.loads(json.dumps(plain(result.as_json()), allow_nan=False))["undetectable"]
     read, _ = workflow.read([log], read_vehicle(vehicle))
     return Clean(vehicle, result.problem, read[0], {d["id"]: d for d in told})
 

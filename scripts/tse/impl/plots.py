@@ -23,12 +23,33 @@ QUIET = (
     1.4  # noise found over the setting's up to which there is nothing to see: steps of steering and torque read as some
 )
 FINDING = 2.0  # s at the start in which the noise is still being found
+CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
     "p_steady": "#dfe4e9", "p_changed": BLUE, "p_axle": PURPLE, "p_fault": "#b3261e", "p_sliding": ORANGE,
     "p_restarted": INK,
 }  # fmt: skip
 MOST_LABELS = 16  # events named in the plot; the others have a line
 MOST_SHADES = 150  # shaded intervals per plot; shorter gaps are bridged
+
+
+def layout(figure: Any, height: int, **more: object) -> Any:
+    """Give a figure of plotly the looks of these pages."""
+    figure.update_layout(
+        height=height,
+        margin={"l": 66, "r": 18, "t": 64, "b": 48},
+        font={"family": "system-ui, sans-serif", "size": 13, "color": INK},
+        paper_bgcolor="white",
+        plot_bgcolor="white",
+        legend={"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
+    )
+    figure.update_layout(**more)
+    axis = {"showgrid": True, "gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4", "title_font_size": 13}
+    figure.update_xaxes(**axis, ticks="outside", tickcolor="#c8ced4")
+    figure.update_yaxes(**axis, title_standoff=6)
+    for note in figure.layout.annotations:
+        note.update(font={"size": 13, "color": INK})
+    return figure
+
 
 # Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers use.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}

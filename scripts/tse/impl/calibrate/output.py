@@ -15,10 +15,10 @@ from tse.impl.calibrate.result import Result
 from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.formula import write_formula
-from tse.impl.gap.run.output import finite
 from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.unknowns import LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, of_log
 from tse.impl.identify.vehicle_file import toml as vehicle_toml
+from tse.impl.results import plain
 from tse.impl.vehicle import GRAVITY, calibration_toml, sensor_settings, unknown_car
 
 ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
@@ -149,7 +149,7 @@ def write(path: Path, result: Result, logs: list[str]) -> Path:
         file.write(toml(result, logs, formula))
     numbers = path.with_suffix(".json")
     with atomic(numbers) as file:
-        json.dump(finite(as_json(result)), file, indent=1, allow_nan=False)
+        json.dump(plain(as_json(result)), file, indent=1, allow_nan=False)
         file.write("\n")
     return numbers
 

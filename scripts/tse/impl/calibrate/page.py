@@ -10,10 +10,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from tse.impl.calibrate.result import Proof, Result
-from tse.impl.gap.run.pictures import CHANNEL_UNITS, _layout
-from tse.impl.gap.run.report import write_page
 from tse.impl.identify.unknowns import MEASURED
-from tse.impl.plots import BLUE, GREY, ORANGE
+from tse.impl.plots import BLUE, CHANNEL_UNITS, GREY, ORANGE, layout
+from tse.impl.report import write_page
 
 
 def write(path: Path, result: Result, words: Sequence[str]) -> None:
@@ -69,7 +68,7 @@ def bands(result: Result) -> go.Figure:
             )  # fmt: skip
     figure.update_yaxes(categoryorder="array", categoryarray=[f.name for f in rows], automargin=True)
     figure.update_xaxes(title="found less known before, in its sd")
-    return _layout(figure, 160 + 20 * len(rows), title_text=None)
+    return layout(figure, 160 + 20 * len(rows), title_text=None)
 
 
 def misfit(proofs: Sequence[Proof]) -> go.Figure:
@@ -88,4 +87,4 @@ def misfit(proofs: Sequence[Proof]) -> go.Figure:
                        marker_color=colour), row=1, col=column,
             )  # fmt: skip
     figure.update_yaxes(autorange="reversed", automargin=True)
-    return _layout(figure, 190 + 44 * len(names), bargap=0.3)
+    return layout(figure, 190 + 44 * len(names), bargap=0.3)

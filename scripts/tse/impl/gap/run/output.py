@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from tse.impl.files import atomic
 from tse.impl.gap.infer import show
 from tse.impl.gap.run import add, gain, pictures, report, table
 from tse.impl.gap.run.workflow import Result
+from tse.impl.results import plain
 from tse.impl.vehicle import fill_sensors, read_vehicle, stiffness_words
 
 VERDICT, RESIDUALS, REPORT, PICTURE = "verdict.json", "residuals.parquet", "report.html", "gap.png"
@@ -25,6 +25,7 @@ class Written:
 
     files: list[Path]
     gain: dict[str, Any]
+    changes: dict[str, dict[str, show.Change]]  # of each part: its channels, before and after
 
 
 def write_all(
@@ -59,13 +60,13 @@ def write_all(
     shown = report.Shown(result, named, rows, changes, gained, [*old.filled])
     report.write_report(out / REPORT, shown)
     with atomic(out / VERDICT) as file:
-        json.dump(finite(result.as_json() | {"estimator": gained}), file, indent=1, allow_nan=False)
+        json.dump(plain(result.as_json() | {"estimator": gained}), file, indent=1, allow_nan=False)
         file.write("\n")
     files = [out / VERDICT, improved, header, *add.formula_files(out, improved), out / REPORT, out / RESIDUALS]
     if importlib.util.find_spec("matplotlib") is not None:
         pictures.picture(out / PICTURE, rows, headline(result))
         files.append(out / PICTURE)
-    return Written(files, gained)
+    return Written(files, gained, changes)
 
 
 def headline(result: Result) -> str:
@@ -77,14 +78,3 @@ def headline(result: Result) -> str:
     if result.verdict == "possible":
         return f"Possible: {result.naming.possible[0]['id']}"
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
-
-
-def finite(value: Any) -> Any:
-    """JSON knows no infinity and no NaN: null."""
-    if isinstance(value, Mapping):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value.item() if hasattr(value, "item") else value

@@ -13,32 +13,13 @@ from plotly.subplots import make_subplots
 from tse.impl.errors import UserError
 from tse.impl.files import atomic
 from tse.impl.gap.infer.show import Change
-from tse.impl.plots import BLUE, GREY, INK, ORANGE, thin_line
+from tse.impl.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
-CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 MOST_POINTS = 3000  # per line; longer logs are thinned, to their peaks
 HOLE = 1.0  # s without a value from which a line is broken: a log may not have the channel all the time
 MOST_LOGS = 12  # that can be chosen; of a fleet, the worst
 PICTURE_SECONDS = 8.0
-
-
-def _layout(figure: go.Figure, height: int, **more: object) -> go.Figure:
-    figure.update_layout(
-        height=height,
-        margin={"l": 66, "r": 18, "t": 64, "b": 48},
-        font={"family": "system-ui, sans-serif", "size": 13, "color": INK},
-        paper_bgcolor="white",
-        plot_bgcolor="white",
-        legend={"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
-    )
-    figure.update_layout(**more)
-    axis = {"showgrid": True, "gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4", "title_font_size": 13}
-    figure.update_xaxes(**axis, ticks="outside", tickcolor="#c8ced4")
-    figure.update_yaxes(**axis, title_standoff=6)
-    for note in figure.layout.annotations:
-        note.update(font={"size": 13, "color": INK})
-    return figure
 
 
 def _channels(table: pd.DataFrame) -> list[str]:
@@ -79,7 +60,7 @@ def overlay(table: pd.DataFrame) -> go.Figure:
          "args": [{"visible": [o == n for o in owner]}, {}]}
         for n, (part, log) in enumerate(logs)
     ]  # fmt: skip
-    _layout(figure, 210 * len(channels) + 90, hovermode="x unified")
+    layout(figure, 210 * len(channels) + 90, hovermode="x unified")
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left")
     menu = {"x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 24}, "bgcolor": "white"}
@@ -108,7 +89,7 @@ def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
         )  # fmt: skip
         figure.add_hline(y=1.0, line={"color": GREY, "dash": "dash", "width": 1.2}, row=1, col=col)
     figure.update_yaxes(title_text="residual over sensor noise (rms)", rangemode="tozero", row=1, col=1)
-    return _layout(figure, 360, barmode="group")
+    return layout(figure, 360, barmode="group")
 
 
 def _part_title(part: str) -> str:

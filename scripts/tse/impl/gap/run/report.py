@@ -16,6 +16,7 @@ from tse.impl.gap.data import CHANNELS
 from tse.impl.gap.infer.show import Change
 from tse.impl.gap.run import pictures
 from tse.impl.gap.run.workflow import Result
+from tse.impl.plots import CHANNEL_UNITS
 from tse.impl.report import write_page
 from tse.impl.verdict import NAMES
 
@@ -102,7 +103,7 @@ def facts(shown: Shown) -> list[tuple[str, str]]:
     if held is not None:
         rows.append(("Logs held out", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in held.logs)))
     noise = {c: [log.noise[c] for log in problem.logs if c in log.noise] for c in CHANNELS}
-    said = [f"{c} {np.median(x):.3g} {pictures.CHANNEL_UNITS[c]}" for c, x in noise.items() if x]
+    said = [f"{c} {np.median(x):.3g} {CHANNEL_UNITS[c]}" for c, x in noise.items() if x]
     rows.append(("Sensor noise of one row, from the logs", ", ".join(said)))
     for key in STIFFNESS:
         rows.append((f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {final[key]:.3f} after"))
