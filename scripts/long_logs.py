@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The memory that tselab estimate takes for a very long log in each format, with report and estimates.
+"""The memory that tselab estimate takes for a long log in each format, with report and estimates.
 
-    .venv/bin/python scripts/long_logs.py [--hours 10] [--formats MF4 "MAT 7.3" ...]
+    .venv/bin/python scripts/long_logs.py [--hours 1] [--formats MF4 "MAT 7.3" ...]
 
 writes scripts/results/long_logs.md; of formats that are not named the rows stay as they are. A log has four wheels at 50 Hz, the
 steering wheel at 20 Hz, the inertial sensor at 100 Hz, each later than it was true: ten minutes of drive, again and again, by
@@ -66,7 +66,7 @@ def measured(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hours", type=float, default=10.0)
+    parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--formats", nargs="+", choices=list(FORMATS), default=list(FORMATS), metavar="NAME")
     asked = parser.parse_args()
     times = max(1, round(3600 * asked.hours / PART))

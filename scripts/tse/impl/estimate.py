@@ -136,7 +136,7 @@ def _words(column: Any) -> list[bytes] | None:
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
 BLOCK = 2048  # rows that are in memory with all their columns at a time
 MOST_KEPT = 1 << 19  # rows of a summary: 87 minutes at 100 Hz; of longer logs so many, spread evenly
-GROUP = 16 * BLOCK  # ... where they are written as Parquet: rows of a group
+GROUP = 4 * BLOCK  # ... where they are written as Parquet: rows of a group
 Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
 REFUSED = "row refused"  # the reason of a row with a negative status
 
