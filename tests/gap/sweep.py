@@ -53,12 +53,12 @@ def run(asked: tuple[str, str, float | None]) -> None:
     from tests.gap.generator import make_cases
     from tests.gap.generator.study import study
     from tse.impl.gap.catalogue import catalogue
-    from tse.impl.gap.data import prepare_all
     from tse.impl.gap.fit import fit
     from tse.impl.gap.infer.excerpt import excerpt
     from tse.impl.gap.infer.naming import name
     from tse.impl.gap.problem import STIFFNESS, Problem
     from tse.impl.gap.run.workflow import read
+    from tse.impl.identify.data import prepare_all
     from tse.impl.vehicle import read_vehicle
 
     case, constant, value = asked

@@ -19,7 +19,7 @@ from tse.impl.calibrate import output, workflow
 from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula
-from tse.impl.gap.data import BLOCK
+from tse.impl.identify.data import BLOCK
 from tse.impl.identify.discrepancy import Discrepancy
 from tse.impl.identify.problem import SPEED_BLOCKS, UNLIKE_SD
 from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of

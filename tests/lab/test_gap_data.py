@@ -10,10 +10,10 @@ import pytest
 from gap_logs import car, write_log
 from tse.impl.core import Config
 from tse.impl.errors import UserError
-from tse.impl.gap.data import fresh, prepare, smoothed
 from tse.impl.gap.parallel import apart, is_copy
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.run import workflow
+from tse.impl.identify.data import fresh, prepare, smoothed
 from tse.impl.vehicle import read_vehicle
 
 TIME = 0.005 * np.arange(4000)

@@ -14,12 +14,12 @@ from conftest import RAN, tselab, tselab_here
 from gap_logs import car, write_log
 from tse.impl.core import Config
 from tse.impl.formula import Number, parse, read_formula, write_formula
-from tse.impl.gap.data import prepare
 from tse.impl.gap.fit import fit, gap
 from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import formula_terms as terms
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.respond import responses, signals
+from tse.impl.identify.data import prepare
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 

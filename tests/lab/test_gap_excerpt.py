@@ -16,14 +16,14 @@ from tests.gap.changed import changed
 from tse.impl.core import Config, Replay
 from tse.impl.estimate import write_table
 from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.data import BURN_IN, prepare, prepare_all
 from tse.impl.gap.fit import fit
 from tse.impl.gap.infer import excerpt as ex
 from tse.impl.gap.infer.hypotheses import NAME_AT
 from tse.impl.gap.infer.naming import Named, name
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.run import workflow
-from tse.impl.gap.simulate import simulate
+from tse.impl.identify.data import BURN_IN, prepare, prepare_all
+from tse.impl.identify.simulate import simulate
 from tse.impl.logs.log import read_log
 from tse.impl.results import plain
 from tse.impl.rows import MEASURES, Log

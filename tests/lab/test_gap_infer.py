@@ -16,7 +16,6 @@ from scipy.stats import multivariate_normal, norm
 from gap_logs import car, write_log
 from tse.impl.core import Config
 from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
-from tse.impl.gap.data import BLOCK, CHANNELS, prepare
 from tse.impl.gap.infer import forms, naming, noise
 from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
 from tse.impl.gap.infer.naming import Named, Probability, settings
@@ -25,6 +24,7 @@ from tse.impl.gap.infer.search import Search, judge
 from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout, Space
 from tse.impl.gap.problem import Problem, Rows, profile_size
 from tse.impl.gap.run import workflow
+from tse.impl.identify.data import BLOCK, CHANNELS, prepare
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle

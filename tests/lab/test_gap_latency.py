@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from gap_logs import car, write_log
-from tse.impl.gap.data import in_time, prepare
 from tse.impl.gap.infer.hypotheses import SENSORS
 from tse.impl.gap.run import workflow
+from tse.impl.identify.data import in_time, prepare
 from tse.impl.vehicle import read_vehicle
 
 LATE = {

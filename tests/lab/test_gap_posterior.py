@@ -11,13 +11,13 @@ from gap_logs import CAR, STIFFNESS, write_log
 from tse.impl.config import make_config
 from tse.impl.core import NOMINAL, Config
 from tse.impl.estimate import estimate
-from tse.impl.gap.data import prepare
 from tse.impl.gap.fit import fit
 from tse.impl.gap.infer.naming import Naming
 from tse.impl.gap.problem import STIFFNESS as PARAMETERS
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.run import add, workflow
 from tse.impl.gap.run.posterior import UNCERTAIN, posterior
+from tse.impl.identify.data import prepare
 from tse.impl.identify.unknowns import prior_of
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle

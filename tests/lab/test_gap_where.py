@@ -12,12 +12,12 @@ from scipy.signal import lfilter
 
 from gap_logs import STIFFNESS, car, write_log
 from tse.impl.core import Config
-from tse.impl.gap.data import BLOCK, prepare
 from tse.impl.gap.fit import fit
 from tse.impl.gap.infer import where
 from tse.impl.gap.infer.remainder import is_noise, without_spikes, without_walk
 from tse.impl.gap.problem import STIFFNESS as PARAMETERS
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import BLOCK, prepare
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 

@@ -11,9 +11,9 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from tse.impl.core import Config, SimConfig, Simulator
-from tse.impl.gap.data import Prepared, blocks, prepare
 from tse.impl.identify import discrepancy
 from tse.impl.identify import ready as ready_rules
+from tse.impl.identify.data import Prepared, blocks, prepare
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.identify.fit import fit, step
 from tse.impl.identify.problem import SPEED_TIME, Problem, shapes

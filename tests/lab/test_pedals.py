@@ -13,7 +13,7 @@ from tests.cars.logs import PEDALS
 from tse.impl.config import make_config
 from tse.impl.core import Filter, library
 from tse.impl.errors import UserError
-from tse.impl.gap.data import prepare
+from tse.impl.identify.data import prepare
 from tse.impl.logs.agree import check_units
 from tse.impl.logs.log import read_frame, read_log
 from tse.impl.logs.proposal import toml_text

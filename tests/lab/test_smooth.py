@@ -16,9 +16,9 @@ from tse.impl import results
 from tse.impl.core import NOMINAL as SETTING
 from tse.impl.core import STIFFNESS, Config
 from tse.impl.estimate import Estimate
+from tse.impl.identify.data import smoothing_spline
 from tse.impl.regimes import changes
 from tse.impl.smooth import backward, fixed, smooth
-from tse.impl.spline import smoothing_spline
 from tse.impl.verdict import findings
 
 CAR = {"mass": 1900, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}

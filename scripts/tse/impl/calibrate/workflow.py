@@ -13,7 +13,7 @@ from tse.impl.calibrate.findings import findings, groups, known_before
 from tse.impl.calibrate.result import Proof, Result
 from tse.impl.core import Config
 from tse.impl.errors import UserError
-from tse.impl.gap.data import BLOCK, Prepared, prepare
+from tse.impl.identify.data import BLOCK, Prepared, prepare
 from tse.impl.identify.discrepancy import cost
 from tse.impl.identify.fit import Fit, fit
 from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem

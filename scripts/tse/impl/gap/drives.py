@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from tse.impl.core import Config, Replay
-from tse.impl.gap.data import BLOCK, BURN_IN, Prepared, Stretch
+from tse.impl.identify.data import BLOCK, BURN_IN, Prepared, Stretch
 from tse.impl.maneuvers import square, understeer_gradient
 from tse.impl.rows import DRIVES, MEASURES
 

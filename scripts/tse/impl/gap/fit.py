@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tse.impl.gap.catalogue import Key, Parameter
-from tse.impl.gap.data import BLOCK, CHANNELS
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import BLOCK, CHANNELS
 
 MOST_LAG = 4.0  # s: of autocorrelation that are looked at
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from tse.impl.core import Config
-from tse.impl.gap.data import BLOCK, SLOWEST
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import BLOCK, SLOWEST
 
 ROAD = "bank"  # no place of a formula: gravity, which an accelerometer does not feel; m/s2
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")

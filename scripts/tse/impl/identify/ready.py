@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tse.impl.core import Config
-from tse.impl.gap.data import BLOCK, SLOWEST, Prepared
+from tse.impl.identify.data import BLOCK, SLOWEST, Prepared
 from tse.impl.identify.unknowns import MOST_LATENCY
 from tse.impl.noise import filled
 

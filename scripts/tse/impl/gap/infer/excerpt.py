@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from tse.impl.gap.catalogue import Parameter
-from tse.impl.gap.data import BURN_IN, Prepared, Stretch
 from tse.impl.gap.fit import Fit
 from tse.impl.gap.infer.hypotheses import fit_prior, hypotheses, start_of
 from tse.impl.gap.infer.space import REACH, STIFFNESS_SD
 from tse.impl.gap.problem import STIFFNESS, Problem
+from tse.impl.identify.data import BURN_IN, Prepared, Stretch
 
 MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
 PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from tse.impl.gap.data import BLOCK
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import BLOCK
 
 FAST = 1.5  # Hz: steering above it is the upper part of a sweep
 FAST_STEER = 0.003  # rad: rms of it that counts

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tse.impl.gap.data import BLOCK
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import BLOCK
 
 SD = 0.05  # shares: so well forms are known
 LAG = 0.03  # s: sd: so well is known how late an effect acts

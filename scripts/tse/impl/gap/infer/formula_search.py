@@ -15,13 +15,13 @@ import numpy as np
 
 from tse.impl.formula import Formula, FormulaError
 from tse.impl.gap.catalogue import Parameter
-from tse.impl.gap.data import CHANNELS
 from tse.impl.gap.fit import Fit, covariance, excess, fit, gap, lengths
 from tse.impl.gap.infer import formula_terms as terms
 from tse.impl.gap.infer import show
 from tse.impl.gap.infer.formula_terms import Term
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.respond import responses, signals
+from tse.impl.identify.data import CHANNELS
 
 # nats: of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
 PRICE = 2.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from tse.impl.gap.data import BLOCK
+from tse.impl.identify.data import BLOCK
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 
 # 1, 1, 1, s, s: of white, share, slow, fast time and slow time, prior; white and slow in units of the noise of one

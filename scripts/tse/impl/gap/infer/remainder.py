@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from tse.impl.gap.data import BLOCK, CHANNELS
 from tse.impl.gap.infer.where import conditions
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import BLOCK, CHANNELS
 
 LOCAL = 0.15  # of the time: half of the energy in less is localised
 WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}  # m/s2, rad/s per root s: how far MEMS biases walk

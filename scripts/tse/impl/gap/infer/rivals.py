@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from tse.impl.gap.catalogue import Own
-from tse.impl.gap.data import BLOCK, CHANNELS
 from tse.impl.gap.fit import Fit, fit, lengths
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer import show
@@ -31,6 +30,7 @@ from tse.impl.gap.infer.naming import ROAD_PROBABILITY, Naming
 from tse.impl.gap.infer.space import EPISODE
 from tse.impl.gap.parallel import apart
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import BLOCK, CHANNELS
 
 LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue

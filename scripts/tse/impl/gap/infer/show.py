@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tse.impl.gap import catalogue
-from tse.impl.gap.data import CHANNELS
 from tse.impl.gap.fit import fit
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import CHANNELS
 
 BLOCK = 2.0  # s: of residuals that are resampled together
 DRAWS = 1000  # of the bootstrap

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from tse.impl.gap.catalogue import Key, Own, Parameter
-from tse.impl.gap.data import BLOCK, CHANNELS
 from tse.impl.gap.infer import forms, noise
 from tse.impl.gap.infer.forms import AXLES
 from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior
 from tse.impl.gap.problem import STIFFNESS, Problem
+from tse.impl.identify.data import BLOCK, CHANNELS
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.noise import smooth
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.stats import false_discovery_control, spearmanr
 
 from tse.impl.core import library
-from tse.impl.gap.data import BLOCK, CHANNELS
 from tse.impl.gap.fit import Fit
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.respond import ROAD, responses, signals
+from tse.impl.identify.data import BLOCK, CHANNELS
 
 WINDOW = 1.0  # s: over which the energy of a residual is taken
 FALSE_DISCOVERIES = 0.01  # share of the conditions that may be there by chance (Benjamini-Hochberg)

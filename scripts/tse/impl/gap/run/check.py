@@ -11,13 +11,13 @@ import numpy as np
 
 from tse.impl.errors import UserError
 from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.data import prepare_all
 from tse.impl.gap.fit import fit, gap
 from tse.impl.gap.infer import detect
 from tse.impl.gap.infer.excitation import Excitation, excitation
 from tse.impl.gap.infer.hypotheses import threshold
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.run import workflow
+from tse.impl.identify.data import prepare_all
 from tse.impl.results import CODES, IN_PART, NOTHING, USABLE
 from tse.impl.rows import Reading
 from tse.impl.tables import text_table

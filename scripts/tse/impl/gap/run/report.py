@@ -12,10 +12,10 @@ import pandas as pd
 
 from tse.impl.core import STIFFNESS, library
 from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.data import CHANNELS
 from tse.impl.gap.infer.show import Change
 from tse.impl.gap.run import pictures
 from tse.impl.gap.run.workflow import Result
+from tse.impl.identify.data import CHANNELS
 from tse.impl.plots import CHANNEL_UNITS
 from tse.impl.report import write_page
 from tse.impl.verdict import NAMES

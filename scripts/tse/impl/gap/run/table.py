@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.files import atomic
-from tse.impl.gap.data import CHANNELS
 from tse.impl.gap.infer.show import of_the_car
 from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import CHANNELS
 
 FIT, HELD_OUT = "fit", "held_out"
 COLUMNS = (

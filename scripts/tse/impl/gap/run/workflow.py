@@ -14,7 +14,6 @@ from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.formula import Formula
 from tse.impl.gap.catalogue import Key, catalogue
-from tse.impl.gap.data import prepare_all
 from tse.impl.gap.fit import Fit, gap
 from tse.impl.gap.infer import detect, remainder, show, where
 from tse.impl.gap.infer import formula_search as search
@@ -25,6 +24,7 @@ from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
 from tse.impl.gap.problem import PROFILES, STIFFNESS, Problem
+from tse.impl.identify.data import prepare_all
 from tse.impl.logs.agree import check_units
 from tse.impl.logs.log import read_log
 from tse.impl.rows import MEASURES, Log, Reading

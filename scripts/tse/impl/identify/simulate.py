@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from tse.impl.core import Config, Replay
 
 if TYPE_CHECKING:
-    from tse.impl.gap.data import Prepared
+    from tse.impl.identify.data import Prepared
 
 
 def simulate(
