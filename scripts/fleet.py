@@ -4,7 +4,7 @@
     .venv/bin/python scripts/fleet.py [--logs 24] [--minutes 10] [--cars 4] [--jobs 2]
 
 writes scripts/results/fleet.md. Logs are made in a temporary folder. 24 logs of 10 minutes take some minutes; 600 are 100 hours.
-That a cluster gives the same table, and loses no log with a worker: tests/lab/test_fleet.py. Very long logs: scripts/long_logs.py.
+That a cluster gives the same table, and loses no log with a worker: tests/lab/test_fleet.py. An hour of log: scripts/long_logs.py.
 """
 
 from __future__ import annotations
