@@ -224,9 +224,7 @@ static void recall(tse_kalman *k, int i)
   }
 }
 
-/* Return whether something has changed, and before it an axle was known better than now: behind a patch the patch itself is
- * nothing to go back to. */
-static int may_be_back(const tse_kalman *k)
+int may_be_back(const tse_kalman *k)
 {
   if (k->change_kind == TSE_CHANGE_NONE || k->change_kind == TSE_CHANGE_RESTART) return 0;
   return !(k->change_from_var[LCF - LCX] > ud_variance(&k->p, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->p, LCR));

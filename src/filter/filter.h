@@ -31,6 +31,7 @@
 #define event_amplitude TSE_NAME(tse_event_amplitude)
 #define event_is_small TSE_NAME(tse_event_is_small)
 #define event_regime TSE_NAME(tse_event_regime)
+#define may_be_back TSE_NAME(tse_may_be_back)
 #define report_row     TSE_NAME(tse_report_row)
 #define plausible_row  TSE_NAME(tse_plausible_row)
 #define plausible_channel TSE_NAME(tse_plausible_channel)
@@ -174,6 +175,8 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
 int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */
+/* something has changed, and before it an axle was known better than now: behind a patch the patch itself is nothing to go back to */
+int may_be_back(const tse_kalman *k);
 int32_t event_regime(int32_t which);                         /* that a kind of event begins: TSE_REGIME_ */
 
 /* Which channel is at fault, as fault_channel numbers it: 1 + TSE_CHANNEL_, behind them velocities. */

