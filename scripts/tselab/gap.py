@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tse.impl.errors import UserError
-from tse.impl.files import real
+from tse.impl.files import make_directory, real
 from tselab.options import FILE, JSON, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
@@ -267,15 +267,6 @@ def _there(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
             near = difflib.get_close_matches(str(path), list(gap.commands), 1, 0.6) if path is logs[0] else []
             hint = f"; nor is it a command of gap (did you mean 'tselab gap {near[0]}'?)" if near else ""
             raise UserError(f"{path}: no such file{hint}")
-
-
-def make_directory(out: Path) -> None:
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is a file, a directory is needed")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{out}: cannot be made: {error.strerror}") from None
 
 
 def _distinct(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:

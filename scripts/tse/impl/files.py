@@ -33,6 +33,16 @@ def real(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def make_directory(out: Path) -> None:
+    """Make a directory for results, with those above it; one that is there stays."""
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a directory is needed")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{out}: cannot be made: {error.strerror}") from None
+
+
 @contextmanager
 def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
     """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was."""

@@ -25,6 +25,7 @@ from tse.impl import core, maneuvers, simulate
 from tse.impl.core import STIFFNESS, Config, library, library_hash
 from tse.impl.errors import UserError
 from tse.impl.estimate import write_table
+from tse.impl.files import make_directory
 from tse.impl.processes import each, killed_as_interrupted
 from tse.impl.rows import MEASURES
 from tselab.montecarlo import estimators, scores, studies
@@ -133,12 +134,7 @@ def run(
 
     A line holds the rows of a unit behind what they are of and a sum of themselves. Lines of another plan or of older code stay
     there for a plan that they are of; what a stop has cut is no line."""
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is a file, a directory is needed")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{out}: cannot be made: {error.strerror}") from None
+    make_directory(out)
     path, units = out / RUNS, plan.units
     if restart:
         path.unlink(missing_ok=True)
