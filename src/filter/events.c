@@ -294,11 +294,14 @@ static void close_events(tse_kalman *k, int group)
   k->none[group] = TSE_R(1);
 }
 
-/* Return the likeliest road, for one that shows along the car alone: it has changed as far as it shows across. */
-static int likeliest_road(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int n)
+/* Take place n for another road that begins now, or return the place of a likelier one: for a road that shows along the car alone,
+ * which has changed as far as it shows across. One that began earlier and less likely is of the road before. */
+static int likeliest_road(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS], int n)
 {
+  open_event(p, k, n, EVENT_ROAD);
+  ratio[n] = TSE_R(0);
   for (int i = 0; i < TSE_EVENTS; i++)
-    if (k->event[i].kind == EVENT_ROAD && (k->event[n].kind != EVENT_ROAD || ratio[i] > ratio[n])) n = i;
+    if (k->event[i].kind == EVENT_ROAD && ratio[i] > ratio[n]) n = i;
   return n;
 }
 
@@ -344,13 +347,13 @@ static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_
 }
 
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
-static void believe(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], int n)
+static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS], int n)
 {
   tse_real var, was[4], was_var[4], moved[TSE_ALL];
   if (k->event[n].kind == EVENT_ALONG) {
     k->weight[n] = TSE_R(0);
     k->none[GOING] = TSE_R(1);
-    n = likeliest_road(k, ratio, n);
+    n = likeliest_road(p, k, ratio, n);
   }
   tse_event a = k->event[n];
   const tse_along along = k->along;

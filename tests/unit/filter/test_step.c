@@ -452,6 +452,25 @@ static void test_a_road_that_shows_along_alone_is_believed(void)
   }
 }
 
+/* The driver turned on the road before and goes straight on the new one: what was seen in those turns is not of this road. */
+static void test_turns_on_the_road_before_say_nothing_of_this_one(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (uint32_t seed = 1; seed <= 3; seed++) {
+    truth_start(&w, &c, 20, 0.3, seed);
+    reset(&w.p);
+    (void)drive(&w, 3000);
+    w.amplitude = 0;
+    (void)drive(&w, 40);
+    for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
+    tse_output y = drive(&w, 1);
+    for (int n = 0; n < 500 && y.change_kind == TSE_CHANGE_NONE; n++) y = drive(&w, 1);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.9 * number(CHANGE_SD) * number(y.stiffness[a]));
+  }
+}
+
 /* Slopes at a third of the stiffness say nothing of the whole: the step up is one of the force. */
 static void test_a_road_that_is_back_is_found_within_seconds(void)
 {
@@ -837,6 +856,7 @@ int main(void)
   RUN_TEST(test_a_change_soon_after_a_restart_is_one_of_its_own);
   RUN_TEST(test_readings_of_few_digits_are_not_frozen);
   RUN_TEST(test_a_road_that_shows_along_alone_is_believed);
+  RUN_TEST(test_turns_on_the_road_before_say_nothing_of_this_one);
   RUN_TEST(test_a_road_that_is_back_is_found_within_seconds);
   RUN_TEST(test_a_patch_of_water_is_no_more_than_two_changes);
   RUN_TEST(test_late_rows_leave_stiffness_in_its_interval);
