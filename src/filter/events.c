@@ -252,16 +252,57 @@ static int place_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int 
   return youngest < due ? -1 : oldest;
 }
 
-/* Open the next event of each kind when it is due. Places of the kinds lie one after the other. */
+/* Move the state by the amplitude times v.   Updated: a  v over logarithms, where it was a share of the force of a tyre */
+static void move_state(const tse_params *p, tse_kalman *k, tse_event *a, tse_real amplitude)
+{
+  for (int i = 0; i < STATES + k->p.extras; i++) {
+    tse_real shift = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
+    if (a->kind <= EVENT_REAR && i >= LCX && i <= LMU) {
+      const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
+      shift = r_div(r_log2(force), LOG2_OF_E);
+      a->v[i] = r_short(r_div(r_long(a->v[i]), force));
+    }
+    k->x[i] += shift;
+  }
+  for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
+}
+
+/* Return the weight that event n keeps as it is given up, 0 where it moves no digit: its probability, and that once more, because
+ * events of small probability are mostly errors of the model. Wheels' slips are found anew in every row. */
+static tse_real weight_left(const tse_kalman *k, int n)
+{
+  const tse_real weight = k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == TURNING ? r_sqr(k->weight[n]) : TSE_R(0);
+  return weight < LEAST_WEIGHT ? TSE_R(0) : weight;
+}
+
+/* Give event n up: mean and variance become those of the two that the state may be in, with that weight and without the event. */
+static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
+{
+  tse_real var, moved[TSE_ALL];
+  tse_event a = k->event[n];
+  const tse_real amplitude = event_amplitude(&a, &var);
+  move_state(p, k, &a, r_mul(weight, amplitude));
+  for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a.v[i]);
+  ud_add(&k->p, moved, STATES - 1, r_mul(weight, var + r_mul(TSE_R(1) - weight, r_sqr(amplitude))));
+}
+
+/* Open the next event of each kind when it is due, in the place of one that is given up: of these one a row, which bounds its time.
+ * Places of the kinds lie one after the other. */
 static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
-  int first = 0;
+  int first = 0, given_up = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
     const kind *const what = kind_of(which);
     const int possible = which != EVENT_BACK || may_be_back(k);
     const int at = possible ? place_for(k, ratio, first, what->places, what->every - r_mul(TSE_R(0.5), dt)) : -1;
-    if (at >= 0) open_event(p, k, at, which);
+    const tse_real left = at >= 0 ? weight_left(k, at) : TSE_R(0);
     first += what->places;
+    if (at < 0 || (left > TSE_R(0) && given_up)) continue;
+    if (left > TSE_R(0)) {
+      give_up(p, k, at, left);
+      given_up = 1;
+    }
+    open_event(p, k, at, which);
   }
 }
 
@@ -303,20 +344,6 @@ static int likeliest_road(const tse_params *p, tse_kalman *k, tse_real ratio[TSE
   for (int i = 0; i < TSE_EVENTS; i++)
     if (k->event[i].kind == EVENT_ROAD && ratio[i] > ratio[n]) n = i;
   return n;
-}
-
-/* Move the state by the amplitude times v.   Updated: a  v over logarithms, where it was a share of the force of a tyre */
-static void move_state(tse_kalman *k, tse_event *a, tse_real amplitude)
-{
-  for (int i = 0; i < STATES + k->p.extras; i++) {
-    tse_real shift = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
-    if (a->kind <= EVENT_REAR && i >= LCX && i <= LMU) {
-      const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
-      shift = r_div(r_log2(force), LOG2_OF_E);
-      a->v[i] = r_short(r_div(r_long(a->v[i]), force));
-    }
-    k->x[i] += shift;
-  }
 }
 
 /* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
@@ -361,7 +388,7 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     was[i] = k->x[LCX + i];
     was_var[i] = ud_variance(&k->p, LCX + i);
   }
-  move_state(k, &a, event_amplitude(&a, &var));
+  move_state(p, k, &a, event_amplitude(&a, &var));
   if (a.kind == EVENT_BACK)
     for (int i = LCX; i <= LMU; i++) recall(k, i);
   else {
@@ -373,7 +400,6 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     k->fault = a.kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(a.kind - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
-  for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
   k->slow[ACCEL_X] = a.kind <= EVENT_BACK ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
   if (a.kind <= EVENT_BACK) along_change(p, k, a.kind, was_var[0]);
   if (a.kind <= EVENT_REAR) note_change(k, a.kind, was, was_var, along);

@@ -211,6 +211,42 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
   }
 }
 
+/* An event that is given up leaves mean and variance of a mixture of the two filters, with the square of its probability. */
+static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
+{
+  static trio t;
+  uint32_t seed = 5;
+  int weighty = 0;
+  for (int n = 0; n < 12; n++) {
+    double weight = 0;
+    start(&t, EVENT_NONE, 6, 0, &seed);
+    t.n += 2; /* the place of the steering angle */
+    t.k.event[t.n].kind = EVENT_STEER;
+    t.k.event[t.n].v[SF] = short_of(6);
+    for (int row = 0; row < 60 && !(weight > 0.2); row++) {
+      rows(&t, 2, ACCEL_Y, n % 2 ? 5 : -5, 0, 1, &seed);
+      const double over = number(RATE_FAULT) * number(OPEN_TIME) * exp(t.with.log_likelihood - t.without.log_likelihood);
+      weight = over / (1 + over);
+    }
+    if (weight > 0.9) continue; /* believed */
+    weighty += weight > 0.2;
+    for (int i = 0; i < STATES; i++) t.k.x[i] = real(t.x[i] * number(state_unit[i]));
+    t.k.event[t.n].age = OPEN_TIME;
+    events_decide(&t.p, &t.k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(EVENT_STEER, t.k.event[t.n].kind);
+    TEST_ASSERT_TRUE(number(t.k.event[t.n].age) == 0);
+    const double w = weight * weight, close = BY_NUMBER(1e-6, 0.02, 2e-3);
+    const dense m = dense_of(&t.k.p);
+    for (int i = 0; i < STATES; i++) {
+      const double di = t.with.x[i] - t.without.x[i];
+      expect_near(t.without.x[i] + w * di, number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
+      for (int j = 0; j < STATES; j++)
+        expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j] + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]), m.p[i][j], close, "covariance", 100 * i + j);
+    }
+  }
+  TEST_ASSERT_TRUE(weighty >= 3);
+}
+
 /* Of what is back where it was the amplitude is known: as a filter that starts there. */
 static void test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there(void)
 {
@@ -432,6 +468,7 @@ int main(void)
   RUN_TEST(test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows_it);
   RUN_TEST(test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it);
   RUN_TEST(test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it);
+  RUN_TEST(test_an_event_that_is_given_up_leaves_what_the_state_may_be);
   RUN_TEST(test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there);
   RUN_TEST(test_tyres_that_are_back_are_known_as_before);
   RUN_TEST(test_another_road_gives_no_more_grip_than_there_is);
