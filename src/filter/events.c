@@ -267,6 +267,19 @@ static void move_state(const tse_params *p, tse_kalman *k, tse_event *a, tse_rea
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
 }
 
+/* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
+ * held.   Given: weight  of that */
+static void widen(tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
+{
+  const kind *const what = kind_of(which);
+  const int axle = which == EVENT_REAR;
+  const tse_real moved = which <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[LCF - LCX + axle]) : TSE_R(0);
+  for (int i = 0; i < 3; i++) {
+    const int32_t at = what->own[i].state;
+    if (at >= 0) ud_add_at(&k->p, at, r_div(r_mul(weight, r_sqr(what->own[i].sd) + r_sqr(moved)), r_sqr(state_unit[at])));
+  }
+}
+
 /* Return the weight that event n keeps as it is given up, 0 where it moves no digit: its probability, and that once more, because
  * events of small probability are mostly errors of the model. Wheels' slips are found anew in every row. */
 static tse_real weight_left(const tse_kalman *k, int n)
@@ -278,12 +291,16 @@ static tse_real weight_left(const tse_kalman *k, int n)
 /* Give event n up: mean and variance become those of the two that the state may be in, with that weight and without the event. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
-  tse_real var, moved[TSE_ALL];
+  const tse_real own = ud_variance(&k->p, LCX);
+  tse_real var, was[4], moved[TSE_ALL];
   tse_event a = k->event[n];
+  for (int i = 0; i < 4; i++) was[i] = k->x[LCX + i];
   const tse_real amplitude = event_amplitude(&a, &var);
   move_state(p, k, &a, r_mul(weight, amplitude));
   for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a.v[i]);
   ud_add(&k->p, moved, STATES - 1, r_mul(weight, var + r_mul(TSE_R(1) - weight, r_sqr(amplitude))));
+  widen(k, a.kind, was, weight);
+  k->along.var += r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
 /* Open the next event of each kind when it is due, in the place of one that is given up: of these one a row, which bounds its time.
@@ -346,19 +363,6 @@ static int likeliest_road(const tse_params *p, tse_kalman *k, tse_real ratio[TSE
   return n;
 }
 
-/* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
- * held. */
-static void widen(tse_kalman *k, int32_t which, const tse_real was[4])
-{
-  const kind *const what = kind_of(which);
-  const int axle = which == EVENT_REAR;
-  const tse_real moved = which <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[LCF - LCX + axle]) : TSE_R(0);
-  for (int i = 0; i < 3; i++) {
-    const int32_t at = what->own[i].state;
-    if (at >= 0) ud_add_at(&k->p, at, r_div(r_sqr(what->own[i].sd) + r_sqr(moved), r_sqr(state_unit[at])));
-  }
-}
-
 /* Find what the slip stiffness itself is on another road: where LCX is, what the model lacks there is not known; and as much less sure.
  * Tyres that are back are as they were.
  *   Given: own  variance of LCX before [unit2] */
@@ -395,7 +399,7 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a.v[i]);
     ud_add(&k->p, moved, STATES - 1, var);
   }
-  widen(k, a.kind, was);
+  widen(k, a.kind, was, TSE_R(1));
   if (a.kind >= EVENT_STEER) {
     k->fault = a.kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(a.kind - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);

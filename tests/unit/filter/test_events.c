@@ -235,13 +235,15 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(EVENT_STEER, t.k.event[t.n].kind);
     TEST_ASSERT_TRUE(number(t.k.event[t.n].age) == 0);
-    const double w = weight * weight, close = BY_NUMBER(1e-6, 0.02, 2e-3);
+    const double w = weight * weight < number(LEAST_WEIGHT) ? 0 : weight * weight, close = BY_NUMBER(1e-6, 0.02, 2e-3);
     const dense m = dense_of(&t.k.p);
     for (int i = 0; i < STATES; i++) {
       const double di = t.with.x[i] - t.without.x[i];
       expect_near(t.without.x[i] + w * di, number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
       for (int j = 0; j < STATES; j++)
-        expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j] + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]), m.p[i][j], close, "covariance", 100 * i + j);
+        if (i != OFF || j != OFF) /* whose own part is opened by as much */
+          expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j] + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]), m.p[i][j], close, "covariance", 100 * i + j);
+      expect_near(w * pow(number(STEER_OWN) / number(state_unit[OFF]), 2), m.p[OFF][OFF] - (1 - w) * t.without.p[OFF][OFF] - w * t.with.p[OFF][OFF] - w * (1 - w) * pow(t.with.x[OFF] - t.without.x[OFF], 2), close, "own", i);
     }
   }
   TEST_ASSERT_TRUE(weighty >= 3);
@@ -351,6 +353,37 @@ static void test_another_road_gives_no_more_grip_than_there_is(void)
     expect_near(stated[0] - less, stated[n], 0.02, "odds", n); /* logarithm to second order, weights of six digits */
   }
   TEST_ASSERT_TRUE(stated[1] < stated[0] - 0.4 && stated[3] < stated[1] - 0.4);
+}
+
+/* Another road that is given up may have been there: the slip stiffness is as much less known, and what of it was found before. */
+static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
+{
+  static tse_kalman k;
+  static tse_params p;
+  memset(&k, 0, sizeof k);
+  memset(&p, 0, sizeof p);
+  p.log_min = real(-10);
+  p.log_max = real(10);
+  for (int i = LCX; i <= LMU; i++) p.prior_sd[i] = real(0.1);
+  for (int n = 0; n < 300; n++) events_decide(&p, &k, real(0.01));
+  int road = -1;
+  for (int n = 0; n < TSE_EVENTS && road < 0; n++)
+    if (k.event[n].kind == EVENT_ROAD) road = n;
+  TEST_ASSERT_TRUE(road >= 0);
+  for (int n = 0; n < TSE_EVENTS; n++) k.event[n].age = OPEN_TIME;
+  k.event[road].age = ROAD_TIME;
+  k.event[road].score = real(-12.3);
+  k.event[road].info = TSE_R(6);
+  const double before = number(ud_variance(&k.p, LCX)), before_all = number(k.along.var), unit = pow(number(state_unit[LCX]), 2);
+  events_decide(&p, &k, TSE_R(0));
+  TEST_ASSERT_TRUE(number(k.event[road].age) == 0);
+  /* by hand: half of score^2 / (1 + info), and the factor of its normalisation; the other two stand as they were opened */
+  const double one = number(RATE_ROAD) * number(OPEN_TIME), over = one * exp(0.5 * 12.3 * 12.3 / 7) / sqrt(7), other = number(RATE_FAULT) * number(OPEN_TIME);
+  const double w = pow(over / (1 + over + 2 * one + 4 * other + 3 * other), 2), moved = number(OWN_SHARE) * log(1 - w * 12.3 / 7 * number(CHANGE_SD));
+  const double opened = w * (pow(number(CHANGE_SD), 2) + moved * moved);
+  TEST_ASSERT_TRUE(w > 0.05 && w < 0.8);
+  expect_near(opened, (number(ud_variance(&k.p, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
+  expect_near(opened, number(k.along.var) - before_all, BY_NUMBER(1e-6, 1e-4, 1e-4), "found before", 0);
 }
 
 /* A driver who hardly turns shows little: the likeliest event of a kind is kept for seconds, and not for ever. */
@@ -473,6 +506,7 @@ int main(void)
   RUN_TEST(test_tyres_that_are_back_are_known_as_before);
   RUN_TEST(test_another_road_gives_no_more_grip_than_there_is);
   RUN_TEST(test_the_likeliest_event_keeps_its_place);
+  RUN_TEST(test_a_road_that_is_given_up_opens_the_slip_stiffness);
   RUN_TEST(test_a_change_is_reported_once);
   RUN_TEST(test_soon_after_a_change_nothing_is_a_fault);
   RUN_TEST(test_without_evidence_nothing_is_believed);
