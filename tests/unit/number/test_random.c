@@ -1,6 +1,7 @@
 /* tests/unit/number/test_random.c <-> src/number/random.h
  *
- * Reference values: tests/reference/random_table.h (Random123's vectors, threefry in Python, quantiles from scipy).
+ * Reference values: Random123's vectors, threefry in the general form of Salmon et al. (SC11, section 4.1), and the
+ * distributions of t and F from the incomplete beta function.
  *
  * Distributions are compared by Kolmogorov-Smirnov distances and chi-squares of seeded samples. A sound generator exceeds
  * each limit with probability 1e-5 (KS: 2.47/sqrt(N); counts and correlations: 4.42 sigma), one of all limits here with less
@@ -10,7 +11,6 @@
 #include "number/random.h"
 
 #include "unit_support.h"
-#include "random_table.h"
 
 #define SAMPLES 100000
 #define KS_LIMIT (2.47 / sqrt((double)SAMPLES))
@@ -42,34 +42,51 @@ static double ks_distance(double *x, double (*cdf)(double))
   return worst;
 }
 
-/* Against tabled quantiles: each share of the sample below quantile j has mean p_j and sd sqrt(p (1-p)/N). Largest distance
- * over the KS limit, and in the tails over 4.42 sd.   Returned: 1 when within both. */
-static int follows(const double *x, const double *quantile)
+/* Regularised incomplete beta function I_x(a, b), by its continued fraction (NIST DLMF 8.17.22), evaluated from its end. */
+static double beta_share(double x, double a, double b)
 {
-  enum { LAST = ROWS(probability_table) };
-  static int below[LAST + 1];
-  memset(below, 0, sizeof below);
-  for (int i = 0; i < SAMPLES; i++) {
-    int j = 0, end = LAST; /* the first quantile that is not below x */
-    while (j < end) {
-      const int middle = (j + end) / 2;
-      if (quantile[middle] < x[i]) j = middle + 1;
-      else end = middle;
-    }
-    below[j]++;
+  if (x > (a + 1) / (a + b + 2)) return 1 - beta_share(1 - x, b, a);
+  double fraction = 1;
+  for (int m = 200; m > 0; m--) {
+    const int k = m / 2;
+    const double d = m % 2 == 0 ? k * (b - k) / ((a + 2 * k - 1) * (a + 2 * k)) : -(a + k) * (a + b + k) / ((a + 2 * k) * (a + 2 * k + 1));
+    fraction = 1 + d * x / fraction;
   }
-  int count = 0;
-  for (int j = 0; j < LAST; j++) {
-    const double p = probability_table[j];
-    count += below[j];
-    const double distance = fabs((double)count / SAMPLES - p);
+  return exp(a * log(x) + b * log1p(-x) + lgamma(a + b) - lgamma(a) - lgamma(b)) / (a * fraction);
+}
+
+static double student_cdf(double x, double nu)
+{
+  const double tail = 0.5 * beta_share(nu / (nu + x * x), nu / 2, 0.5);
+  return x < 0 ? tail : 1 - tail;
+}
+
+/* The squared radius of n jointly spherical t, over n: F(n, nu). */
+static double radius2_cdf(double x, double nu) { return beta_share(2 * x / (2 * x + nu), 1, nu / 2); }
+static double radius3_cdf(double x, double nu) { return beta_share(3 * x / (3 * x + nu), 1.5, nu / 2); }
+
+/* Each share of the sample below the quantile of p has mean p and sd sqrt(p (1-p)/N): at percents, and into both tails, the
+ * distance is below the KS limit and 4.42 sd.   Returned: 1 when within both. */
+static int follows(const double *x, double (*cdf)(double, double), double nu)
+{
+  static const double tail[] = { 0.0005, 0.001, 0.002, 0.005, 0.995, 0.998, 0.999, 0.9995 };
+  for (int j = 1; j < 100 + ROWS(tail); j++) {
+    const double p = j < 100 ? j / 100.0 : tail[j - 100];
+    double low = -1000, high = 1000;
+    if (cdf != student_cdf) low = 1e-12;
+    for (int i = 0; i < 50; i++) *(cdf(0.5 * (low + high), nu) < p ? &low : &high) = 0.5 * (low + high);
+    int below = 0;
+    for (int i = 0; i < SAMPLES; i++) below += x[i] < high;
+    const double distance = fabs((double)below / SAMPLES - p);
     if (distance > KS_LIMIT || distance > 4.42 * sqrt(p * (1 - p) / SAMPLES)) {
-      printf("share %g below the quantile of %g\n", (double)count / SAMPLES, p);
+      printf("share %g below the quantile of %g\n", (double)below / SAMPLES, p);
       return 0;
     }
   }
   return 1;
 }
+
+static const double dof_table[] = { 5, 6, 8, 11, 30, 101, 1000 };
 
 static double correlation(const double *x, const double *y)
 {
@@ -87,14 +104,43 @@ static double correlation(const double *x, const double *y)
 
 /* ------------------------------------------------------------------------------------------- words */
 
+static void threefry(const uint32_t counter[2], const uint32_t key[2], uint32_t w[2])
+{
+  static const int rotation[8] = { 13, 15, 26, 6, 17, 29, 16, 24 };
+  const uint32_t schedule[3] = { key[0], key[1], 0x1bd11bdau ^ key[0] ^ key[1] };
+  for (int i = 0; i < 2; i++) w[i] = counter[i] + key[i];
+  for (uint32_t r = 0; r < 20; r++) {
+    w[0] += w[1];
+    w[1] = (w[1] << rotation[r % 8] | w[1] >> (32 - rotation[r % 8])) ^ w[0];
+    if (r % 4 == 3) {
+      w[0] += schedule[(r / 4 + 1) % 3];
+      w[1] += schedule[(r / 4 + 2) % 3] + r / 4 + 1;
+    }
+  }
+}
+
+static void expect_words(const uint32_t counter[2], const uint32_t key[2], const uint32_t expected[2])
+{
+  uint32_t a, b;
+  random_words(key, counter[0], counter[1] >> 16, counter[1] & 0xffffu, &a, &b);
+  TEST_ASSERT_EQUAL_HEX32(expected[0], a);
+  TEST_ASSERT_EQUAL_HEX32(expected[1], b);
+}
+
 static void test_words_are_threefry2x32_20(void)
 {
-  for (int i = 0; i < ROWS(threefry_table); i++) {
-    const uint32_t *const t = threefry_table[i];
-    uint32_t a, b;
-    random_words(t + 2, t[0], t[1] >> 16, t[1] & 0xffffu, &a, &b);
-    TEST_ASSERT_EQUAL_HEX32(t[4], a);
-    TEST_ASSERT_EQUAL_HEX32(t[5], b);
+  static const uint32_t published[3][6] = { { 0, 0, 0, 0, 0x6b200159u, 0x99ba4efeu }, /* of Random123 */
+                                            { 0xffffffffu, 0xffffffffu, 0xffffffffu, 0xffffffffu, 0x1cb996fcu, 0xbb002be7u },
+                                            { 0x243f6a88u, 0x85a308d3u, 0x13198a2eu, 0x03707344u, 0xc4923a9cu, 0x483df7a0u } };
+  for (int i = 0; i < 3; i++) expect_words(published[i], published[i] + 2, published[i] + 4);
+  uint32_t state = 3;
+  for (int i = 0; i < 200; i++) {
+    uint32_t counter[2] = { 0, 0 }, key[2] = { 0, 0 }, w[2];
+    if (i < 64) counter[i / 32] = 1u << i % 32; /* each bit of it */
+    else
+      for (int k = 0; k < 2; k++) counter[k] = next_word(&state), key[k] = next_word(&state);
+    threefry(counter, key, w);
+    expect_words(counter, key, w);
   }
 }
 
@@ -302,13 +348,12 @@ static void test_student_variates_are_those_of_bailey(void)
 static void test_each_student_variate_and_every_projection_has_the_t_distribution(void)
 {
   for (int k = 0; k < ROWS(dof_table); k++) {
-    const double *const quantile = student_table[k];
     student_samples(dof_table[k]);
-    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(follows(sample_of[a], quantile));
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(follows(sample_of[a], student_cdf, dof_table[k]));
     combine(sample_of[3], 1 / sqrt(3.0), 1 / sqrt(3.0), 1 / sqrt(3.0));
     combine(sample_of[4], 1 / 3.0, -2 / 3.0, 2 / 3.0);
     combine(sample_of[5], -0.6, 0.0, 0.8);
-    for (int a = 3; a < 6; a++) TEST_ASSERT_TRUE(follows(sample_of[a], quantile));
+    for (int a = 3; a < 6; a++) TEST_ASSERT_TRUE(follows(sample_of[a], student_cdf, dof_table[k]));
   }
 }
 
@@ -323,13 +368,9 @@ static void test_three_student_variates_share_one_chi_square(void)
       sample_of[4][i] = (a * a + b * b) / 2;
       sample_of[5][i] = (b * b + c * c) / 2;
     }
-    double radius2[ROWS(probability_table)]; /* quantiles of F(2, nu) have a closed form */
-    for (int j = 0; j < ROWS(probability_table); j++) {
-      radius2[j] = dof_table[k] / 2 * (pow(1 - probability_table[j], -2 / dof_table[k]) - 1);
-    }
-    TEST_ASSERT_TRUE(follows(sample_of[3], radius3_table[k]));
-    TEST_ASSERT_TRUE(follows(sample_of[4], radius2));
-    TEST_ASSERT_TRUE(follows(sample_of[5], radius2));
+    TEST_ASSERT_TRUE(follows(sample_of[3], radius3_cdf, dof_table[k]));
+    TEST_ASSERT_TRUE(follows(sample_of[4], radius2_cdf, dof_table[k]));
+    TEST_ASSERT_TRUE(follows(sample_of[5], radius2_cdf, dof_table[k]));
   }
 }
 
