@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write kalman_table.h: Kalman filters for the cases in which the particle filter must agree with one (test_kalman.c).
+"""Write kalman_table.h: a Kalman filter for a case in which the particle filter must agree with one (test_kalman.c).
 
 turning  Constant wheel speeds, a slowly swaying steering angle of 0.03 rad. With the mean of the stiffness known and its
          spread known (5 %), w is white Gaussian noise that enters the motion and the accelerometers at once; vel_y, yaw
@@ -7,8 +7,6 @@ turning  Constant wheel speeds, a slowly swaying steering angle of 0.03 rad. Wit
          State of the Kalman filter: [vel_x, vel_y, yaw_rate, 3 biases, w], the noise w being estimated with the sample
          that it disturbs, which is what carries the correlation of process and measurement noise. Motion: (1)-(4)
          integrated by scipy to 1e-10, linearised by differences. Update: Joseph form.
-straight Wheels rolling freely straight ahead: no slip, d = 0, what remains is one scalar Kalman filter per bias, whose
-         innovations the particle filter weighs with a Student-t of nut = nu - 2 and the scale (nut-2)/nut (R + P).
 
 Measurements are drawn here from the same models.
     python3 generate_kalman.py        writes kalman_table.h next to this file; needs numpy and scipy; deterministic
@@ -19,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from generate_weigh import numbers, short
 from scipy.integrate import solve_ivp
-from scipy.stats import multivariate_normal, multivariate_t
+from scipy.stats import multivariate_normal
 
 M, INERTIA, LF, LR, RADIUS = 1900.0, 3000.0, 1.25, 1.5, 0.33
 CX_F, CX_R, CY_F, CY_R = 1.6e5, 1.6e5, 1.2e5, 1.4e5  # defaults of tse/config.h
@@ -91,24 +89,6 @@ def turning(rng, rows):
     return out
 
 
-def straight(rng, rows, nu, forgetting):
-    b, mean, var = BIAS_SD * rng.normal(size=3), np.zeros(3), BIAS_SD**2
-    out = []
-    for k in range(rows):
-        y = short(b + SD * rng.normal(size=3))
-        mask = int(rng.integers(1, 8)) if k % 3 == 0 else 7
-        mask = mask & 3 or 3 if k == 0 else mask
-        use = [a for a in range(3) if mask >> a & 1]
-        nut, s = nu - 2.0, var + SD**2
-        evidence = multivariate_t.logpdf(y[use], mean[use], (nut - 2.0) / nut * np.diag(s[use]), nut)
-        gain = np.where([a in use for a in range(3)], var / s, 0.0)
-        mean, var = mean + gain * (y - mean), (1 - gain) ** 2 * var + gain**2 * SD**2
-        out.append([*y, evidence, *mean, *np.sqrt(var), mask])
-        nu = (nu + 1.0) * forgetting
-        b, var = b + WALK * np.sqrt(TS) * rng.normal(size=3), var + WALK**2 * TS
-    return out
-
-
 def main():
     rng = np.random.default_rng(1960)
     settings = {
@@ -127,14 +107,6 @@ def main():
     ]
     nested = lambda row, *cuts: numbers([v[0] if len(v) == 1 else v for v in np.split(np.array(row), cuts)])
     out += [f"  {nested(row, 1, 4, 5, 10)}," for row in turning(rng, 160)]
-    out += ["};", ""]
-    out += [
-        "enum { STRAIGHT_DOF = 30 };",
-        "#define STRAIGHT_FORGETTING 0.96875",
-        "static const struct { double y[3], evidence, mean[3], sd[3]; int mask; } kalman_straight[] = {",
-    ]
-    for row in straight(rng, 250, 30.0, 0.96875):
-        out.append(f"  {nested(row[:-1], 3, 4, 7)[:-2]}, {row[-1]} }},")
     out += ["};", ""]
     Path(__file__).with_name("kalman_table.h").write_text("\n".join(out))
 

@@ -1,5 +1,5 @@
 /* tests/unit/paper/test_kalman.c - the whole filter where the answer is known: linear and Gaussian, it must agree with a
- * Kalman filter (tests/reference/generate_kalman.py), evidence included, with resampling on. */
+ * Kalman filter (turning: tests/reference/generate_kalman.py), evidence included, with resampling on. */
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "kalman_table.h"
@@ -159,31 +159,54 @@ static void test_turning_agrees_with_a_kalman_filter_with_multinomial_resampling
 
 /* ------------------------------------------------------------------ straight: exact per particle */
 
-/* No slip, so every particle is the Kalman filter. What differs is rounding: the two logs of gamma functions (series good
- * to 1.6e-3/(nut/2 + 4)^5 = 1e-9 from 28 degrees of freedom), in float the measurements' 6e-8 times (nut + 3)/2. */
+/* Wheels roll freely straight ahead: no slip, so every particle is one scalar Kalman filter per bias (here in double), whose
+ * innovations have a Student-t density with nut = nu - 2 degrees of freedom and the scale (nut-2)/nut (R + P). What differs is
+ * rounding: the two logs of gamma functions (series good to 1.6e-3/(nut/2 + 4)^5 = 1e-9 from 28 degrees of freedom), in float
+ * the measurements' 6e-8 times (nut + 3)/2. */
 static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
 {
   tse_config c = settings();
   c.particles = 16;
-  c.initial_dof = setting(STRAIGHT_DOF);
-  c.forgetting = setting(STRAIGHT_FORGETTING);
+  c.initial_dof = setting(30);
+  c.forgetting = setting(0.96875);
   c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&c);
-  double total = 0.0, expected_total = 0.0;
+  const double walk[3] = { 0.002, 0.002, 0.0001 }, first_sd[3] = { 0.05, 0.05, 0.002 };
+  double total = 0.0, expected_total = 0.0, nu = 30, bias[3], mean[3] = { 0 }, var[3];
+  uint32_t seed = 1960;
+  for (int a = 0; a < 3; a++) var[a] = pow(first_sd[a], 2), bias[a] = first_sd[a] * next_between(&seed, -1.7, 1.7);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  for (int k = 0; k < ROWS(kalman_straight); k++) {
-    const tse_input u = row(0.0, kalman_straight[k].y, kalman_straight[k].mask);
-    tse_output y;
-    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-    expect_near(kalman_straight[k].evidence, number(y.log_evidence), BY_FORMAT(5e-9, 1e-4), "log evidence", k);
+  for (int k = 0; k < 250; k++) {
+    const int drawn = (int)(next_word(&seed) % 7) + 1, mask = k == 0 ? 3 : k % 3 == 0 ? drawn
+                                                                                      : 7; /* without a first yaw rate */
+    const double nut = nu - 2;
+    double y[3], used = 0, log_det = 0, q = 0;
+    for (int a = 0; a < 3; a++) y[a] = (float)(bias[a] + number(p.sd[a]) * next_between(&seed, -1.7, 1.7));
+    const tse_input u = row(0.0, y, mask);
+    const tse_real *const read[3] = { &u.accel_x, &u.accel_y, &u.yaw_rate };
     for (int a = 0; a < 3; a++) {
-      double mean, sd;
-      bias_now(&p, a, &mean, &sd);
-      expect_near(kalman_straight[k].mean[a], mean, BY_FORMAT(1e-12, 1e-5) * number(p.sd[a]), "bias", 10 * k + a);
-      expect_near(kalman_straight[k].sd[a], sd, BY_FORMAT(1e-7, 1e-3) * kalman_straight[k].sd[a], "sd of bias", 10 * k + a);
+      const double r = pow(number(p.sd[a]), 2), s = r + var[a], z = number(*read[a]) - mean[a], gain = var[a] / s;
+      if (mask >> a & 1) {
+        used++, log_det += log((nut - 2) / nut * s), q += z * z / ((nut - 2) / nut * s);
+        mean[a] += gain * z;
+        var[a] = pow(1 - gain, 2) * var[a] + gain * gain * r;
+      }
     }
-    total += number(y.log_evidence);
-    expected_total += kalman_straight[k].evidence;
+    const double evidence = lgamma((nut + used) / 2) - lgamma(nut / 2) - used / 2 * log(nut * 3.141592653589793) - log_det / 2 - (nut + used) / 2 * log1p(q / nut);
+    tse_output out;
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &out) >= 0);
+    expect_near(evidence, number(out.log_evidence), BY_FORMAT(5e-9, 1e-4), "log evidence", k);
+    for (int a = 0; a < 3; a++) {
+      double now, sd;
+      bias_now(&p, a, &now, &sd);
+      expect_near(mean[a], now, BY_FORMAT(1e-12, 1e-5) * number(p.sd[a]), "bias", 10 * k + a);
+      expect_near(sqrt(var[a]), sd, BY_FORMAT(1e-7, 1e-3) * sqrt(var[a]), "sd of bias", 10 * k + a);
+      var[a] += pow(walk[a], 2) * 0.01;
+      bias[a] += 0.1 * walk[a] * next_between(&seed, -1.7, 1.7);
+    }
+    nu = (nu + 1) * 0.96875;
+    total += number(out.log_evidence);
+    expected_total += evidence;
   }
   expect_near(expected_total, total, BY_FORMAT(1e-6, 3e-3), "log evidence of all rows", 0);
 }
