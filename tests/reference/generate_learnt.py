@@ -42,12 +42,7 @@ def q24(values):
     return struct.pack(f"<{len(values)}i", *(round(x * 2**24) for x in values))
 
 
-def framed(body, mark=b"tsel", version=3):
-    data = mark + struct.pack("<HH", version, 8 + len(body) + 4) + body
-    return data + struct.pack("<I", zlib.crc32(data))
-
-
-def learnt(of_particles=False, extra=b"", **frame):
+def learnt(of_particles=False):
     """`of_particles`: as they write it, who know stiffness, biases and process sd alone."""
     mean, sd, noise = MEAN, SD, NOISE
     pairs = [COMMON[i] * COMMON[j] for i in range(KEPT) for j in range(i + 1, KEPT)]
@@ -58,8 +53,9 @@ def learnt(of_particles=False, extra=b"", **frame):
         pairs, noise = [0] * len(pairs), [0] * len(NOISE)
     body = struct.pack("<III", vehicle(), KNOWN, NU) + q24(mean) + q24(sd)
     body += struct.pack(f"<{len(pairs)}hh", *(round(x * 2**14) for x in pairs), 0)
-    body += q24(noise) + q24(SPREAD) + q24(CORRELATION) + extra
-    return framed(body, **frame)
+    body += q24(noise) + q24(SPREAD) + q24(CORRELATION)
+    data = b"tsel" + struct.pack("<HH", 3, 8 + len(body) + 4) + body
+    return data + struct.pack("<I", zlib.crc32(data))
 
 
 def array(name, data):
@@ -88,12 +84,6 @@ def main():
     numbers("learnt_correlation", CORRELATION)
     array("learnt_bytes", learnt())
     array("learnt_by_particles", learnt(of_particles=True))
-    array("learnt_of_format_1", framed(struct.pack("<III", vehicle(), KNOWN, NU) + bytes(72), version=1))
-    array("learnt_of_format_2", framed(struct.pack("<III", vehicle(), KNOWN, NU) + bytes(88), version=2))
-    array("learnt_of_a_newer_format", learnt(version=4, extra=b"what it knows"))
-    array("learnt_of_another_kind", learnt(mark=b"tsep"))
-    array("learnt_of_no_format", learnt(version=0))
-    array("learnt_too_long", learnt(extra=bytes(4)))
     print("\n#endif\n#endif")
 
 

@@ -101,11 +101,27 @@ static uint32_t word(const uint8_t *at)
 
 static double q24(const uint8_t *at) { return (int32_t)word(at) * UNIT; }
 
+static void put(uint8_t *at, uint32_t value, int count)
+{
+  for (int i = 0; i < count; i++) at[i] = (uint8_t)(value >> (8 * i) & 255u);
+}
+
 static void set_bytes(uint8_t *bytes, int at, uint32_t value, int count)
 {
-  for (int i = 0; i < count; i++) bytes[at + i] = (uint8_t)(value >> (8 * i) & 255u);
-  const uint32_t crc = crc32_of(bytes, TSE_LEARNT_BYTES - 4);
-  for (int i = 0; i < 4; i++) bytes[TSE_LEARNT_BYTES - 4 + i] = (uint8_t)(crc >> (8 * i) & 255u);
+  put(bytes + at, value, count);
+  put(bytes + TSE_LEARNT_BYTES - 4, crc32_of(bytes, TSE_LEARNT_BYTES - 4), 4);
+}
+
+/* The table's bytes, cut off or with zeros behind them, under another mark, format and length; the CRC fits. */
+static size_t framed(uint8_t *out, const char *mark, uint32_t format, size_t count)
+{
+  const size_t body = TSE_LEARNT_BYTES - 4;
+  memset(out, 0, count);
+  memcpy(out, learnt_bytes, count - 4 < body ? count - 4 : body);
+  memcpy(out, mark, 4);
+  put(out + 4, format | (uint32_t)count << 16, 4);
+  put(out + count - 4, crc32_of(out, count - 4), 4);
+  return count;
 }
 
 static void set_word(uint8_t *bytes, int at, uint32_t value) { set_bytes(bytes, at, value, 4); }
@@ -166,17 +182,18 @@ static void test_what_is_too_short_too_long_or_something_else_is_refused(void)
   for (size_t n = 0; n < sizeof learnt_bytes; n++) expect_refused(&p, learnt_bytes, n, TSE_E_LEARNT, "too short");
   expect_refused(&p, longer, sizeof learnt_bytes + 1, TSE_E_LEARNT, "something behind it");
   expect_refused(&p, longer, 65536 + sizeof learnt_bytes, TSE_E_LEARNT, "the length fits in its lower 16 bits");
-  expect_refused(&p, learnt_too_long, sizeof learnt_too_long, TSE_E_LEARNT, "another length of the same format");
-  expect_refused(&p, learnt_of_another_kind, sizeof learnt_of_another_kind, TSE_E_LEARNT, "another mark");
-  expect_refused(&p, learnt_of_no_format, sizeof learnt_of_no_format, TSE_E_LEARNT, "format 0");
+  expect_refused(&p, longer, framed(longer, "tsel", TSE_LEARNT_FORMAT, sizeof learnt_bytes + 4), TSE_E_LEARNT, "another length");
+  expect_refused(&p, longer, framed(longer, "tsep", TSE_LEARNT_FORMAT, sizeof learnt_bytes), TSE_E_LEARNT, "another mark");
+  expect_refused(&p, longer, framed(longer, "tsel", 0, sizeof learnt_bytes), TSE_E_LEARNT, "format 0");
+  TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, longer, framed(longer, "tsel", TSE_LEARNT_FORMAT, sizeof learnt_bytes), 0));
 }
 
 static void test_a_newer_format_differs_from_damage(void)
 {
   const tse_config c = settings(1);
   const tse_params p = prepared(&c);
-  uint8_t bytes[sizeof learnt_of_a_newer_format];
-  memcpy(bytes, learnt_of_a_newer_format, sizeof bytes);
+  uint8_t bytes[sizeof learnt_bytes + 13];
+  (void)framed(bytes, "tsel", 4, sizeof bytes);
   reset(&p, &f);
   expect_refused(&p, bytes, sizeof bytes, TSE_E_VERSION, "format 4");
   bytes[30] ^= 1;
@@ -187,12 +204,11 @@ static void test_the_formats_before_differ_from_damage(void)
 {
   const tse_config c = settings(1);
   const tse_params p = prepared(&c);
-  uint8_t bytes[sizeof learnt_of_format_2];
+  uint8_t bytes[112];
   TEST_ASSERT_EQUAL_STRING("the learnt state was written by an older version of this library; learn anew", tse_status_text(TSE_E_OLD));
   reset(&p, &f);
-  expect_refused(&p, learnt_of_format_1, sizeof learnt_of_format_1, TSE_E_OLD, "format 1");
-  expect_refused(&p, learnt_of_format_2, sizeof learnt_of_format_2, TSE_E_OLD, "format 2");
-  memcpy(bytes, learnt_of_format_2, sizeof bytes);
+  expect_refused(&p, bytes, framed(bytes, "tsel", 1, 96), TSE_E_OLD, "format 1");
+  expect_refused(&p, bytes, framed(bytes, "tsel", 2, sizeof bytes), TSE_E_OLD, "format 2");
   bytes[30] ^= 1;
   expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, "format 2, damaged");
 }
