@@ -1,12 +1,12 @@
 /* tests/unit/model/test_vehicle.c <-> src/model/vehicle.h, src/paper/particle.h
  *
- * Reference values: tests/reference/vehicle_table.h, the model written with forces in newtons and integrated by scipy. */
+ * Reference: single_track.h, the model written with forces in newtons. */
 #include "paper/particle.h"
 
 #include "unit_support.h"
-#include "vehicle_table.h"
+#include "single_track.h"
 
-/* The table's cars with the default sensors. */
+/* The reference's cars with the default sensors. */
 static tse_config car_config(int k)
 {
   tse_config c;
@@ -109,31 +109,52 @@ static slips slips_of(const tse_params *p, situation s) { return vehicle_slips(p
 #define SLIP_TOL BY_FORMAT(1e-13, 6e-5)
 #define ACCEL_TOL(expected) (BY_FORMAT(1e-13, 6e-6) * (400.0 + fabs(expected)))
 
+/* Situation i of car i % 3, and what the reference says of it. */
+typedef struct referred {
+  double x[3], u[3], w[3], slip[4], accel[3];
+} referred;
+
+static referred referred_situation(int i, uint32_t *state)
+{
+  static const double speeds[] = { 0, 0.3, 1, 3, 20, 70 };
+  const double speed = speeds[i / 3 % 6] * (i % 5 == 4 ? -1 : 1), wheel = 0.3 + 0.1 * fabs(speed);
+  referred t = { { speed, next_between(state, -1, 1), next_between(state, -0.8, 0.8) }, { next_between(state, -0.3, 0.3), speed, speed }, { 0, 0, 0 }, { 0 }, { 0 } };
+  for (int a = 1; a < 3; a++) t.u[a] += next_between(state, -wheel, wheel);
+  for (int a = 0; a < 3 && i % 4; a++) t.w[a] = next_between(state, -0.8, 1.5);
+  single_track(car_table[i % 3], t.x, t.u, t.w, t.slip, t.accel);
+  return t;
+}
+
+static slips slips_at(const tse_params *p, const referred *t)
+{
+  const motion m = motion_from(t->x);
+  return vehicle_slips(p, m.x, m.y, m.r, inputs_from(t->u));
+}
+
 static void test_slips_match_the_reference_from_standstill_to_70_ms_and_in_reverse(void)
 {
-  for (int i = 0; i < ROWS(force_table); i++) {
-    const double *const t = force_table[i];
-    const tse_params p = car((int)t[0]);
-    const motion m = motion_from(t + 1);
-    const slips s = vehicle_slips(&p, m.x, m.y, m.r, inputs_from(t + 4));
-    expect_near(t[10], number(s.s_front), SLIP_TOL, "front slip", i);
-    expect_near(t[11], number(s.s_rear), SLIP_TOL, "rear slip", i);
-    expect_near(t[12], number(s.a_front), SLIP_TOL, "front slip angle", i);
-    expect_near(t[13], number(s.a_rear), SLIP_TOL, "rear slip angle", i);
+  uint32_t state = 2;
+  for (int i = 0; i < 600; i++) {
+    const referred t = referred_situation(i, &state);
+    const tse_params p = car(i % 3);
+    const slips s = slips_at(&p, &t);
+    expect_near(t.slip[0], number(s.s_front), SLIP_TOL, "front slip", i);
+    expect_near(t.slip[1], number(s.s_rear), SLIP_TOL, "rear slip", i);
+    expect_near(t.slip[2], number(s.a_front), SLIP_TOL, "front slip angle", i);
+    expect_near(t.slip[3], number(s.a_rear), SLIP_TOL, "rear slip angle", i);
   }
 }
 
 static void test_accelerations_match_forces_in_newtons_over_mass_and_inertia(void)
 {
-  for (int i = 0; i < ROWS(force_table); i++) {
-    const double *const t = force_table[i];
-    const tse_params p = car((int)t[0]);
-    const motion m = motion_from(t + 1);
-    const inputs u = inputs_from(t + 4);
-    const accels a = vehicle_accels(&p, stiffness_at(&p, t[7], t[8], t[9]), vehicle_slips(&p, m.x, m.y, m.r, u), u.steer);
-    expect_near(t[14], number(a.x), ACCEL_TOL(t[14]), "accel_x", i);
-    expect_near(t[15], number(a.y), ACCEL_TOL(t[15]), "accel_y", i);
-    expect_near(t[16], number(a.yaw), ACCEL_TOL(t[16]), "yaw acceleration", i);
+  uint32_t state = 2;
+  for (int i = 0; i < 600; i++) {
+    const referred t = referred_situation(i, &state);
+    const tse_params p = car(i % 3);
+    const accels a = vehicle_accels(&p, stiffness_at(&p, t.w[0], t.w[1], t.w[2]), slips_at(&p, &t), real(t.u[0]));
+    expect_near(t.accel[0], number(a.x), ACCEL_TOL(t.accel[0]), "accel_x", i);
+    expect_near(t.accel[1], number(a.y), ACCEL_TOL(t.accel[1]), "accel_y", i);
+    expect_near(t.accel[2], number(a.yaw), ACCEL_TOL(t.accel[2]), "yaw acceleration", i);
   }
 }
 
@@ -303,8 +324,8 @@ static double distance(motion m, const double *end)
 /* Step: 1/16 of the fastest tyre mode's time constant, so the error is the leading term: at most 1e-3 of the change. */
 static void test_trajectories_match_a_fine_integration_of_the_same_equations(void)
 {
-  for (int i = 0; i < ROWS(drive_table); i++) {
-    const double *const t = drive_table[i];
+  for (int i = 0; i < DRIVES; i++) {
+    const double *const t = single_track_drive(i);
     const tse_params p = car((int)t[0]);
     const int steps = (int)ceil(16 * t[1] / t[17]);
     const motion m = drive(&p, motion_from(t + 2), stiffness_at(&p, t[11], t[12], t[13]), inputs_from(t + 5),
@@ -320,8 +341,8 @@ static void test_halving_the_step_divides_the_error_by_four(void)
 #if defined(TSE_REAL_FLOAT) || defined(TSE_REAL_FIXED)
   TEST_IGNORE_MESSAGE("rounding hides the order of convergence; shown in double");
 #endif
-  for (int i = 0; i < ROWS(drive_table); i++) {
-    const double *const t = drive_table[i];
+  for (int i = 0; i < DRIVES; i++) {
+    const double *const t = single_track_drive(i);
     const tse_params p = car((int)t[0]);
     const stiffness k = stiffness_at(&p, t[11], t[12], t[13]);
     const int steps = (int)ceil(16 * t[1] / t[17]);
@@ -334,21 +355,44 @@ static void test_halving_the_step_divides_the_error_by_four(void)
   }
 }
 
+static const double lateral_speeds[] = { 0.5, 1.5, 4, 10, 20, 40, 70 };
+
+/* Rates of vel_y and yaw rate by themselves, linear at constant speed. */
+static void lateral_matrix(const double *c, double v, double A[2][2])
+{
+  const double over = fmax(v, 1), mass = c[0] * over, inertia = c[1] * over, moment = c[3] * c[7] - c[2] * c[6];
+  A[0][0] = -(c[6] + c[7]) / mass, A[0][1] = moment / mass - v;
+  A[1][0] = moment / inertia, A[1][1] = -(c[2] * c[2] * c[6] + c[3] * c[3] * c[7]) / inertia;
+}
+
 /* Amplitudes of 1e-6: what is not linear is 1e-6 smaller still; in fixed point of 1e-3, where a step of the format is 2e-7 of it, and
  * a step of 0.25 ms, whose smallest is a 60 000th, rounds by as much. Tolerance: (h rate)^2 with rates to 250/s. */
 static void test_lateral_motion_at_constant_speed_matches_the_matrix_exponential(void)
 {
-  const double small = BY_NUMBER(1e-6, 1e-6, 1e-3);
-  for (int i = 0; i < ROWS(linear_table); i++) {
-    const double *const t = linear_table[i];
-    const tse_params p = car((int)t[0]);
-    const double start[3] = { t[1], small * t[3], small * t[4] };
-    const double u0[3] = { small * t[5], t[1], t[1] }, u1[3] = { small * t[6], t[1], t[1] };
-    const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u0), inputs_from(u1), t[2],
-                           (int)(t[2] / 0.00025));
-    const double size = fabs(t[7]) + fabs(t[8]) + 0.1;
-    expect_near(t[7], number(m.y) / small, BY_FORMAT(1e-4, 5e-4) * size, "vel_y", i);
-    expect_near(t[8], number(m.r) / small, BY_FORMAT(1e-4, 5e-4) * size, "yaw rate", i);
+  const double small = BY_NUMBER(1e-6, 1e-6, 1e-3), h = 1e-4;
+  uint32_t state = 3;
+  for (int i = 0; i < 3 * ROWS(lateral_speeds); i++) {
+    const double *const c = car_table[i % 3], v = lateral_speeds[i / 3], over = fmax(v, 1), duration = v < 3 ? 0.2 : 0.6;
+    const double from = next_between(&state, -1, 1), to = next_between(&state, -1, 1);
+    const double x[2] = { next_between(&state, -1, 1), next_between(&state, -1, 1) };
+    const tse_params p = car(i % 3);
+    const double start[3] = { v, small * x[0], small * x[1] }, u0[3] = { small * from, v, v }, u1[3] = { small * to, v, v };
+    double A[2][2], end[2] = { x[0], x[1] };
+    lateral_matrix(c, v, A);
+    for (int k = 0; k < (int)(duration / h + 0.5); k++) { /* exp(A h) as a series, the steering angle of the middle */
+      const double delta = (from + (to - from) * (k + 0.5) * h / duration) * v / over;
+      const double b[2] = { A[0][0] * end[0] + A[0][1] * end[1] + c[6] / c[0] * delta, A[1][0] * end[0] + A[1][1] * end[1] + c[2] * c[6] / c[1] * delta };
+      double term[2] = { h * b[0], h * b[1] };
+      for (int n = 2; n < 8; n++) {
+        const double next[2] = { h / n * (A[0][0] * term[0] + A[0][1] * term[1]), h / n * (A[1][0] * term[0] + A[1][1] * term[1]) };
+        for (int a = 0; a < 2; a++) end[a] += term[a], term[a] = next[a];
+      }
+    }
+    const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u0), inputs_from(u1), duration,
+                           (int)(duration / 0.00025));
+    const double size = fabs(end[0]) + fabs(end[1]) + 0.1;
+    expect_near(end[0], number(m.y) / small, BY_FORMAT(1e-4, 5e-4) * size, "vel_y", i);
+    expect_near(end[1], number(m.r) / small, BY_FORMAT(1e-4, 5e-4) * size, "yaw rate", i);
   }
 }
 
@@ -380,21 +424,31 @@ static void test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(
 static void test_one_step_is_the_stability_function_of_an_l_stable_method_of_order_two(void)
 {
   const double small = BY_NUMBER(1e-6, 1e-6, 1e-3), gamma = 1 - sqrt(0.5);
-  for (int i = 0; i < ROWS(stability_table); i++) {
-    const double *const t = stability_table[i], *const c = car_table[(int)t[0]];
-    const tse_params p = car((int)t[0]);
-    const double x[3] = { t[1], small * t[3], small * t[4] }, u[3] = { 0, t[1], t[1] };
-    motion m = motion_from(x);
-    step(&p, &m, stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), t[2]);
-    expect_near(t[5], number(m.y) / small, BY_FORMAT(2e-5, 2e-5), "vel_y", i);
-    expect_near(t[6], number(m.r) / small, BY_FORMAT(2e-5, 2e-5), "yaw rate", i);
+  uint32_t state = 4;
+  for (int i = 0; i < 6 * ROWS(lateral_speeds); i++) {
+    const double *const c = car_table[i % 3], v = lateral_speeds[i / 6], h = i % 6 < 3 ? 0.01 : 0.05;
+    const double x[2] = { next_between(&state, -1, 1), next_between(&state, -1, 1) };
+    const tse_params p = car(i % 3);
+    const double start[3] = { v, small * x[0], small * x[1] }, u[3] = { 0, v, v };
+    double A[2][2], end[2]; /* (1 - gamma z)^-2 (1 + (1 - 2 gamma) z) x, z = h A */
+    lateral_matrix(c, v, A);
+    for (int a = 0; a < 2; a++) end[a] = x[a] + (1 - 2 * gamma) * h * (A[a][0] * x[0] + A[a][1] * x[1]);
+    for (int n = 0; n < 2; n++) {
+      const double a = 1 - gamma * h * A[0][0], b = -gamma * h * A[0][1], d = -gamma * h * A[1][0], e = 1 - gamma * h * A[1][1];
+      const double y = (e * end[0] - b * end[1]) / (a * e - b * d);
+      end[1] = (a * end[1] - d * end[0]) / (a * e - b * d);
+      end[0] = y;
+    }
+    motion m = motion_from(start);
+    step(&p, &m, stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), h);
+    expect_near(end[0], number(m.y) / small, BY_FORMAT(2e-5, 2e-5), "vel_y", i);
+    expect_near(end[1], number(m.r) / small, BY_FORMAT(2e-5, 2e-5), "yaw rate", i);
 
-    motion slow = { real(t[1] - 0.25), real(0), real(0) };
-    const double z = -t[2] * (c[4] + c[5]) / c[0] / fmax(t[1], 1);
-    if (t[1] >= 1 && z < -1) continue;
-    step(&p, &slow, stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), t[2]);
-    expect_near(t[1] - 0.25 * (1 + (1 - 2 * gamma) * z) / (1 - gamma * z) / (1 - gamma * z), number(slow.x),
-                BY_FORMAT(1e-13, 1e-5), "vel_x", i);
+    motion slow = { real(v - 0.25), real(0), real(0) };
+    const double z = -h * (c[4] + c[5]) / c[0] / fmax(v, 1);
+    if (v >= 1 && z < -1) continue;
+    step(&p, &slow, stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), h);
+    expect_near(v - 0.25 * (1 + (1 - 2 * gamma) * z) / (1 - gamma * z) / (1 - gamma * z), number(slow.x), BY_FORMAT(1e-13, 1e-5), "vel_x", i);
   }
 }
 
@@ -460,8 +514,8 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
 {
   const tse_params p = car(2);
   const stiffness k = stiffness_at(&p, 0.3, -0.2, 0.1);
-  for (int i = 0; i < ROWS(drive_table); i++) {
-    const double *const t = drive_table[i];
+  for (int i = 0; i < DRIVES; i++) {
+    const double *const t = single_track_drive(i);
     const double start[3] = { t[2], -t[3], -t[4] }, u0[3] = { -t[5], t[6], t[7] }, u1[3] = { -t[8], t[9], t[10] };
     const motion left = drive(&p, motion_from(t + 2), k, inputs_from(t + 5), inputs_from(t + 8), t[1], 100);
     const motion right = drive(&p, motion_from(start), k, inputs_from(u0), inputs_from(u1), t[1], 100);

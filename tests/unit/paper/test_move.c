@@ -3,7 +3,7 @@
  * particle_step() itself is tested in test_vehicle.c; here: who is moved, in how many steps, between which inputs. */
 #include "paper/paper.h"
 #include "unit_support.h"
-#include "vehicle_table.h"
+#include "single_track.h"
 
 #define COUNT 21
 #define PADDED 24
@@ -209,11 +209,11 @@ static void test_result_depends_on_the_row_length_in_second_order_only(void)
 #endif
 }
 
-/* Up to 1 s in up to 667 steps, against scipy's integration of the same seconds. */
+/* Up to 1 s in up to 667 steps, against a fine integration of the same seconds. */
 static void test_bridging_a_second_matches_a_fine_integration(void)
 {
-  for (int j = 0; j < ROWS(drive_table); j++) {
-    const double *const t = drive_table[j];
+  for (int j = 0; j < DRIVES; j++) {
+    const double *const t = single_track_drive(j);
     const double *const k = car_table[(int)t[0]];
     tse_config c;
     tse_config_default(&c);
