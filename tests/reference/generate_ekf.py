@@ -11,8 +11,7 @@ from pathlib import Path
 
 import newtons as reference
 import numpy as np
-from generate_weigh import numbers
-from newtons import BIAS_SD, CAR, MEAN_SD, SPREAD, TS, UNIT, WALK, X_SD, jacobian, move, observe, sds
+from newtons import BIAS_SD, CAR, MEAN_SD, SPREAD, TS, UNIT, WALK, X_SD, jacobian, move, numbers, observe, sds
 
 ROWS, EVERY = 400, 50
 

@@ -15,7 +15,7 @@ Measurements are drawn here from the same models.
 from pathlib import Path
 
 import numpy as np
-from generate_weigh import numbers, short
+from newtons import numbers, short
 from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal
 

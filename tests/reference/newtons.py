@@ -80,3 +80,13 @@ def drive(rng):
         if k + 1 < ROWS:
             x, b = move(CAR, x, w, u[k], u[k + 1], TS), b + WALK * np.sqrt(TS) * rng.normal(size=3)
     return np.array(log).astype(int), mu
+
+
+def short(x):
+    """Rounded to single precision, so that the program starts from the same numbers in both formats."""
+    return np.float32(x).astype(np.float64)
+
+
+def numbers(values):
+    """C initialiser, nested as the array is."""
+    return "{ " + ", ".join(repr(float(v)) if np.ndim(v) == 0 else numbers(v) for v in values) + " }"

@@ -54,12 +54,6 @@ static inline void any_covariance(tse_ud *p, uint32_t *seed)
   p->extras = 0;
 }
 
-static inline double next_normal(uint32_t *seed)
-{
-  const double r = sqrt(-2 * log(next_uniform(seed)));
-  return r * cos(6.283185307179586 * next_uniform(seed));
-}
-
 /* Slopes over a stiffness: of its slip, or slip angle, squared, the share that is no error of the estimate. */
 static inline void weaken(tse_real (*slopes)[COLUMNS], int rows, const tse_kalman *k)
 {

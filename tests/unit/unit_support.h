@@ -127,6 +127,12 @@ static inline double next_uniform(uint32_t *state) /* in (0, 1) */
 
 static inline double next_between(uint32_t *state, double lo, double hi) { return lo + (hi - lo) * next_uniform(state); }
 
+static inline double next_normal(uint32_t *seed)
+{
+  const double r = sqrt(-2 * log(next_uniform(seed)));
+  return r * cos(6.283185307179586 * next_uniform(seed));
+}
+
 /* Every real output is a number: all of one type lie between whole numbers. */
 static inline int outputs_are_finite(const tse_output *y)
 {

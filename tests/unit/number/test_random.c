@@ -10,6 +10,7 @@
 
 #include "number/random.h"
 
+#include "student.h"
 #include "unit_support.h"
 
 #define SAMPLES 100000
@@ -42,29 +43,6 @@ static double ks_distance(double *x, double (*cdf)(double))
   return worst;
 }
 
-/* Regularised incomplete beta function I_x(a, b), by its continued fraction (NIST DLMF 8.17.22), evaluated from its end. */
-static double beta_share(double x, double a, double b)
-{
-  if (x > (a + 1) / (a + b + 2)) return 1 - beta_share(1 - x, b, a);
-  double fraction = 1;
-  for (int m = 200; m > 0; m--) {
-    const int k = m / 2;
-    const double d = m % 2 == 0 ? k * (b - k) / ((a + 2 * k - 1) * (a + 2 * k)) : -(a + k) * (a + b + k) / ((a + 2 * k) * (a + 2 * k + 1));
-    fraction = 1 + d * x / fraction;
-  }
-  return exp(a * log(x) + b * log1p(-x) + lgamma(a + b) - lgamma(a) - lgamma(b)) / (a * fraction);
-}
-
-static double student_cdf(double x, double nu)
-{
-  const double tail = 0.5 * beta_share(nu / (nu + x * x), nu / 2, 0.5);
-  return x < 0 ? tail : 1 - tail;
-}
-
-/* The squared radius of n jointly spherical t, over n: F(n, nu). */
-static double radius2_cdf(double x, double nu) { return beta_share(2 * x / (2 * x + nu), 1, nu / 2); }
-static double radius3_cdf(double x, double nu) { return beta_share(3 * x / (3 * x + nu), 1.5, nu / 2); }
-
 /* Each share of the sample below the quantile of p has mean p and sd sqrt(p (1-p)/N): at percents, and into both tails, the
  * distance is below the KS limit and 4.42 sd.   Returned: 1 when within both. */
 static int follows(const double *x, double (*cdf)(double, double), double nu)
@@ -72,11 +50,9 @@ static int follows(const double *x, double (*cdf)(double, double), double nu)
   static const double tail[] = { 0.0005, 0.001, 0.002, 0.005, 0.995, 0.998, 0.999, 0.9995 };
   for (int j = 1; j < 100 + ROWS(tail); j++) {
     const double p = j < 100 ? j / 100.0 : tail[j - 100];
-    double low = -1000, high = 1000;
-    if (cdf != student_cdf) low = 1e-12;
-    for (int i = 0; i < 50; i++) *(cdf(0.5 * (low + high), nu) < p ? &low : &high) = 0.5 * (low + high);
+    const double quantile = quantile_of(cdf, nu, p);
     int below = 0;
-    for (int i = 0; i < SAMPLES; i++) below += x[i] < high;
+    for (int i = 0; i < SAMPLES; i++) below += x[i] < quantile;
     const double distance = fabs((double)below / SAMPLES - p);
     if (distance > KS_LIMIT || distance > 4.42 * sqrt(p * (1 - p) / SAMPLES)) {
       printf("share %g below the quantile of %g\n", (double)below / SAMPLES, p);

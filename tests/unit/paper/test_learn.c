@@ -1,23 +1,50 @@
 /* tests/unit/paper/test_learn.c <-> src/paper/learn.c, bias.c: the draw (25), the statistics (16), the biases (19).
  *
- * References: the exact conditional of the joint Student-t and dense matrices in SI units from numpy
- * (tests/reference/generate_update.py); the batch posterior of the conjugate Normal-inverse-Wishart; a dense Kalman
+ * References: the exact conditional of the joint Student-t in dense matrices and SI units (paper_cases.h); the batch posterior of the conjugate Normal-inverse-Wishart; a dense Kalman
  * update in long double. */
 #include "paper/paper.h"
 #include "unit_support.h"
-#include "update_table.h"
+#include "paper_cases.h"
+#include "student.h"
 
 static tse_filter_paper f;
 
+enum { UPDATE_CASES = 6 };
+
+typedef struct update_case {
+  paper_car car;
+  paper_prior prior;
+  paper_particle q;
+  double u[3], y[3], h[3], d[3][3];
+  int mask;
+  conditional w; /* given the sample */
+} update_case;
+
+static update_case update_case_of(int k)
+{
+  static const int masks[UPDATE_CASES] = { 7, 7, 3, 6, 2, 5 };
+  static const double nus[UPDATE_CASES] = { 8, 60, 12, 25, 9, 101 };
+  uint32_t seed = 25u + (uint32_t)k;
+  update_case c;
+  c.car = any_car(&seed);
+  c.prior.nu = nus[k];
+  c.prior.gamma = any(&seed, 0.01, 0.5);
+  for (int a = 0; a < 3; a++) c.prior.bias_var[a] = any(&seed, 0.05, 0.5);
+  const double v = next_between(&seed, 12, 25);
+  c.u[0] = any(&seed, 0.02, 0.05);
+  c.u[1] = single(v / c.car.wheel_radius_front + 2);
+  c.u[2] = single(v / c.car.wheel_radius_rear + 1);
+  c.q = any_particle(&seed, &c.car, c.u, 0.03, 0.05);
+  c.mask = masks[k];
+  any_sample(&seed, &c.car, &c.q, c.u, c.y);
+  regressors(&c.car, c.q.x, c.u, c.h, c.d);
+  c.w = conditional_of(&c.car, &c.prior, &c.q, c.u, c.y, c.mask);
+  return c;
+}
+
 static tse_params params_of(const update_case *c)
 {
-  tse_config config;
-  int k = 0;
-  tse_config_paper(&config);
-#define X(name) config.name = setting(c->settings[k++]);
-  UPDATE_SETTINGS(X)
-#undef X
-  config.particles = TSE_MAX_PARTICLES;
+  const tse_config config = config_of(&c->car, TSE_MAX_PARTICLES);
   return prepared(&config);
 }
 
@@ -26,17 +53,17 @@ static void fill(const tse_params *p, const update_case *c, uint32_t step)
 {
   memset(&f, 0, sizeof f);
   f.filter.step = step;
-  f.nu = real(c->nu);
-  f.gamma = real(c->gamma);
-  for (int a = 0; a < 3; a++) f.bias_var[a] = real(c->bias_var[a]);
+  f.nu = real(c->prior.nu);
+  f.gamma = real(c->prior.gamma);
+  for (int a = 0; a < 3; a++) f.bias_var[a] = real(c->prior.bias_var[a]);
   for (int32_t i = 0; i < padded(p->particles); i++) {
     f.weight[i] = TSE_R(1);
     for (int a = 0; a < 3; a++) {
-      f.p.x[a][i] = real(c->x[a]);
-      f.p.mu[a][i] = real(c->mu[a]);
-      f.p.bias[a][i] = real(c->bias[a] / number(p->sd[a]));
+      f.p.x[a][i] = real(c->q.x[a]);
+      f.p.mu[a][i] = real(c->q.mu[a]);
+      f.p.bias[a][i] = real(c->q.bias[a] / number(p->sd[a]));
     }
-    for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(c->scale[k]);
+    for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(c->q.scale[k]);
   }
 }
 
@@ -51,6 +78,23 @@ static void learn(const tse_params *p, const sample *y)
 
 /* ---------------------------------------------------------------------------------------- (25) */
 
+enum { T_LEVELS = 55,
+       F_LEVELS = 22 };
+
+/* Levels at which distributions are compared, by percents and into the tails. */
+static double t_level(int j)
+{
+  static const double tail[6] = { 0.0005, 0.002, 0.005, 0.995, 0.998, 0.9995 };
+  return j < 3 ? tail[j] : j < 52 ? (j - 2) / 50.0
+                                  : tail[j - 49];
+}
+
+static double f_level(int j)
+{
+  static const double tail[3] = { 0.98, 0.99, 0.998 };
+  return j < 19 ? (j + 1) / 20.0 : tail[j - 19];
+}
+
 #define REPEAT 100
 #define DRAWS ((double)REPEAT * TSE_MAX_PARTICLES)
 
@@ -60,12 +104,15 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
 {
   /* projections: the axes and two oblique ones */
   static const double axis[5][3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 }, { 0.6, 0.64, 0.48 }, { 0.48, -0.6, 0.64 } };
-  for (int k = 0; k < ROWS(update_cases); k++) {
-    const update_case *const c = &update_cases[k];
+  for (int k = 0; k < UPDATE_CASES; k++) {
+    const update_case example = update_case_of(k), *const c = &example;
     const tse_params p = params_of(c);
     const sample y = sample_of_row(&p, c->u, c->y, c->mask);
     double mean[3] = { 0 }, product[3][3] = { { 0 } };
-    static int below_t[5][ROWS(t_level)], below_f[ROWS(f_level)];
+    static int below_t[5][T_LEVELS], below_f[F_LEVELS];
+    double t_quantile[T_LEVELS], f_quantile[F_LEVELS];
+    for (int j = 0; j < T_LEVELS; j++) t_quantile[j] = quantile_of(student_cdf, c->w.dof, t_level(j));
+    for (int j = 0; j < F_LEVELS; j++) f_quantile[j] = quantile_of(radius3_cdf, c->w.dof, f_level(j));
     memset(below_t, 0, sizeof below_t);
     memset(below_f, 0, sizeof below_f);
     for (uint32_t step = 0; step < REPEAT; step++) {
@@ -74,21 +121,21 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
       for (int32_t i = 0; i < p.particles; i++) {
         double e[3] = { 0 };
         for (int a = 0; a < 3; a++)
-          for (int b = 0; b < 3; b++) e[a] += c->white[a][b] * (number(f.p.w[b][i]) - c->mean[b]);
+          for (int b = 0; b < 3; b++) e[a] += c->w.white[a][b] * (number(f.p.w[b][i]) - c->w.mean[b]);
         for (int a = 0; a < 3; a++) {
           mean[a] += e[a] / DRAWS;
           for (int b = 0; b < 3; b++) product[a][b] += e[a] * e[b] / DRAWS;
         }
         for (int n = 0; n < 5; n++) {
           const double t = axis[n][0] * e[0] + axis[n][1] * e[1] + axis[n][2] * e[2];
-          for (int j = 0; j < ROWS(t_level); j++) below_t[n][j] += t < c->t_quantile[j];
+          for (int j = 0; j < T_LEVELS; j++) below_t[n][j] += t < t_quantile[j];
         }
         const double ratio = (e[0] * e[0] + e[1] * e[1] + e[2] * e[2]) / 3.0;
-        for (int j = 0; j < ROWS(f_level); j++) below_f[j] += ratio < c->f_quantile[j];
+        for (int j = 0; j < F_LEVELS; j++) below_f[j] += ratio < f_quantile[j];
       }
     }
     /* 4.5 standard errors; fourth moments of t(dof): 3 (dof - 2)/(dof - 4) times the squared variance */
-    const double var = c->dof / (c->dof - 2.0), kurtosis = 3.0 * (c->dof - 2.0) / (c->dof - 4.0);
+    const double var = c->w.dof / (c->w.dof - 2.0), kurtosis = 3.0 * (c->w.dof - 2.0) / (c->w.dof - 4.0);
     for (int a = 0; a < 3; a++) {
       expect_near(0.0, mean[a], 4.5 * sqrt(var / DRAWS), "mean of whitened draws", 10 * k + a);
       expect_near(var, product[a][a], 4.5 * var * sqrt((kurtosis - 1.0) / DRAWS), "variance of whitened draws", 10 * k + a);
@@ -97,13 +144,13 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
     }
     /* Kolmogorov and Smirnov at the tabulated levels: 1.95/sqrt(n) is exceeded by chance once in a thousand */
     for (int n = 0; n < 5; n++)
-      for (int j = 0; j < ROWS(t_level); j++)
-        expect_near(t_level[j], below_t[n][j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of a projection", 100 * n + j);
-    for (int j = 0; j < ROWS(f_level); j++)
-      expect_near(f_level[j], below_f[j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of the length", j);
+      for (int j = 0; j < T_LEVELS; j++)
+        expect_near(t_level(j), below_t[n][j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of a projection", 100 * n + j);
+    for (int j = 0; j < F_LEVELS; j++)
+      expect_near(f_level(j), below_f[j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of the length", j);
     /* the tails, where the sup norm is blind: expected count 25.6 beyond the outermost levels, Poisson */
     for (int n = 0; n < 5; n++) {
-      const double tail = below_t[n][0] + DRAWS - below_t[n][ROWS(t_level) - 1], expected = 2.0 * t_level[0] * DRAWS;
+      const double tail = below_t[n][0] + DRAWS - below_t[n][T_LEVELS - 1], expected = 2.0 * t_level(0) * DRAWS;
       expect_near(expected, tail, 4.5 * sqrt(expected), "draws in the tails", n);
     }
   }
@@ -111,7 +158,7 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
 
 static void test_draws_differ_between_steps_seeds_and_particles(void)
 {
-  const update_case *const c = &update_cases[0];
+  const update_case example = update_case_of(0), *const c = &example;
   tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, 7);
   static tse_real first[3][TSE_STRIDE];
@@ -133,7 +180,7 @@ static void test_draws_differ_between_steps_seeds_and_particles(void)
 
 static void test_a_draw_does_not_depend_on_how_many_particles_there_are(void)
 {
-  const update_case *const c = &update_cases[1];
+  const update_case example = update_case_of(1), *const c = &example;
   tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, 7);
   static tse_real all[3][TSE_STRIDE];
@@ -172,26 +219,26 @@ static void learn_repeatedly(const tse_params *p, const update_case *c)
  *   Lambda_n = Lambda + sum (w - wbar)(w - wbar)' + kappa0 n/(kappa0 + n) (wbar - mu)(wbar - mu)' */
 static void test_updates_one_by_one_equal_the_batch_posterior(void)
 {
-  for (int k = 0; k < ROWS(update_cases); k++) {
-    const update_case *const c = &update_cases[k];
+  for (int k = 0; k < UPDATE_CASES; k++) {
+    const update_case example = update_case_of(k), *const c = &example;
     const tse_params p = params_of(c);
-    const long double kappa = 1.0L / c->gamma, n = STEPS;
+    const long double kappa = 1.0L / c->prior.gamma, n = STEPS;
     learn_repeatedly(&p, c);
     expect_near((double)(1.0L / (kappa + n)), number(f.gamma), BY_FORMAT(1e-14, 5e-6) / (double)(kappa + n), "gamma", k);
-    expect_near(c->nu + STEPS, number(f.nu), BY_FORMAT(1e-12, 1e-4), "nu", k);
+    expect_near(c->prior.nu + STEPS, number(f.nu), BY_FORMAT(1e-12, 1e-4), "nu", k);
     for (int32_t i = 0; i < p.particles; i += 7) {
       long double bar[3] = { 0 };
       for (int a = 0; a < 3; a++)
         for (int step = 0; step < STEPS; step++) bar[a] += drawn[step][a][i] / n;
       for (int a = 0, at = 0; a < 3; a++) {
-        const long double mu = (kappa * c->mu[a] + n * bar[a]) / (kappa + n);
+        const long double mu = (kappa * c->q.mu[a] + n * bar[a]) / (kappa + n);
         expect_near((double)mu, number(f.p.mu[a][i]), BY_FORMAT(1e-14, 2e-6), "mu", i);
         for (int b = a; b < 3; b++, at++) {
-          long double lambda = c->nu * c->scale[at];
-          lambda += kappa * n / (kappa + n) * (bar[a] - c->mu[a]) * (bar[b] - c->mu[b]);
+          long double lambda = c->prior.nu * c->q.scale[at];
+          lambda += kappa * n / (kappa + n) * (bar[a] - c->q.mu[a]) * (bar[b] - c->q.mu[b]);
           for (int step = 0; step < STEPS; step++) lambda += (drawn[step][a][i] - bar[a]) * (drawn[step][b][i] - bar[b]);
           /* Lambda/nu is of order 0.01: 1e-6 of it in float, times sqrt(30) steps */
-          expect_near((double)lambda / (c->nu + STEPS), number(f.p.lam[at][i]), BY_FORMAT(1e-15, 2e-7), "Lambda/nu", 10 * i + at);
+          expect_near((double)lambda / (c->prior.nu + STEPS), number(f.p.lam[at][i]), BY_FORMAT(1e-15, 2e-7), "Lambda/nu", 10 * i + at);
         }
       }
     }
@@ -202,17 +249,17 @@ static void test_updates_one_by_one_equal_the_batch_posterior(void)
  * Lambda, the same for all six elements, and nothing where the limit is not reached. */
 static void test_lambda_is_scaled_down_to_the_largest_spread(void)
 {
-  const update_case *const c = &update_cases[0];
+  const update_case example = update_case_of(0), *const c = &example;
   tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, 7);
-  const double nu = c->nu + 1;
+  const double nu = c->prior.nu + 1;
   static const double limit_of[] = { 1e3, 0.9, 0.5, 0.01 }; /* of lam's largest element at the start */
   static tse_filter_paper unlimited;
   fill(&p, c, 3);
   learn(&p, &y);
   memcpy(&unlimited, &f, sizeof f);
   for (int k = 0; k < ROWS(limit_of); k++) {
-    const double limit = limit_of[k] * fmax(fmax(c->scale[0], c->scale[3]), c->scale[5]);
+    const double limit = limit_of[k] * fmax(fmax(c->q.scale[0], c->q.scale[3]), c->q.scale[5]);
     int limited = 0;
     p.spread_max_var = real(limit * nu / (nu - 4.0));
     fill(&p, c, 3);
@@ -234,23 +281,23 @@ static void test_lambda_is_scaled_down_to_the_largest_spread(void)
 
 static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(void)
 {
-  for (int k = 0; k < ROWS(update_cases); k++) {
-    const update_case *const c = &update_cases[k];
+  for (int k = 0; k < UPDATE_CASES; k++) {
+    const update_case example = update_case_of(k), *const c = &example;
     const tse_params p = params_of(c);
     for (int mask = 1; mask < 8; mask++) {
       const sample y = sample_of_row(&p, c->u, c->y, mask);
       fill(&p, c, 77);
       learn(&p, &y);
       for (int a = 0; a < 3; a++) {
-        const double sd = number(p.sd[a]), before = c->bias_var[a] * sd * sd;
+        const double sd = number(p.sd[a]), before = c->prior.bias_var[a] * sd * sd;
         const double gain = mask >> a & 1 ? before / (before + sd * sd) : 0.0; /* P and R are diagonal, so the dense K is */
         const double after = (1.0 - gain) * before * (1.0 - gain) + gain * sd * sd * gain; /* Joseph */
         expect_near(after, number(f.bias_var[a]) * sd * sd, BY_FORMAT(1e-14, 1e-6) * before, "P", 10 * k + a);
         for (int32_t i = 0; i < p.particles; i += 3) {
-          double left = c->y[a] - c->h[a] - c->bias[a];
+          double left = c->y[a] - c->h[a] - c->q.bias[a];
           for (int b = 0; b < 3; b++) left -= c->d[a][b] * number(f.p.w[b][i]);
           /* float: h carries 1e-6 of some 10 m/s2 from the rounding of the wheel speeds */
-          expect_near(c->bias[a] + gain * left, sd * number(f.p.bias[a][i]), BY_FORMAT(1e-12, 2e-4) * sd, "bias", 100 * mask + a);
+          expect_near(c->q.bias[a] + gain * left, sd * number(f.p.bias[a][i]), BY_FORMAT(1e-12, 2e-4) * sd, "bias", 100 * mask + a);
         }
       }
     }
@@ -261,7 +308,7 @@ static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(v
 
 static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper_cut(void)
 {
-  const update_case *const c = &update_cases[0];
+  const update_case example = update_case_of(0), *const c = &example;
   tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, 7);
   static double free_w[3][TSE_MAX_PARTICLES];
@@ -271,8 +318,8 @@ static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper
   learn(&p, &y);
   for (int a = 0; a < 3; a++)
     for (int32_t i = 0; i < p.particles; i++) free_w[a][i] = number(f.p.w[a][i]);
-  p.w_low = real(c->mean[1] - 0.02);
-  p.w_max = real(c->mean[1] + 0.06);
+  p.w_low = real(c->w.mean[1] - 0.02);
+  p.w_max = real(c->w.mean[1] + 0.06);
   fill(&p, c, 3);
   learn(&p, &y);
   const double lo = number(p.w_low), hi = number(p.w_max);
@@ -291,8 +338,8 @@ static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper
 static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
 {
   uint32_t state = 12;
-  for (int k = 0; k < ROWS(update_cases); k++) {
-    const update_case *const c = &update_cases[k];
+  for (int k = 0; k < UPDATE_CASES; k++) {
+    const update_case example = update_case_of(k), *const c = &example;
     tse_params p = params_of(c);
     if (k % 2) p.w_low = p.w_min; /* reflect_draws */
     fill(&p, c, 0);
@@ -323,7 +370,7 @@ static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
 
 static void test_states_and_weights_are_left_alone(void)
 {
-  const update_case *const c = &update_cases[2];
+  const update_case example = update_case_of(2), *const c = &example;
   const tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, c->mask);
   static tse_filter_paper before;
