@@ -25,7 +25,6 @@ typedef struct paper_prior {
   double nu, gamma, bias_var[3]; /* of all particles; bias_var in squared sensor sd */
 } paper_prior;
 
-static inline double single(double x) { return (float)x; }
 static inline double any(uint32_t *seed, double lo, double hi) { return single(next_between(seed, lo, hi)); }
 
 static inline paper_car any_car(uint32_t *seed)
@@ -84,25 +83,6 @@ static inline void regressors(const paper_car *c, const double x[3], const doubl
   h[0] = (fx_f + fx_r - fy_f * u[0]) / c->mass;
   h[1] = (fy_f + fy_r + fx_f * u[0]) / c->mass;
   h[2] = x[2];
-}
-
-/* Lower triangle of Cholesky; l x = b. */
-static inline void cholesky(double l[3][3], int n)
-{
-  for (int i = 0; i < n; i++)
-    for (int j = 0; j <= i; j++) {
-      for (int k = 0; k < j; k++) l[i][j] -= l[i][k] * l[j][k];
-      l[i][j] = j == i ? sqrt(l[i][i]) : l[i][j] / l[j][j];
-    }
-}
-
-static inline void forward(double l[3][3], int n, const double *b, double *x)
-{
-  for (int i = 0; i < n; i++) {
-    x[i] = b[i];
-    for (int k = 0; k < i; k++) x[i] -= l[i][k] * x[k];
-    x[i] /= l[i][i];
-  }
 }
 
 /* What a sample says of w under one particle: log density of the sample, and the conditional of w: mean, degrees of freedom,

@@ -28,6 +28,26 @@ static inline void single_track(const double *car, const double x[3], const doub
   accel[2] = (lf * across - lr * fy_rear) / car[1];
 }
 
+/* x after dt by Runge and Kutta, inputs linear in between. */
+static inline void track_move(const double *car, double x[3], const double w[3], const double u0[3], const double u1[3], double dt, int steps)
+{
+  static const double at[4] = { 0, 0.5, 0.5, 1 }, share[4] = { 1, 2, 2, 1 };
+  for (int k = 0; k < steps; k++) {
+    double rate[3] = { 0, 0, 0 }, sum[3] = { 0, 0, 0 };
+    for (int s = 0; s < 4; s++) {
+      double probe[3], u[3], slip[4], accel[3];
+      for (int a = 0; a < 3; a++) {
+        probe[a] = x[a] + at[s] * dt / steps * rate[a];
+        u[a] = u0[a] + (u1[a] - u0[a]) * (k + at[s]) / steps;
+      }
+      single_track(car, probe, u, w, slip, accel);
+      rate[0] = accel[0] + probe[1] * probe[2], rate[1] = accel[1] - probe[0] * probe[2], rate[2] = accel[2];
+      for (int a = 0; a < 3; a++) sum[a] += share[s] * rate[a];
+    }
+    for (int a = 0; a < 3; a++) x[a] += dt / steps / 6 * sum[a];
+  }
+}
+
 enum { DRIVES = 11 };
 
 /* Drive i: car | duration | state at the start (3) | inputs at the start (3), at the end (3), linear between | w (3) |
@@ -63,22 +83,7 @@ static inline const double *single_track_drive(int i)
                                           (i % 2 ? -1 : 1),
                                      t[14 + a] = t[2 + a];
   t[17] = car[0] * fmax(fabs(speed), 1) / (1 + (i % 2 ? 0.25 : 0.3)) / (car[4] + car[5]);
-  const int steps = (int)ceil(200 * t[1] / t[17]);
-  for (int k = 0; k < steps; k++) {
-    static const double at[4] = { 0, 0.5, 0.5, 1 }, share[4] = { 1, 2, 2, 1 };
-    double rate[3] = { 0, 0, 0 }, sum[3] = { 0, 0, 0 };
-    for (int s = 0; s < 4; s++) {
-      double x[3], u[3], slip[4], accel[3];
-      for (int a = 0; a < 3; a++) {
-        x[a] = t[14 + a] + at[s] * t[1] / steps * rate[a];
-        u[a] = t[5 + a] + (t[8 + a] - t[5 + a]) * (k + at[s]) / steps;
-      }
-      single_track(car, x, u, t + 11, slip, accel);
-      rate[0] = accel[0] + x[1] * x[2], rate[1] = accel[1] - x[0] * x[2], rate[2] = accel[2];
-      for (int a = 0; a < 3; a++) sum[a] += share[s] * rate[a];
-    }
-    for (int a = 0; a < 3; a++) t[14 + a] += t[1] / steps / 6 * sum[a];
-  }
+  track_move(car, t + 14, t + 11, t + 5, t + 8, t[1], (int)ceil(200 * t[1] / t[17]));
   return t;
 }
 

@@ -133,6 +133,28 @@ static inline double next_normal(uint32_t *seed)
   return r * cos(6.283185307179586 * next_uniform(seed));
 }
 
+/* x with 24 bits: every format starts from the same number. */
+static inline double single(double x) { return (float)x; }
+
+/* Lower triangle of Cholesky; l x = b. */
+static inline void cholesky(double l[3][3], int n)
+{
+  for (int i = 0; i < n; i++)
+    for (int j = 0; j <= i; j++) {
+      for (int k = 0; k < j; k++) l[i][j] -= l[i][k] * l[j][k];
+      l[i][j] = j == i ? sqrt(l[i][i]) : l[i][j] / l[j][j];
+    }
+}
+
+static inline void forward(double l[3][3], int n, const double *b, double *x)
+{
+  for (int i = 0; i < n; i++) {
+    x[i] = b[i];
+    for (int k = 0; k < i; k++) x[i] -= l[i][k] * x[k];
+    x[i] /= l[i][i];
+  }
+}
+
 /* Every real output is a number: all of one type lie between whole numbers. */
 static inline int outputs_are_finite(const tse_output *y)
 {

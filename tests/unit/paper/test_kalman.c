@@ -1,19 +1,30 @@
 /* tests/unit/paper/test_kalman.c - the whole filter where the answer is known: linear and Gaussian, it must agree with a
- * Kalman filter (turning: tests/reference/generate_kalman.py), evidence included, with resampling on. */
+ * Kalman filter (turning: dense_kalman.h), evidence included, with resampling on. */
 #include "paper/paper.h"
 #include "unit_support.h"
-#include "kalman_table.h"
+#include "dense_kalman.h"
 
 static tse_filter_paper f;
 
-static tse_config settings(void)
+static const double omega = 60, sd_of[3] = { 0.15, 0.15, 0.0035 }, bias_sd[3] = { 0.05, 0.05, 0.002 }, bias_walk[3] = { 0.002, 0.002, 0.0001 };
+static const double x_sd[3] = { 0, 0.005, 0.003 }, spread = 0.05, row_time = 0.01;
+
+static tse_config settings(void) /* the car is that of the defaults, car_table[0] */
 {
   tse_config c;
   tse_config_paper(&c);
   c.integration = 1; /* of second order, as in the reference */
-#define X(name, value) c.name = setting(value);
-  KALMAN_SETTINGS(X)
-#undef X
+  c.accel_x_sd = c.accel_y_sd = setting(sd_of[0]);
+  c.yaw_rate_sd = setting(sd_of[2]);
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(bias_sd[0]);
+  c.yaw_rate_bias_sd = setting(bias_sd[2]);
+  c.accel_x_bias_walk = c.accel_y_bias_walk = setting(bias_walk[0]);
+  c.yaw_rate_bias_walk = setting(bias_walk[2]);
+  c.sample_time = setting(row_time);
+  c.initial_spread = setting(spread);
+  c.initial_vel_x_sd = setting(x_sd[0]);
+  c.initial_vel_y_sd = setting(x_sd[1]);
+  c.initial_yaw_rate_sd = setting(x_sd[2]);
   return c;
 }
 
@@ -23,7 +34,7 @@ static tse_input row(double steer, const double y[3], int mask)
   memset(&u, 0, sizeof u);
   u.dt = real(0.01);
   u.steer_angle = real(steer);
-  u.wheel_speed_front = u.wheel_speed_rear = real(KALMAN_OMEGA);
+  u.wheel_speed_front = u.wheel_speed_rear = real(omega);
   u.accel_x = mask & 1 ? real(y[0]) : real((double)NAN);
   u.accel_y = mask & 2 ? real(y[1]) : real((double)NAN);
   u.yaw_rate = mask & 4 ? real(y[2]) : real((double)NAN);
@@ -33,9 +44,46 @@ static tse_input row(double steer, const double y[3], int mask)
 /* ------------------------------------------------------------------- turning: particles needed */
 
 #define SEEDS 24
-#define STEPS ROWS(kalman_turning)
-static double estimate_of[SEEDS][ROWS(kalman_turning)][11]; /* vel_y, yaw rate, 3 biases; their sds; log evidence */
+enum { STEPS = 160 };
+static double estimate_of[SEEDS][STEPS][11]; /* vel_y, yaw rate, 3 biases; their sds; log evidence */
 static int resampled;
+
+/* Constant wheel speeds, a slowly swaying steering angle. With mean and spread of the stiffness known, w is white Gaussian noise that
+ * enters the motion and the accelerometers at once; vel_y, yaw rate and biases then are linear and Gaussian, except that d depends on
+ * the slip angle, which is known to 1 %. */
+static struct {
+  double steer, y[3], evidence, mean[5], sd[5];
+} kalman_turning[STEPS];
+
+static void run_kalman_filter(void)
+{
+  const double v = 0.33 * omega;
+  double truth[9] = { v };
+  uint32_t seed = 1961;
+  dense_kalman k = { car_table[0], { v }, { { 0 } }, { sd_of[0], sd_of[1], sd_of[2] }, { bias_walk[0], bias_walk[1], bias_walk[2] }, spread, 1 };
+  for (int a = 0; a < 3; a++) {
+    truth[a] += x_sd[a] * next_normal(&seed), truth[6 + a] = bias_sd[a] * next_normal(&seed);
+    k.cov[a][a] = x_sd[a] * x_sd[a], k.cov[3 + a][3 + a] = spread * spread, k.cov[6 + a][6 + a] = bias_sd[a] * bias_sd[a];
+  }
+  for (int n = 0; n < STEPS; n++) {
+    const double from = single(0.03 * sin(6.283185307179586 * 0.4 * row_time * n)), to = single(0.03 * sin(6.283185307179586 * 0.4 * row_time * (n + 1)));
+    const double u0[3] = { from, v, v }, u1[3] = { to, v, v };
+    double *const y = kalman_turning[n].y;
+    for (int a = 0; a < 3; a++) truth[3 + a] = spread * next_normal(&seed);
+    dense_observe(k.car, truth, u0, y);
+    for (int a = 0; a < 3; a++) y[a] = single(y[a] + sd_of[a] * next_normal(&seed));
+    kalman_turning[n].steer = from;
+    kalman_turning[n].evidence = dense_update(&k, u0, y, n == 0 ? 3 : 7); /* without a first yaw rate the filter starts straight ahead */
+    for (int a = 0; a < 5; a++) {
+      const int at = a < 2 ? 1 + a : 4 + a;
+      kalman_turning[n].mean[a] = k.mean[at];
+      kalman_turning[n].sd[a] = sqrt(k.cov[at][at]);
+    }
+    dense_predict(&k, u0, u1, row_time);
+    track_move(k.car, truth, truth + 3, u0, u1, row_time, 20);
+    for (int a = 0; a < 3; a++) truth[6 + a] += bias_walk[a] * sqrt(row_time) * next_normal(&seed);
+  }
+}
 
 /* Mean and sd of bias a given all rows up to now: the output is taken before the row's own bias update. */
 static void bias_now(const tse_params *p, int a, double *mean, double *sd)
@@ -55,6 +103,7 @@ static void bias_now(const tse_params *p, int a, double *mean, double *sd)
 static void run_turning(int32_t scheme)
 {
   resampled = 0;
+  run_kalman_filter();
   for (int s = 0; s < SEEDS; s++) {
     tse_config c = settings();
     c.particles = TSE_MAX_PARTICLES;
@@ -171,10 +220,9 @@ static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
   c.forgetting = setting(0.96875);
   c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&c);
-  const double walk[3] = { 0.002, 0.002, 0.0001 }, first_sd[3] = { 0.05, 0.05, 0.002 };
   double total = 0.0, expected_total = 0.0, nu = 30, bias[3], mean[3] = { 0 }, var[3];
   uint32_t seed = 1960;
-  for (int a = 0; a < 3; a++) var[a] = pow(first_sd[a], 2), bias[a] = first_sd[a] * next_between(&seed, -1.7, 1.7);
+  for (int a = 0; a < 3; a++) var[a] = pow(bias_sd[a], 2), bias[a] = bias_sd[a] * next_between(&seed, -1.7, 1.7);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   for (int k = 0; k < 250; k++) {
     const int drawn = (int)(next_word(&seed) % 7) + 1, mask = k == 0 ? 3 : k % 3 == 0 ? drawn
@@ -201,8 +249,8 @@ static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
       bias_now(&p, a, &now, &sd);
       expect_near(mean[a], now, BY_FORMAT(1e-12, 1e-5) * number(p.sd[a]), "bias", 10 * k + a);
       expect_near(sqrt(var[a]), sd, BY_FORMAT(1e-7, 1e-3) * sqrt(var[a]), "sd of bias", 10 * k + a);
-      var[a] += pow(walk[a], 2) * 0.01;
-      bias[a] += 0.1 * walk[a] * next_between(&seed, -1.7, 1.7);
+      var[a] += pow(bias_walk[a], 2) * row_time;
+      bias[a] += sqrt(row_time) * bias_walk[a] * next_between(&seed, -1.7, 1.7);
     }
     nu = (nu + 1) * 0.96875;
     total += number(out.log_evidence);
