@@ -19,8 +19,7 @@ from tse.impl.errors import UserError
 from tse.impl.files import atomic
 from tse.impl.logs.log import read_frame
 from tse.impl.logs.log import read_log as _read_log
-from tse.impl.logs.proposal import Line, headline, listing, toml_text
-from tse.impl.logs.propose import Proposal, propose
+from tse.impl.logs.proposal import Line, Proposal, headline, listing, propose, toml_text
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import How, Recording
 from tse.impl.rows import Log as Checked

@@ -24,8 +24,7 @@ from tse.impl.fleet.single import prepare
 from tse.impl.gap.run.output import write_all
 from tse.impl.gap.run.workflow import run
 from tse.impl.logs.log import read_log
-from tse.impl.logs.proposal import toml_text
-from tse.impl.logs.propose import propose
+from tse.impl.logs.proposal import propose, toml_text
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import need
 from tse.impl.report import write_report

@@ -13,8 +13,7 @@ import numpy as np
 from tselab.options import FILE
 
 if TYPE_CHECKING:
-    from tse.impl.logs.proposal import Line
-    from tse.impl.logs.propose import Proposal
+    from tse.impl.logs.proposal import Line, Proposal
     from tse.impl.logs.recording import Recording
 
 MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
@@ -61,8 +60,7 @@ def signals(
     """
     from tse.impl.errors import UserError
     from tse.impl.files import atomic, check_writable
-    from tse.impl.logs.proposal import listing, toml_text
-    from tse.impl.logs.propose import propose
+    from tse.impl.logs.proposal import listing, propose, toml_text
     from tse.impl.logs.readers import read_recording
     from tse.impl.logs.recording import How
     from tse.impl.logs.signals import read_signals

@@ -21,8 +21,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from tse.impl.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
 from tse.impl.files import alone
-from tselab.fmu_build import lock_of, version_of
-from tselab.fmu_platforms import FMI, PLATFORMS, compile_for, native, zig
+from tselab.fmu_build import FMI, PLATFORMS, compile_for, lock_of, native, version_of, zig
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = Path(__file__).with_name("golden")

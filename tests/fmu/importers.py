@@ -31,8 +31,7 @@ from tse.impl import maneuvers
 from tse.impl.core import Config, SimConfig
 from tse.impl.simulate import HISTORIES, drive
 from tse.impl.tables import markdown_table
-from tselab.fmu_build import build, version_of
-from tselab.fmu_platforms import PLATFORMS
+from tselab.fmu_build import PLATFORMS, build, version_of
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"

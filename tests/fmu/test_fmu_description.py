@@ -24,7 +24,7 @@ from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Instance, Unit, build, unit
 from fmu_support import run as command
 
 from tse.impl.core import CONFIG, SIM_CONFIG, Config, library
-from tselab.fmu_platforms import read_build
+from tselab.fmu_build import read_build
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
 GROUPS = {

@@ -13,7 +13,7 @@ from fmu_support import ESTIMATOR, VEHICLE, Instance, unit
 
 from tse.impl.errors import UserError
 from tselab.cli import cli
-from tselab.fmu_parameters import parameter_set, parameters_of
+from tselab.fmu import parameter_set, parameters_of
 
 fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
 ROOT = Path(__file__).resolve().parents[2]

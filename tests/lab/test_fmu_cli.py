@@ -14,7 +14,7 @@ import pytest
 from conftest import tselab, tselab_here
 from tse.impl.errors import UserError
 from tselab import fmu_build as build
-from tselab import fmu_platforms as platforms
+from tselab import fmu_build as platforms
 
 if shutil.which("cmake") is None:
     pytest.skip("cmake is not installed", allow_module_level=True)

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from conftest import tselab_here
 from tests.cars.logs import make_logs
-from tse.impl.logs.propose import propose
+from tse.impl.logs.proposal import Proposal, propose
 from tse.impl.logs.recording import Channel, Recording
 
 DEG, G = 180 / np.pi, 9.80665
@@ -205,3 +206,165 @@ def test_the_right_mapping_in_19_of_20_fresh_schemes(clean):
         found[seed] = wrong(scheme, propose(Recording(Path("log"), "drawn", channels)), RADIUS)
     bad = {seed: w for seed, w in found.items() if w}
     assert len(FRESH) - len(bad) >= RIGHT, bad
+
+
+# ---- What a proposal of signals.toml rests on: no name, a unit by its size, an IMU that is turned, left and right exchanged,
+# flags, counters, numbers for no value, the rest of an angle; and that what was not tested is said in every run.
+
+GEAR = 15.0
+CAR = f"mass = 1600\nlf = 1.2\nlr = 1.5\nwheel_radius_front = {RADIUS}\nwheel_radius_rear = {RADIUS}\n"
+
+
+@pytest.fixture(scope="module")
+def drive() -> pd.DataFrame:
+    """Two minutes of a mountain road in a car that tse's model did not make; wheels by their track."""
+    log = pd.DataFrame(make_logs("mountain", minutes=2, cars=1, seed=21)[0].log)
+    for axle in ("front", "rear"):
+        for side, way in (("left", -1), ("right", 1)):
+            name = f"wheel_speed_{axle}_{side}"
+            if name not in log:
+                log[name] = log[f"wheel_speed_{axle}"] + way * 0.76 * log.yaw_rate / RADIUS
+    return log
+
+
+def proposed(time: pd.Series, columns: dict[str, np.ndarray], units: dict[str, str] | None = None) -> Proposal:
+    made = {n: Channel(n, time.to_numpy(), np.asarray(x, float), (units or {}).get(n, "")) for n, x in columns.items()}
+    return propose(Recording(Path("log"), "drawn", made))
+
+
+def named(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]:
+    wheels = {n: log[f"wheel_speed_{a}_{s}"] * RADIUS * 3.6
+              for n, a, s in (("whl_fl_kmh", "front", "left"), ("whl_fr_kmh", "front", "right"),
+                              ("whl_rl_kmh", "rear", "left"), ("whl_rr_kmh", "rear", "right"))}  # fmt: skip
+    return {
+        "steering_wheel_angle_deg": log.steer_angle * DEG * GEAR, **wheels, "accel_x": log.accel_x, "accel_y": log.accel_y,
+        "yaw_rate_deg_s": log.yaw_rate * DEG, **more,
+    }  # fmt: skip
+
+
+def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
+    mph = {
+        s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694
+        for s in ("rear_right", "front_left", "rear_left", "front_right")
+    }
+    noise = np.random.default_rng(0).normal(size=len(drive))
+    columns = [noise, -drive.accel_y, mph["rear_right"], mph["front_left"], drive.yaw_rate * DEG, mph["rear_left"],
+               drive.steer_angle * DEG * GEAR, mph["front_right"], drive.accel_x]  # fmt: skip
+    found = proposed(drive.time, {f"ch{i:02d}": x for i, x in enumerate(columns)})
+    assert found["yaw_rate"].name == ("ch04",) and found["yaw_rate"].unit == "deg/s" and found["yaw_rate"].sign == 1
+    assert found["accel_y"].name == ("ch01",) and found["accel_y"].sign == -1
+    assert found["steer_angle"].name == ("ch06",) and found["accel_x"].name == ("ch08",)
+    assert found["wheel_speed_front"].name[0] == "ch03" and found["wheel_speed_rear"].name[0] == "ch05"  # left ones
+    assert found["wheel_speed_front"].unit == found["wheel_speed_rear"].unit == "mph"
+    for c in ("wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"):
+        assert found[c].unsure and found[c].confidence != "sure", c
+
+
+def test_what_the_log_cannot_test_is_unsure(drive):
+    straight = drive.iloc[:400].assign(yaw_rate=1e-4 * np.random.default_rng(1).normal(size=400), steer_angle=0.05)
+    noise = np.random.default_rng(2).normal(size=(4, 400))
+    wheels = {f"whl_{p}_kmh": 60.0 + 0.01 * x for p, x in zip(("fl", "fr", "rl", "rr"), noise, strict=True)}
+    found = proposed(straight.time, {**named(straight), **wheels, "accel_y": straight.accel_y})
+    assert "sure" not in {found[c].confidence for c in ("accel_y", "yaw_rate", "steer_angle") if found[c]}
+    assert all(found[c].unsure for c in ("accel_y", "yaw_rate", "steer_angle") if found[c])
+
+
+def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
+    found = proposed(
+        drive.time[:500], {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)}
+    )
+    assert found["yaw_rate"].unit == "deg/s" and found["yaw_rate"].confidence == "unsure"
+
+
+def test_the_unit_of_an_angle_that_cannot_be_tested_is_by_its_size(drive):
+    for size, unit, ratio in ((0.05, "rad", False), (60.0, "deg", True)):
+        found = proposed(drive.time[:500], {"steer_angle": size * np.sin(np.arange(500) / 80)})["steer_angle"]
+        assert (found.unit, bool(found.ratio)) == (unit, ratio) and "unit" in found.unsure
+
+
+@pytest.mark.parametrize("turned", [25.0, -15.0, 0.0])
+def test_an_imu_that_is_mounted_turned_is_said_with_its_angle(drive, turned):
+    c, s = np.cos(turned / DEG), np.sin(turned / DEG)
+    more = {"accel_x": c * drive.accel_x + s * drive.accel_y, "accel_y": c * drive.accel_y - s * drive.accel_x}
+    said = [w for w in proposed(drive.time, named(drive, **more)).warnings if "mounted turned" in w]
+    if turned:
+        angle = float(said[0].split("turned by ")[1].split()[0])
+        assert angle == pytest.approx(turned, abs=4)
+    else:
+        assert not said
+
+
+def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
+    log = named(drive)
+    exchanged = {**log, "whl_fl_kmh": log["whl_fr_kmh"], "whl_fr_kmh": log["whl_fl_kmh"], "whl_rl_kmh": log["whl_rr_kmh"],
+                 "whl_rr_kmh": log["whl_rl_kmh"]}  # fmt: skip
+    found = proposed(drive.time, exchanged)
+    assert any("left and right wheels are exchanged" in w for w in found.warnings)
+    assert all(found[c].confidence == "likely" and found[c].unsure for c in ("steer_angle", "accel_y", "yaw_rate"))
+    right = proposed(drive.time, log)
+    assert not any("exchanged" in w for w in right.warnings) and right["steer_angle"].confidence == "sure"
+
+
+def test_flags_counters_and_numbers_for_no_value(drive):
+    """1 % of the angle is the largest number of its field, and its flag says so; a yaw rate with such numbers and no flag."""
+    rng = np.random.default_rng(3)
+    bad = rng.random(len(drive)) < 0.01
+    angle = np.where(bad, 819.1, drive.steer_angle * DEG * GEAR)
+    log = named(drive)
+    bus = {
+        "LWI.LWI_Lenkradwinkel": angle, "LWI.LWI_QBit_Lenkradwinkel": bad, "LWI.LWI_BZ": np.arange(len(drive)) % 16,
+        "LWI.LWI_Reserve": rng.integers(0, 2, len(drive)),
+        "ESP.Gierrate": np.where(rng.random(len(drive)) < 0.005, 163.8, drive.yaw_rate * DEG),
+        "ESP.Querbeschleunigung": drive.accel_y,
+        **{n: x for n, x in log.items() if n.startswith("whl") or n == "accel_x"},
+    }  # fmt: skip
+    units = {"LWI.LWI_Lenkradwinkel": "deg", "ESP.Gierrate": "deg/s", "ESP.Querbeschleunigung": "m/s2"}
+    found = proposed(drive.time, bus, units)
+    steer = found["steer_angle"]
+    assert steer.name == ("LWI.LWI_Lenkradwinkel",) and steer.confidence == "sure"
+    assert steer.valid == ("LWI.LWI_QBit_Lenkradwinkel", 0.0) and steer.counter == ("LWI.LWI_BZ", 16)
+    assert found["yaw_rate"].name == ("ESP.Gierrate",) and any("163.8" in f for f in found["yaw_rate"].figures)
+    assert found["yaw_rate"].valid is None and found["yaw_rate"].counter is None
+
+
+def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
+    """Toyota's: 1.5 degrees and a fraction in 0.1."""
+    angle = drive.steer_angle * DEG * GEAR
+    coarse = np.round(angle / 1.5) * 1.5
+    log = {**named(drive), "steering_wheel_angle_deg": coarse, "steer_fraction": np.round((angle - coarse) / 0.1) * 0.1}
+    found = proposed(drive.time, log)["steer_angle"]
+    assert found.add == "steer_fraction"
+    pd.DataFrame({"time": drive.time, **log}).to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "car.toml").write_text(f"{CAR}steering_ratio = {GEAR}\n")
+    done = tselab_here("signals", "log.csv", "--vehicle", "car.toml", "--write", "signals.toml", cwd=tmp_path)
+    assert done.code == 0 and 'add = "steer_fraction"' in (tmp_path / "signals.toml").read_text()
+    from tse.impl.logs.log import read_log
+    from tse.impl.rows import Reading
+    from tse.impl.vehicle import read_vehicle
+
+    how = Reading(tmp_path / "signals.toml", car=read_vehicle(tmp_path / "car.toml"))
+    read = read_log(tmp_path / "log.csv", reading=how)
+    off = read.data["steer_angle"].to_numpy() * DEG * GEAR - np.interp(read.time, drive.time, angle)
+    assert np.nanpercentile(np.abs(off), 95) < 0.2  # steps of 1.5 would leave up to 0.75
+
+
+def test_what_is_unsure_is_said_by_every_run_until_it_is_taken_out(drive, tmp_path):
+    pd.DataFrame({"time": drive.time, **{c: drive[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x")},
+                  "ay": drive.accel_y, "wz": drive.yaw_rate}).to_csv(tmp_path / "log.csv", index=False)  # fmt: skip
+    names = {"steer_angle": "steer_angle", "wheel_speed_front": "wheel_speed_front", "wheel_speed_rear": "wheel_speed_rear",
+             "accel_x": "accel_x", "accel_y": "ay", "yaw_rate": "wz"}  # fmt: skip
+    sure = "".join(f'[signals.{c}]\nname = "{n}"\n' for c, n in names.items())
+    (tmp_path / "car.toml").write_text(CAR)
+    run = ("log.csv", "--vehicle", "car.toml", "--signals", "s.toml")
+    (tmp_path / "s.toml").write_text(sure + 'unsure = "its sign"\n')
+    done = tselab_here("estimate", *run, "--table", "t.parquet", cwd=tmp_path)
+    assert "warning: guessed, and believed: yaw_rate (its sign): look at s.toml" in done.err
+    assert pd.read_parquet(tmp_path / "t.parquet").warnings.str.contains("its sign").all()
+    strict = tselab_here("estimate", *run, "--strict", cwd=tmp_path)
+    assert strict.code == 2 and "yaw_rate (its sign)" in strict.err
+    assert "guessed, and believed" in tselab_here("gap", "check", *run, cwd=tmp_path).out
+    (tmp_path / "s.toml").write_text(sure)
+    assert "guessed" not in tselab_here("estimate", *run, "--strict", cwd=tmp_path).err
+    (tmp_path / "s.toml").write_text(sure + "unsure = true\n")
+    wrong = tselab_here("estimate", *run, cwd=tmp_path)
+    assert wrong.code == 2 and "unsure: must say what is" in wrong.err

@@ -19,7 +19,7 @@ from scipy import stats
 from conftest import COMMAND, tselab, tselab_here
 from tse.impl.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
 from tse.impl.errors import UserError
-from tselab.montecarlo import STUDIES, drives, engine, estimators, findings, scores, studies, summary
+from tselab.montecarlo import STUDIES, engine, estimators, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.pictures import write
 
@@ -228,33 +228,33 @@ def test_low_excitation_has_half_a_percent_of_slip():
     roll = d.config.wheel_radius_front * t["true_wheel_speed_front"]
     slip = (roll - t["true_vel_x"]) / np.maximum(roll, t["true_vel_x"])
     settled = (d.time % 2.5 > 1.0) & (d.time % 2.5 < 2.4)
-    assert np.abs(slip[settled]) == pytest.approx(drives.LOW_SLIP, rel=0.03)
-    assert np.abs(t["steer_angle"]).max() == drives.LOW_STEER
+    assert np.abs(slip[settled]) == pytest.approx(studies.LOW_SLIP, rel=0.03)
+    assert np.abs(t["steer_angle"]).max() == studies.LOW_STEER
 
 
 @pytest.mark.parametrize("kind", ["dropout", "stuck"])
 def test_a_corruption_of_each_length_and_nothing_else(kind):
-    t = np.round(np.arange(0, drives.SLOTS_END, 0.01), 9)
+    t = np.round(np.arange(0, studies.SLOTS_END, 0.01), 9)
     clean = np.zeros(len(t), library().dtype(INPUT))
     for name in ("accel_x", "accel_y"):
         clean[name] = np.random.default_rng(0).standard_normal(len(t))
     rows = clean.copy()
-    hit = getattr(drives, kind)(t, rows, np.random.default_rng(1), "accel_x")
+    hit = getattr(studies, kind)(t, rows, np.random.default_rng(1), "accel_x")
     edges = np.flatnonzero(np.diff(hit.astype(int))) + 1
     lengths = sorted((edges[1::2] - edges[::2]) * 0.01)
-    assert lengths == pytest.approx(drives.LENGTHS, abs=0.011)
+    assert lengths == pytest.approx(studies.LENGTHS, abs=0.011)
     assert (edges[2::2] - edges[1:-1:2]).min() * 0.01 > scores.SETTLE_AFTER + 2  # time to judge what it left
     assert (rows["accel_y"] == clean["accel_y"]).all() and (rows["accel_x"][~hit] == clean["accel_x"][~hit]).all()
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         part = rows["accel_x"][a:b]
         assert np.isnan(part).all() if kind == "dropout" else (part == clean["accel_x"][a - 1]).all()
     again = clean.copy()
-    assert (getattr(drives, kind)(t, again, np.random.default_rng(2), "accel_x") != hit).any()
+    assert (getattr(studies, kind)(t, again, np.random.default_rng(2), "accel_x") != hit).any()
 
 
 def test_outliers_hit_one_in_a_hundred():
     rows = np.zeros(20000, library().dtype(INPUT))
-    unusable = drives.outliers(np.arange(20000.0), rows, np.random.default_rng(1), 0.01, 10.0)
+    unusable = studies.outliers(np.arange(20000.0), rows, np.random.default_rng(1), 0.01, 10.0)
     assert not unusable.any() and not rows["steer_angle"].any()
     for name in ("accel_x", "accel_y", "yaw_rate"):
         hit = rows[name] != 0
@@ -284,7 +284,7 @@ def test_reverse_drives_backwards_and_is_logged_so():
 def test_the_brakes_of_an_open_loop_manoeuvre_reach_the_wheels():
     lock = next(c for c in studies._cases()["stress"] if c.name == "wheel-lock")
     d = driven(replace(lock, sim={}))  # tyres without a limit: no wheel locks, but the car slows down
-    start, end = np.searchsorted(d.time, [drives.PULSES[0], drives.PULSES[0] + drives.LOCK_FOR])
+    start, end = np.searchsorted(d.time, [studies.PULSES[0], studies.PULSES[0] + studies.LOCK_FOR])
     assert d.truth["true_vel_x"][start] - d.truth["true_vel_x"][end] > 3
 
 
@@ -293,7 +293,7 @@ def test_wheels_lock_and_spin_for_about_a_second():
         t = (d := driven(case)).truth
         roll = d.car.wheel_radius_front * t["true_wheel_speed_front"]
         slip = np.abs(roll - t["true_vel_x"]) / np.maximum(roll, t["true_vel_x"])
-        for start in drives.PULSES:
+        for start in studies.PULSES:
             long = 0.01 * (slip[(d.time >= start) & (d.time < start + 3)] > 0.5).sum()
             assert 0.7 < long < 1.3, case.name
         assert t["true_vel_x"].min() > 10 and t["true_vel_x"].max() < 30, case.name  # the speed is taken back
@@ -532,9 +532,9 @@ def test_the_normality_check_tells_normal_from_not():
     rng = np.random.default_rng(5)
     normal, not_normal = rng.standard_normal(100), rng.exponential(size=100)
     for x in (normal, not_normal):
-        a, _ = findings.anderson_darling(x)
+        a, _ = summary.anderson_darling(x)
         assert a == pytest.approx(stats.anderson(x, "norm").statistic * (1 + 0.75 / 100 + 2.25 / 100**2))
-    assert findings.anderson_darling(normal)[1] > 0.05 and findings.anderson_darling(not_normal)[1] < 0.001
+    assert summary.anderson_darling(normal)[1] > 0.05 and summary.anderson_darling(not_normal)[1] < 0.001
 
 
 # ---- a small part of each study

@@ -16,8 +16,7 @@ from tse.impl.errors import UserError
 from tse.impl.identify.data import prepare
 from tse.impl.logs.agree import check_units
 from tse.impl.logs.log import read_frame, read_log
-from tse.impl.logs.proposal import toml_text
-from tse.impl.logs.propose import propose
+from tse.impl.logs.proposal import propose, toml_text
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import How
 from tse.impl.logs.signals import read_signals

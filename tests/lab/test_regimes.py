@@ -11,7 +11,7 @@ from scipy import stats
 
 from tse.impl.core import INPUT, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
 from tse.impl.errors import UserError
-from tselab.montecarlo import drives, engine, findings, scores, studies
+from tselab.montecarlo import engine, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
 
 ROWS, STEP = 601, 0.1
@@ -190,7 +190,7 @@ def test_ordinary_driving_is_ordinary():
     ends, speeds = [], []
     for seed in range(1, 6):
         car, sim = Config(), SimConfig()
-        m = drives.ordinary(car, sim, np.random.default_rng(seed), duration=600.0)
+        m = studies.ordinary(car, sim, np.random.default_rng(seed), duration=600.0)
         assert np.abs(m.steer_angle).max() < 0.2 and (m.road_level == 1).all()
         jumps = np.abs(np.diff(m.target_speed))
         assert jumps.max() < 0.03  # 3 m/s2
@@ -200,7 +200,7 @@ def test_ordinary_driving_is_ordinary():
         ends.append(np.abs(m.steer_angle).max())
         speeds.append(m.target_speed.mean())
     assert np.std(ends) > 0 and np.std(speeds) > 0.5
-    d = driven(replace(EVERY["false-alarms"], build=lambda *a: drives.ordinary(*a, duration=120.0)))
+    d = driven(replace(EVERY["false-alarms"], build=lambda *a: studies.ordinary(*a, duration=120.0)))
     assert np.abs(d.truth["true_accel_y"]).max() < 4 and np.abs(d.truth["true_accel_x"]).max() < 4.5
     assert (np.abs(d.truth["true_vel_x"] - np.median(d.truth["true_vel_x"]))).max() < 30
 
@@ -221,15 +221,15 @@ def test_a_study_may_be_run_with_more_estimators():
 
 @pytest.mark.parametrize(("count", "exposure"), [(0, 10.0), (3, 2.0), (40, 100.0)])
 def test_the_interval_of_a_rate_is_exact(count, exposure):
-    low, high = findings.poisson(count, exposure)
+    low, high = summary.poisson(count, exposure)
     assert stats.poisson.cdf(count, high * exposure) == pytest.approx(0.025)
     assert low == 0 if count == 0 else stats.poisson.sf(count - 1, low * exposure) == pytest.approx(0.025)
 
 
 def test_medians_name_the_longest_and_those_that_never_did():
-    assert findings._median(pd.Series([0.1, 0.3, 0.2])) == "0.20 (0.30)"
-    assert findings._median(pd.Series([0.1, np.inf, 0.2])) == "0.20 (never: 1)"
-    assert findings._median(pd.Series([np.nan])) == "-"
+    assert summary._median(pd.Series([0.1, 0.3, 0.2])) == "0.20 (0.30)"
+    assert summary._median(pd.Series([0.1, np.inf, 0.2])) == "0.20 (never: 1)"
+    assert summary._median(pd.Series([np.nan])) == "-"
 
 
 def test_false_changes_are_counted_by_the_hour():
@@ -237,11 +237,11 @@ def test_false_changes_are_counted_by_the_hour():
     runs = pd.DataFrame(
         {"case": "false-alarms", "estimator": "tse", "changes": [1, 0, 3], "false_changes": [0, 0, 2], "seconds": 600.0}
     )
-    (row,) = findings.false_changes(plan, runs).rows
+    (row,) = summary.false_changes(plan, runs).rows
     assert (
         row[:5] == ["false-alarms", "tse", "0.5", "4", "2"]
         and row[5].startswith("4.00 (0.48 .. 14.45)")
         and row[6] == "1"
     )
     runs["changes"] = np.nan
-    assert findings.false_changes(plan, runs).rows == []
+    assert summary.false_changes(plan, runs).rows == []

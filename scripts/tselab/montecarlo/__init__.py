@@ -1,10 +1,9 @@
 """Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated data.
 
-case.py        what a case is; driving one of it            drives.py    manoeuvres, and what goes wrong with a log
+case.py        what a case is; driving one of it            studies.py   manoeuvres, what goes wrong with a log, and all cases
 estimators.py  what can be run on a drive                   scores.py    one drive and one estimate become a row of numbers
-peers.py       Kalman filters beside it                     summary.py   rows become tables
-engine.py      all runs: processes, Dask, resuming          findings.py  the tables that only one study has
-studies.py     the studies: their cases, in one list        pictures.py  pictures, and the files that a study leaves
+peers.py       Kalman filters beside it                     summary.py   rows become tables: of all studies, and of one
+engine.py      all runs: processes, Dask, resuming          pictures.py  pictures, and the files that a study leaves
 """
 
 STUDIES = {  # name: (usual number of runs, title)

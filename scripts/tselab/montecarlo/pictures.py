@@ -17,7 +17,7 @@ from tse.impl.estimate import write_table
 from tse.impl.files import atomic
 from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from tse.impl.verdict import NAMES, UNITS
-from tselab.montecarlo import findings
+from tselab.montecarlo import summary
 from tselab.montecarlo.case import Drive
 from tselab.montecarlo.engine import Plan, trace
 from tselab.montecarlo.summary import HEADS, Table, of, overview, summarise
@@ -224,9 +224,9 @@ def _dots(plan: Plan, summary: pd.DataFrame) -> Figure:
 def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
     """Write all files. Returned: the Markdown, and which files."""
     lines = summarise(plan, runs)
-    tables = findings.findings(plan, runs, lines)
+    tables = summary.findings(plan, runs, lines)
     if plan.study.base not in ("paper", "robust"):  # their own tables say it all
-        tables += [overview(plan, lines), *findings.changes(plan, lines)]
+        tables += [overview(plan, lines), *summary.changes(plan, lines)]
     facts = run_facts(plan, lines)
     text = markdown(plan, facts, tables)
     path = {end: out / f"{plan.study.name}.{end}" for end in ("csv", "md", "png")}

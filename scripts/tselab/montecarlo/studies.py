@@ -8,12 +8,238 @@ from functools import partial
 
 import numpy as np
 
+from tse.impl import maneuvers
 from tse.impl.core import Config, SimConfig
 from tse.impl.errors import UserError
+from tse.impl.maneuvers import Maneuver, square
 from tse.impl.rows import DRIVES, MEASURES
-from tselab.montecarlo import STUDIES, drives
+from tselab.montecarlo import STUDIES
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
+
+# ---- Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver; and what goes wrong with a log.
+
+STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
+LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1
+
+
+def square_waves(
+    car: Config,
+    sim: SimConfig,
+    rng: np.random.Generator,
+    *,
+    duration: float,
+    steer: float = STEER,
+    torque: float | None = TORQUE,
+    road: tuple[tuple[float, float], ...] = (),
+) -> Maneuver:
+    """The paper's square waves. torque None: what gives LOW_SLIP."""
+    m = maneuvers.build(
+        "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
+    )
+    torque = torque_of_slip(car, sim, LOW_SLIP) if torque is None else torque
+    return replace(m, wheel_torque_front=torque * np.sign(m.wheel_torque_front))
+
+
+def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
+    """Steady front torque that makes this slip on the front axle: its wheels and, through the car, the rear wheels take
+    their part of it."""
+    force = car.longitudinal_stiffness_front * slip
+    front, rear = (
+        getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
+    )
+    return force * car.wheel_radius_front * (car.mass + front + rear) / (car.mass + rear)
+
+
+def listed(car: Config, sim: SimConfig, rng: np.random.Generator, *, name: str, duration: float) -> Maneuver:
+    """A manoeuvre of `tselab simulate`."""
+    return maneuvers.build(name, car, sample_time=car.sample_time, duration=duration, seed=sim.seed)
+
+
+LANE_CHANGE = (302.0, 3.0, 0.015)  # start and length, s; rad
+HIGHWAY_END = 315.0
+
+
+def highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """Five minutes of straight highway, then one lane change of 4 m."""
+    m = listed(car, sim, rng, name="straight", duration=HIGHWAY_END)
+    start, length, amplitude = LANE_CHANGE
+    share = (m.time - start) / length
+    sine = np.where((share >= 0) & (share < 1), np.sin(2 * np.pi * share), 0.0)
+    return replace(m, steer_angle=m.steer_angle + amplitude * sine)
+
+
+REVERSE_END = 60.0
+
+
+def reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """From standstill 3 m/s backwards with steering, back to standstill, launch to 18 m/s, then the paper's square waves."""
+    t = np.round(np.arange(round(REVERSE_END / car.sample_time) + 1) * car.sample_time, 9)
+    force = np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass  # m/s2
+    waves = t >= 30
+    torque = np.where(waves, TORQUE * square(t, 5.0), force * car.wheel_radius_front)
+    steer = np.select([(t >= 5) & (t < 12), waves], [0.05 * square(t, 4.0), STEER * square(t, 4.0)])
+    zero = np.zeros_like(t)
+    return Maneuver(t, 0.0, steer, torque, zero, np.ones_like(t))
+
+
+PULSES = (20.0, 45.0)  # s
+PULSES_END = 75.0
+LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # Nm on the front brakes, s
+SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # Nm on the front wheels, s
+
+
+def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """Square waves; twice the brakes lock the front wheels for a second, and the speed is taken back afterwards."""
+    m = square_waves(car, sim, rng, duration=PULSES_END)
+    torque, brake = m.wheel_torque_front.copy(), np.zeros_like(m.time)
+    for start in PULSES:
+        locked = (m.time >= start) & (m.time < start + LOCK_FOR)
+        brake[locked] = LOCK_TORQUE
+        torque[locked] = 0.0
+        torque[(m.time >= start + 2) & (m.time < start + 6)] += 700.0
+    return replace(m, wheel_torque_front=torque, brake_torque_front=brake)
+
+
+def wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """Square waves; twice too much torque spins the front wheels, and the speed is given back afterwards."""
+    m = square_waves(car, sim, rng, duration=PULSES_END)
+    torque = m.wheel_torque_front.copy()
+    for start in PULSES:
+        torque[(m.time >= start) & (m.time < start + SPIN_FOR)] = SPIN_TORQUE
+        torque[(m.time >= start + 2) & (m.time < start + 6)] -= 600.0
+    return replace(m, wheel_torque_front=torque)
+
+
+PAPER_SPEED, PAPER_SD = 22.0, 1.0  # m/s: x0 and P0 of the paper, also of the lateral velocity
+APPROACH, LANES_END = 10.0, 48.0  # s
+
+
+def paper_waves(
+    car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float, road: tuple[tuple[float, float], ...]
+) -> Maneuver:
+    """The paper's square waves, from a state drawn from the paper's p0."""
+    speed = PAPER_SPEED + PAPER_SD * rng.standard_normal()
+    sim.vel_y = PAPER_SD * rng.standard_normal()
+    return replace(square_waves(car, sim, rng, duration=duration, road=road), speed=speed)
+
+
+def paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """After the paper's IV-B: ten seconds straight on, accelerating twice; from 13 s on double lane changes."""
+    m = listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
+    t = np.round(np.arange(round(LANES_END / car.sample_time) + 1) * car.sample_time, 9)
+    before = len(t) - len(m.time)
+    drive = np.select([(t >= 1) & (t < 4), (t >= 6) & (t < 9)], [1.0, 1.0], 0.0)  # m/s2
+    torque = drive * car.mass * car.wheel_radius_front
+    torque[before:] += m.wheel_torque_front
+    steer = np.concatenate([np.zeros(before), m.steer_angle])
+    return Maneuver(t, m.speed - 6.0, steer, torque, np.zeros_like(t), np.ones_like(t))
+
+
+# ---- regimes: what happens to the road while driving
+
+
+def slow_change(
+    car: Config, sim: SimConfig, rng: np.random.Generator, *, start: float, length: float, level: float, after: float
+) -> Maneuver:
+    """Square waves; all stiffness goes linearly to `level` within `length`."""
+    m = square_waves(car, sim, rng, duration=start + length + after)
+    return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
+
+
+LANE_PERIOD = (6.0, 12.0)  # s: of keeping the lane
+
+
+def _waving(
+    t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
+) -> np.ndarray:
+    """Two slow sines of random period and phase that add up to `size`."""
+    a, share = rng.uniform(*size), (0.7, 0.3)
+    return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
+
+
+PART = (20.0, 60.0)  # s: for as long somebody drives in one way
+SPEEDS = (8.0, 35.0)  # m/s
+SPEED_CHANGE = 1.5  # m/s2
+LATERAL = (0.5, 2.5)  # m/s2, largest of a part
+WAVE = 1.0  # m/s2 up and down, of square waves
+
+
+def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
+    """Parts of lane keeping, square waves, random steering and straight roads, at speeds that change in between: what a car
+    does as long as nothing happens."""
+    t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
+    steer, target = np.zeros_like(t), np.zeros_like(t)
+    start, speed = 0.0, rng.uniform(*SPEEDS)
+    first = speed
+    gradient = maneuvers.understeer_gradient(car)
+    while start < t[-1]:
+        end = start + rng.uniform(*PART)
+        now = t[part := (t >= start - 1e-9) & (t < end)]
+        aim = rng.uniform(*SPEEDS)
+        reached = speed + np.clip(aim - speed, -SPEED_CHANGE * (end - start), SPEED_CHANGE * (end - start))
+        target[part] = np.interp(now, [start, start + max(abs(reached - speed) / SPEED_CHANGE, 1e-3)], [speed, reached])
+        fast = max(speed, reached)
+        size = rng.uniform(*LATERAL) * (car.lf + car.lr + gradient * fast**2) / fast**2
+        kind = rng.integers(4)
+        if kind == 0:
+            steer[part] = _waving(now, rng, (size, size), LANE_PERIOD)
+        elif kind == 1:
+            steer[part] = size * square(now, rng.uniform(3.0, 6.0))
+            period = (end - start) / round((end - start) / rng.uniform(4.0, 8.0))
+            target[part] += WAVE * period / 2 * (1 - np.abs(2 * ((now - start) / period % 1.0) - 1))
+        elif kind == 2:
+            steer[part] = np.clip(0.4 * size * maneuvers._coloured(rng, len(now), car.sample_time, 0.8), -size, size)
+        start, speed = end, reached
+    zero = np.zeros_like(t)
+    return Maneuver(t, first, steer, zero, zero, np.ones_like(t), target_speed=target)
+
+
+# ---- What goes wrong with a log. Each function changes the rows in place and returns which of them it made unusable.
+
+
+LENGTHS = (0.1, 0.5, 2.0, 5.0)  # s, of a dropout or a stuck channel
+FIRST, SLOT, JITTER = 15.0, 20.0, 2.0  # s: one corruption in each slot, and time to judge what it left
+SLOTS_END = FIRST + SLOT * len(LENGTHS)
+
+
+def _stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[int, int]]:
+    """Rows [a, b) of one corruption of each length, in random order at random times."""
+    found = []
+    for slot, length in enumerate(rng.permutation(LENGTHS)):
+        start = FIRST + SLOT * slot + rng.uniform(0, JITTER)
+        a, b = np.searchsorted(time, [start, start + length])
+        found.append((int(a), int(b)))
+    return found
+
+
+def dropout(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
+    """The channel is missing for 0.1, 0.5, 2 and 5 s."""
+    corrupted = np.zeros(len(time), bool)
+    for a, b in _stretches(time, rng):
+        rows[channel][a:b] = np.nan
+        corrupted[a:b] = True
+    return corrupted
+
+
+def stuck(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
+    """The channel repeats its last value for 0.1, 0.5, 2 and 5 s."""
+    corrupted = np.zeros(len(time), bool)
+    for a, b in _stretches(time, rng):
+        rows[channel][a:b] = rows[channel][a - 1]
+        corrupted[a:b] = True
+    return corrupted
+
+
+def outliers(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float) -> np.ndarray:
+    """Single samples of the inertial channels are far off. An estimator has to live with them: no row is unusable."""
+    default = Config()
+    for channel in MEASURES:
+        hit = rng.random(len(time)) < share
+        sign = rng.choice([-1.0, 1.0], len(time))
+        rows[channel] += np.where(hit, sign * sigmas * getattr(default, f"{channel}_sd"), 0.0)
+    return np.zeros(len(time), bool)
+
 
 SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
 DEGREE = np.pi / 180
@@ -37,7 +263,7 @@ class Study:
 
 
 def _waves(duration: float = 30.0, **more: object) -> partial:
-    return partial(drives.square_waves, duration=duration, **more)
+    return partial(square_waves, duration=duration, **more)
 
 
 def _paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Mapping[str, float]:
@@ -47,9 +273,9 @@ def _paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Ma
 NOMINAL = Case("nominal", "square waves, all as assumed", _waves())
 NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _waves(), sim={"noise": 3.0})
 NOISE_THIRD = Case("noise-third", "sensor noise a third of the setting", _waves(), sim={"noise": 1 / 3})
-LOW = Case("low-excitation", "slip 0.5 %, steering 0.005 rad", _waves(steer=drives.LOW_STEER, torque=None))
+LOW = Case("low-excitation", "slip 0.5 %, steering 0.005 rad", _waves(steer=LOW_STEER, torque=None))
 OUTLIERS = Case("outliers", "1 % of the inertial samples 10 sigma off", _waves(),
-                corrupt=partial(drives.outliers, share=0.01, sigmas=10.0))  # fmt: skip
+                corrupt=partial(outliers, share=0.01, sigmas=10.0))  # fmt: skip
 ROAD = Case("road-change", "all stiffness to 70 % at 20 s", _waves(40.0, road=((20.0, 0.7),)), events=(20.0,))
 
 ROAD_03 = Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
@@ -63,10 +289,10 @@ def _stress() -> tuple[Case, ...]:
         "true_bias_yaw_rate": 0.2 * DEGREE,
         "bias_walk": 1.0,
     }
-    after_15 = ((drives.FIRST, drives.SLOTS_END),)
-    pulses = ((drives.PULSES[0] - 5, drives.PULSES[0]), (drives.PULSES_END - 15, drives.PULSES_END))
+    after_15 = ((FIRST, SLOTS_END),)
+    pulses = ((PULSES[0] - 5, PULSES[0]), (PULSES_END - 15, PULSES_END))
     friction = {"sim": {"friction": 0.9}, "windows": pulses}
-    slots = _waves(drives.SLOTS_END)
+    slots = _waves(SLOTS_END)
     return (
         NOMINAL,
         Case("paper-prior", "vx starts 1 m/s sd off", _waves(), draw=_paper_prior,
@@ -82,25 +308,25 @@ def _stress() -> tuple[Case, ...]:
         Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _waves(), sim=imu_bias),
         LOW,
         replace(LOW, name="low-excitation-250", title="torque 250 Nm, steering 0.005 rad",
-                build=_waves(steer=drives.LOW_STEER, torque=250.0)),
-        Case("highway", "5 min straight, then a lane change", drives.highway,
-             windows=((drives.LANE_CHANGE[0] + drives.LANE_CHANGE[1], drives.HIGHWAY_END),)),
+                build=_waves(steer=LOW_STEER, torque=250.0)),
+        Case("highway", "5 min straight, then a lane change", highway,
+             windows=((LANE_CHANGE[0] + LANE_CHANGE[1], HIGHWAY_END),)),
         replace(ROAD_03, windows=((30.0, 40.0), (50.0, 60.0))),
         *(Case(f"spread-{s:g}", f"stiffness scatters by {s:g} %", _waves(), sim=dict.fromkeys(SPREADS, s / 100))
           for s in (1, 5, 15)),
         *(Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f}) for f in (0.98, 0.99, 0.995)),
         Case("forgetting-0.999", "forgetting 0.999, judged after two memories", _waves(40.0), config={"forgetting": 0.999},
              windows=((20.0, 40.0),)),
-        *(Case(f"dropout-{c}", f"{c} missing for 0.1 .. 5 s", slots, corrupt=partial(drives.dropout, channel=c),
+        *(Case(f"dropout-{c}", f"{c} missing for 0.1 .. 5 s", slots, corrupt=partial(dropout, channel=c),
                windows=after_15) for c in (*DRIVES, *MEASURES)),
-        *(Case(f"stuck-{c}", f"{c} stuck for 0.1 .. 5 s", slots, corrupt=partial(drives.stuck, channel=c),
+        *(Case(f"stuck-{c}", f"{c} stuck for 0.1 .. 5 s", slots, corrupt=partial(stuck, channel=c),
                windows=after_15) for c in (*DRIVES, *MEASURES)),
-        Case("stop-and-go", "standstill, launch, stop, four times", partial(drives.listed, name="stop-and-go", duration=80.0),
+        Case("stop-and-go", "standstill, launch, stop, four times", partial(listed, name="stop-and-go", duration=80.0),
              windows=((20.0, 80.0),)),
-        Case("reverse", "backwards from standstill, launch, square waves", drives.reverse,
-             windows=((45.0, drives.REVERSE_END),)),
-        Case("wheel-lock", "front wheels lock for 1 s, twice; against the secant", drives.wheel_lock, **friction),
-        Case("wheel-spin", "front wheels spin for 1 s, twice; against the secant", drives.wheel_spin, **friction),
+        Case("reverse", "backwards from standstill, launch, square waves", reverse,
+             windows=((45.0, REVERSE_END),)),
+        Case("wheel-lock", "front wheels lock for 1 s, twice; against the secant", wheel_lock, **friction),
+        Case("wheel-spin", "front wheels spin for 1 s, twice; against the secant", wheel_spin, **friction),
         Case("mass+10", "10 % heavier than assumed", _waves(), car={"mass": 1.1, "yaw_inertia": 1.1}),
         Case("mass-10", "10 % lighter than assumed", _waves(), car={"mass": 0.9, "yaw_inertia": 0.9}),
         *(Case(f"sample-{ms}ms", f"a row every {ms} ms", _waves(), config={"sample_time": ms / 1000})
@@ -119,7 +345,7 @@ def _regimes() -> tuple[Case, ...]:
              windows=((15.0, 29.99), (45.0, 60.0)), estimators=two),
         replace(ROAD_03, estimators=two),
         Case("slow-20", f"stiffness to 70 % within {SLOW:g} s",
-             partial(drives.slow_change, start=SLOW_START, length=SLOW, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
+             partial(slow_change, start=SLOW_START, length=SLOW, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
              lasts=SLOW, windows=((SLOW_START, SLOW_START + SLOW + SLOW_AFTER),)),
     )  # fmt: skip
 
@@ -128,7 +354,7 @@ TEN_MINUTES = 600.0  # s
 
 
 def _false_alarms() -> tuple[Case, ...]:
-    known = Case("false-alarms", "ordinary driving", partial(drives.ordinary, duration=TEN_MINUTES),
+    known = Case("false-alarms", "ordinary driving", partial(ordinary, duration=TEN_MINUTES),
                 windows=((30.0, TEN_MINUTES),))  # fmt: skip
     return known, replace(
         known, name="false-alarms-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1}
@@ -145,7 +371,7 @@ def _paper() -> tuple[Case, ...]:
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",
-        partial(drives.paper_waves, duration=60.0, road=((30.0, 0.7),)),
+        partial(paper_waves, duration=60.0, road=((30.0, 0.7),)),
         events=(30.0,),
         windows=((15.0, 29.99), (45.0, 60.0)),
         estimators=PAPER,
@@ -153,7 +379,7 @@ def _paper() -> tuple[Case, ...]:
     lanes = Case(
         "iv-b-20",
         "acceleration, double lane changes, prior 20 % too low",
-        drives.paper_lanes,
+        paper_lanes,
         config=_prior(0.8),
         windows=((0.0, 48.0), (44.0, 48.0)),
         estimators=("paper", "robust", "tse"),

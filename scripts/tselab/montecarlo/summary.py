@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tse.impl.core import STIFFNESS
+from tse.impl.core import STIFFNESS, SimConfig
 from tse.impl.rows import MEASURES
 from tse.impl.tables import markdown_table
 from tselab.montecarlo import scores
 from tselab.montecarlo.engine import Plan
-from tselab.montecarlo.scores import DIVERGED_ERROR, DIVERGED_FOR
+from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
+from tselab.montecarlo.scores import AFTER, DIVERGED_ERROR, DIVERGED_FOR, OFF, OFF_FOR, SETTLED_FOR, SURE
 
 RESAMPLES = 2000  # of a bootstrap interval
 LEVEL = 0.95
@@ -215,3 +216,282 @@ def overview(plan: Plan, summary: pd.DataFrame) -> Table:
         for _, line in summary.iterrows()
     ]  # fmt: skip
     return Table("All cases", head, rows, 2 if several else 1, LEGEND)
+
+
+# ---- The tables that only one study has: what it is about.
+
+SETTLING = (
+    f"Settling: until the error is below 10 % for {SETTLED_FOR:g} s; for good: until it stays below up to the next change or the "
+    "end of the run. Of several stiffnesses the slowest."
+)
+
+
+def findings(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    """What the study is about."""
+    of_study = {
+        "paper": _paper, "robust": _robust, "peers": _peers, "regimes": _regimes, "false-alarms": _false_alarms,
+    }  # fmt: skip
+    make = of_study.get(plan.study.base)
+    return [t for t in make(plan, runs, summary) if t.rows] if make else []
+
+
+def changes(plan: Plan, summary: pd.DataFrame) -> list[Table]:
+    """How soon each change of a case is followed."""
+    rows = [
+        [case.name, line["estimator"], f"{event:g} s", *settled(line, n)]
+        for case in plan.study.cases
+        for _, line in summary[summary["case"] == case.name].iterrows()
+        for n, event in enumerate(case.events, 1)
+    ]
+    head = ["case", "estimator", "change at", "s to 10 %, median (longest)", "for good"]
+    return [Table("After a change of road", head, rows, 2, SETTLING)] if rows else []
+
+
+PAPERS = ("printed", "robust", "tse")
+
+
+def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    """The paper's numbers beside ours."""
+    cases = {c.name: c for c in plan.study.cases}
+    rows: list[list[str]] = []
+    for name, inputs in (("iv-a", "linear"), ("iv-a-held", "held")):
+        if name in cases:
+            rows += _waves(name, inputs, [of(runs, name, e) for e in PAPERS])
+    for name, prior in (("iv-b-20", "-20"), ("iv-b+20", "+20")):
+        if name in cases:
+            rows += _lanes(prior, [of(runs, name, e) for e in ("paper", *PAPERS[1:])])
+    text = (
+        f"{plan.runs} runs of each case. Sec. IV-A: 500 particles, forgetting 0.99 (robust: 0.998, of the mean 0.98), start "
+        "at 70 %, all stiffness to 70 % at 30 s; inputs linear or held between rows. Sec. IV-B: simulated twin of the experiment, "
+        "0.995 (robust: of the mean 0.98). Triples: Cx, Cy front, "
+        "Cy rear, % of the true mean; in brackets 95 % intervals (bootstrap for rms, t for means, Clopper-Pearson for shares). "
+        "Diverged: a stiffness off by more than 20 % for more than 2 s in 15 .. 30 s, in 45 .. 60 s, in 44 .. 48 s of IV-B. "
+        "Standard deviation: of a stiffness from sample to sample, which the default filter does not estimate."
+    )
+    return [Table("The paper's numbers and ours", ["", "paper", "as printed", "robust", "default"], rows, 2, text)]
+
+
+def _three(parts: list[pd.DataFrame], cell: Callable[[pd.Series], str], what: str) -> list[str]:
+    return [", ".join(cell(part[f"{k}_{what}"]) for k in STIFFNESS) for part in parts]
+
+
+def _rms_of(x: pd.Series) -> str:
+    return f"{root_mean(x.to_numpy()):.2f} ({' .. '.join(map(number, bootstrap(x.to_numpy())))})"
+
+
+def _mean_of(x: pd.Series) -> str:
+    mean, half = mean_interval(x)
+    return f"{mean:+.2f} ± {number(half)}"
+
+
+def _share_of(hit: pd.Series) -> str:
+    low, high = clopper_pearson(int(hit.sum()), len(hit))
+    return f"{100 * hit.mean():.0f} ({100 * low:.0f} .. {100 * high:.0f}) %"
+
+
+def _off(parts: list[pd.DataFrame], window: int) -> list[str]:
+    hits = [part[[f"{k}_off_w{window}" for k in STIFFNESS]].any(axis=1) for part in parts]
+    return [f"{int(hit.sum())} of {len(hit)}; {_share_of(hit)}" for hit in hits]
+
+
+def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]:
+    head = f"inputs {inputs}: "
+    true = 100 * SimConfig().spread_cx_front
+    particles = [100 * (part["cx_front_spread_w0"] / true - 1) for part in parts[:2]]
+    fig1 = [
+        [f"Fig. 1, {head}Cx, standard deviation of the median run over the truth, %", "within 5",
+         *(f"{x.median():+.0f}" for x in particles), "-"],
+        ["... runs within 5 %, within 20 %", "1 of 1",
+         *(f"{_share_of(x.abs() <= 5)}, {_share_of(x.abs() <= 20)}" for x in particles), "-"],
+    ]  # fmt: skip
+    fig2 = [
+        [f"Fig. 2, {head}Cy front, mean error, %", "close to 0", *(_mean_of(p["cy_front_bias_w0"]) for p in parts)],
+        ["... its sd; p of a normal distribution", "a normal one", *(_normality(p["cy_front_bias_w0"]) for p in parts)],
+    ]
+    rest = [
+        [f"{head}rms error, 15 .. 30 s", "-", *_three(parts, _rms_of, "mean_square_w0")],
+        [f"{head}rms error, 45 .. 60 s", "-", *_three(parts, _rms_of, "mean_square_w1")],
+        [f"{head}95 % interval holds, 15 .. 30 s", "-", *_three(parts, lambda x: f"{x.mean():.0f}", "covered_w0")],
+        [f"{head}diverged before the change", "-", *_off(parts, 0)],
+        [f"{head}diverged after it", "-", *_off(parts, 1)],
+    ]  # fmt: skip
+    return [*fig1, *fig2, *rest]
+
+
+def _normality(x: pd.Series) -> str:
+    if len(x) < 8:  # too few for the test
+        return number(x.std())
+    return f"{x.std():.2f}; {anderson_darling(x.to_numpy())[1]:.3f}"
+
+
+def _lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
+    head = f"prior {prior} %: "
+    throughout = [", ".join(_mean_of(part[f"{k}_bias_w0"]) for k in STIFFNESS) for part in parts]
+    return [
+        [f"Fig. 3, {head}mean error throughout", "-, 2.2, 0.2" if prior == "-20" else "-", *throughout],
+        [f"{head}rms error at the end, 44 .. 48 s", "-", *_three(parts, _rms_of, "mean_square_w1")],
+        [f"{head}diverged at the end", "-", *_off(parts, 1)],
+        [f"Fig. 4, {head}rms error of vX, m/s; yaw rate, deg/s", "closely tracked",
+         *(f"{np.sqrt(p['vel_x_square'].mean()):.3f}; {np.degrees(np.sqrt(p['yaw_rate_square'].mean())):.3f}" for p in parts)],
+    ]  # fmt: skip
+
+
+def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    """Each variant of the robust form, in each window of each case."""
+    tables = []
+    for case in plan.study.cases:
+        rows = []
+        for name in case.estimators:
+            part = of(runs, case.name, name)
+            cells = []
+            for n in range(len(case.windows)):
+                cells += [_off([part], n)[0], *_three([part], _rms_of, f"mean_square_w{n}")]
+            text = VARIANTS[name.partition("-")[2]][0] if "-" in name else "as `tse_config_robust()` has it"
+            spread = ", ".join(f"{part[f'{k}_spread_w0'].median():.1f}" for k in STIFFNESS)
+            rows.append([name, text, *cells, spread])
+        spans = [f"{a:g} .. {b:.0f} s" for a, b in case.windows]
+        head = [
+            "estimator",
+            "what",
+            *(f"{what}, {s}" for s in spans for what in ("diverged", "rms")),
+            "spread, median run",
+        ]
+        text = (
+            f"{case.title}; {plan.runs} runs. Triples: Cx, Cy front, Cy rear, % of the true mean, with 95 % intervals. "
+            "Diverged: a stiffness off by more than 20 % for more than 2 s of the window. True spread: 5 %."
+        )
+        tables.append(Table(case.name, head, rows, 2, text))
+    return tables
+
+
+def anderson_darling(x: np.ndarray) -> tuple[float, float]:
+    """A² with the correction for estimated mean and sd, and its p (D'Agostino & Stephens 1986, table 4.9)."""
+    n = len(x)
+    z = np.sort((x - x.mean()) / x.std(ddof=1))
+    i = np.arange(1, n + 1)
+    a = -n - np.mean((2 * i - 1) * (stats.norm.logcdf(z) + stats.norm.logsf(z[::-1])))
+    a *= 1 + 0.75 / n + 2.25 / n**2
+    if a >= 0.6:
+        p = np.exp(1.2937 - 5.709 * a + 0.0186 * a**2)
+    elif a >= 0.34:
+        p = np.exp(0.9177 - 4.279 * a - 1.38 * a**2)
+    elif a >= 0.2:
+        p = 1 - np.exp(-8.318 + 42.796 * a - 59.938 * a**2)
+    else:
+        p = 1 - np.exp(-13.436 + 101.14 * a - 223.73 * a**2)
+    return float(a), float(np.clip(p, 0, 1))
+
+
+def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    rows = []
+    for case in plan.study.cases:
+        ekf = of(runs, case.name, "ekf")
+        for name in case.estimators:
+            part = of(runs, case.name, name)
+            line = summary[(summary["case"] == case.name) & (summary["estimator"] == name)].iloc[0]
+            ratios = []
+            for key in STIFFNESS:
+                pair = np.stack([p[f"{key}_mean_square"].to_numpy() for p in (part, ekf)])
+                low, high = bootstrap(pair, rms_ratio)
+                ratios.append("1" if name == "ekf" else f"{rms_ratio(pair):.2f} ({number(low)} .. {number(high)})")
+            time = line["microseconds_per_step"]
+            base = summary[(summary["case"] == case.name) & (summary["estimator"] == "ekf")].iloc[0]
+            rows.append([
+                case.name, name, diverged(line), three(line, "rms", 2), *ratios, three(line, "bias", 2, "+"),
+                three(line, "covered", 0), settled(line, 1)[0], number(time, 1),
+                number(time / base["microseconds_per_step"]),
+            ])  # fmt: skip
+    head = ["case", "estimator", "diverged", "RMS error", *(f"{h} over EKF" for h in HEADS.values()), "bias", "covered",
+            "s to 10 % after the change", "µs a step", "over EKF"]  # fmt: skip
+    text = (
+        "RMS over 15 .. 30 s, ratios on the same data with paired bootstrap intervals (95 %). After the change: until the "
+        "slowest stiffness is within 10 % for 1 s, median run (longest). EKF and UKF are Python here; what they would cost in C "
+        "is not in this table. " + "; ".join(f"{e}: {TEXTS[e]}" for e in ("ekf", "ukf")) + "."
+    )
+    return [Table("Against EKF and UKF", head, rows, 2, text)]
+
+
+# ---- regimes
+
+
+def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
+    """RMS error of each estimator over that of another one, in each window of each case that has both."""
+    rows = []
+    for case in plan.study.cases:
+        below = of(runs, case.name, base)
+        for name in case.estimators:
+            part = of(runs, case.name, name)
+            if name in (base, *PEERS) or not len(part) or not len(below):
+                continue
+            for n, (a, b) in enumerate(case.windows):
+                pairs = [np.stack([p[f"{k}_mean_square_w{n}"].to_numpy() for p in (part, below)]) for k in STIFFNESS]
+                if not np.isfinite(pairs).any():
+                    continue  # a bound
+                cells = [f"{rms_ratio(p):.2f} ({' .. '.join(map(number, bootstrap(p, rms_ratio)))})" for p in pairs]
+                rms = [", ".join(number(float(root_mean(p[i]))) for p in pairs) for i in (0, 1)]
+                rows.append([case.name, name, f"{a:g} .. {b:g}", *cells, *rms])
+    head = ["case", "estimator", "window, s", *HEADS.values(), "RMS, %", f"of {base}, %"]
+    text = f"On the same data, with paired bootstrap intervals (95 %). {base}: {TEXTS[base]}."
+    return [Table(f"RMS error over that of {base}", head, rows, 2, text)] if rows else []
+
+
+def _regimes(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    return [*over(plan, runs, "known"), _after(plan, runs), false_changes(plan, runs)]
+
+
+def _false_alarms(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    return [false_changes(plan, runs)]
+
+
+def _median(values: pd.Series, digits: int = 2) -> str:
+    """Median run and longest, and how many never did."""
+    x = values.dropna().to_numpy()
+    if not len(x):
+        return "-"
+    middle, never = np.sort(x)[len(x) // 2], int(np.isinf(x).sum())
+    longest = f"{number(x.max(), digits)}" if not never else f"never: {never}"
+    return f"{number(middle, digits)} ({longest})"
+
+
+def _after(plan: Plan, runs: pd.DataFrame) -> Table:
+    rows = [
+        [case.name, name, f"{event:g} s",
+         *(_median(part[f"{what}_{n}"]) for what in ("detected", "all_settle", "valid_off"))]
+        for case in plan.study.cases if not case.lasts
+        for name in case.estimators if len(part := of(runs, case.name, name))
+        for n, event in enumerate(case.events, 1)
+    ]  # fmt: skip
+    head = ["case", "estimator", "change at", "detected, s", "all three within 10 %, s", "valid and off, s"]
+    text = (
+        f"Median run (longest). Detected: the estimator says with more than {100 * SURE:g} %, that the regime changed then. Within "
+        f"10 %: all three stiffnesses, for {SETTLED_FOR:g} s. Valid and off: how long, in the {OFF_FOR:g} s after the change, any "
+        f"stiffness is called valid and is wrong by more than {100 * OFF:g} %."
+    )
+    return Table("After a change of the road", head, rows, 2, text)
+
+
+def poisson(count: int, exposure: float, level: float = 0.95) -> tuple[float, float]:
+    """Exact interval of a rate (Garwood 1936)."""
+    low = stats.chi2.ppf((1 - level) / 2, 2 * count) / 2 if count else 0.0
+    return float(low / exposure), float(stats.chi2.ppf((1 + level) / 2, 2 * count + 2) / 2 / exposure)
+
+
+def _rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
+    hours, count = part["seconds"].sum() / 3600, int(part["false_changes"].sum())
+    low, high = poisson(count, hours)
+    return [name, estimator, number(hours, 1), number(part["changes"].sum(), 0), str(count),
+            f"{count / hours:.2f} ({low:.2f} .. {high:.2f})", str(int((part["false_changes"] > 0).sum()))]  # fmt: skip
+
+
+def false_changes(plan: Plan, runs: pd.DataFrame) -> Table:
+    known = runs[runs["changes"].notna()]
+    rows = [_rate(case.name, name, part) for case in plan.study.cases for name in case.estimators
+            if len(part := of(known, case.name, name))]  # fmt: skip
+    if len(rows) > 1:
+        rows += [_rate("all", name, part) for name, part in known.groupby("estimator", sort=False)]
+    head = ["case", "estimator", "hours", "changes reported", "false", "false per hour (95 %)", "runs with any"]
+    text = (
+        f"A change of regime counts when the estimator says so with more than {100 * SURE:g} %; it is false unless it lies within "
+        f"{AFTER:g} s after a change of the truth. Exact Poisson intervals."
+    )
+    return Table("Changes of regime", head, rows, 2, text)

@@ -3,20 +3,221 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import csv
 import itertools
 import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tse.impl.clock import straight
-from tse.impl.errors import UserError
-from tse.impl.logs.frames import Bus, databases_for
-from tse.impl.logs.recording import PIECE, Growing, How, Recording, need
+from tse.impl.errors import NoFile, UserError
+from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, listed, need
+
+# ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
+
+SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
+EXTENDED = 0x1FFFFFFF
+
+
+def databases_for(path: Path, how: How, required: bool) -> list[Path]:
+    """Those that were named, or all beside the log."""
+    if how.databases:
+        for p in how.databases:
+            if not p.is_file():
+                raise NoFile(f"{p}: no such file (database of the bus, for {path.name})")
+        return list(how.databases)
+    found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
+    if not found and required:
+        raise UserError(
+            f"{path}: holds frames of a bus, and there is no database ({', '.join(SUFFIXES)}) beside it that says what they mean: "
+            f"name it "
+            'with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
+        )
+    return found
+
+
+@dataclass
+class _Kept:
+    """What was found of one message: of every signal its values, and the frames that have it, which several may share."""
+
+    message: Any
+    signals: list[Any]
+    value: dict[str, Growing] = field(default_factory=dict)
+    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)
+
+
+class Bus:
+    """Frames, some at a time, into signals: their bits all at once, as the databases say. `how`: which signals are needed."""
+
+    def __init__(self, path: Path, databases: Sequence[Path], how: How):
+        self._path, self._databases, self._how = path, databases, how
+        self._messages = _messages_of(path, databases)
+        self._kept: dict[int, _Kept] = {}
+        self._unknown: set[int] = set()
+        self._count = 0
+
+    def knows(self, identifier: int) -> bool:
+        """Is there a message of that identifier?"""
+        return identifier & EXTENDED in self._messages
+
+    def add(self, ids: np.ndarray, data: Sequence[bytes]) -> None:
+        """The next frames, in the order of the file. `ids`: (frames,)."""
+        ids = ids & EXTENDED
+        seen, order = np.unique(ids), np.argsort(ids, kind="stable")
+        bounds = [*np.searchsorted(ids[order], seen).tolist(), len(ids)]
+        for k, identifier in enumerate(seen.tolist()):
+            kept = self._kept.get(identifier) or self._new(identifier)
+            if kept is None:
+                continue
+            rows = order[bounds[k] : bounds[k + 1]]
+            for s, have, value in _signals(kept.message, kept.signals, [data[i] for i in rows]):
+                if s.name not in kept.value:
+                    kept.value[s.name] = Growing()
+                frames = kept.frames.get(_pattern(s))
+                if frames is None:
+                    frames = kept.frames[_pattern(s)] = Growing()
+                if len(frames) == len(kept.value[s.name]):  # the first of those that share them
+                    frames.extend(self._count + rows[have])
+                kept.value[s.name].extend(value)
+        self._count += len(ids)
+
+    def _new(self, identifier: int) -> _Kept | None:
+        message = self._messages.get(identifier)
+        if message is None:
+            self._unknown.add(identifier)
+            return None
+        wanted = self._how.wanted
+        signals = [s for s in message.signals if not wanted or wanted(s.name) or wanted(f"{message.name}.{s.name}")]
+        self._kept[identifier] = _Kept(message, signals)
+        return self._kept[identifier]
+
+    def channels(self, time: np.ndarray, keep: np.ndarray | None, notes: list[str]) -> dict[str, Channel]:
+        """Signals by message.signal, s and physical units. Values that the database calls invalid stay. `time`: of the frames that
+        are kept, in the order of the file; `keep`: which those are, (frames,); None: all, and they are put in order of time."""
+        channels: dict[str, Channel] = {}
+        place = None if keep is None or keep.all() else np.cumsum(keep) - 1
+        for identifier in sorted(self._kept):
+            kept = self._kept[identifier]
+            clocks: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray | slice]] = {}
+            for s in kept.signals:
+                if s.name not in kept.value:
+                    continue
+                key = _pattern(s)
+                if key not in clocks:
+                    clocks[key] = self._clock(kept.frames[key].array().astype(np.int64), time, keep, place)
+                    same = next((c for c, _ in clocks.values() if np.array_equal(c, clocks[key][0])), clocks[key][0])
+                    clocks[key] = same, clocks[key][1]
+                at, chosen = clocks[key]
+                value = kept.value[s.name].array()[chosen]
+                name = f"{kept.message.name}.{s.name}"
+                channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200])
+        unknown = [f"{i:#x}" for i in sorted(self._unknown)]
+        if not channels and not self._how.wanted:
+            raise UserError(
+                f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers ({listed(unknown)}) is in "
+                f"{', '.join(p.name for p in self._databases)}: it is the database of another bus"
+            )
+        if unknown and not self._how.wanted:
+            notes.append(f"{len(unknown)} identifiers are in no database: {listed(unknown)}")
+        return channels
+
+    def _clock(
+        self, frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray | slice]:
+        """Times of these frames, and which of them have one, in which order."""
+        if place is not None and keep is not None:
+            chosen = keep[frames]
+            return time[place[frames[chosen]]], chosen
+        own = time[frames]
+        if keep is None and (np.diff(own) < 0).any():
+            order = np.argsort(own, kind="stable")
+            return own[order], order
+        return own, slice(None)
+
+
+def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:
+    cantools = need("cantools", "can", str(path))
+    logging.getLogger("cantools").setLevel(
+        logging.ERROR
+    )  # two messages of one name are no matter: they go by identifier
+    messages: dict[int, Any] = {}
+    for p in databases:
+        try:
+            database = cantools.database.load_file(p, strict=False)
+        except Exception as error:  # its parsers raise what they like
+            raise UserError(
+                f"{p}: is no database of a bus that can be read: {str(error).splitlines()[0][:150]}"
+            ) from None
+        for message in getattr(database, "messages", []):
+            messages.setdefault(message.frame_id & EXTENDED, message)
+    return messages
+
+
+def _pattern(s: Any) -> tuple[object, ...]:
+    """Signals that agree in this are in the same frames."""
+    return _last_bit(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
+
+
+def _signals(
+    message: Any, signals: Sequence[Any], data: Sequence[bytes]
+) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
+    """Of each signal which frames have it, and its values there."""
+    width = max(message.length, 1)
+    long = np.array([len(d) for d in data])
+    whole = long >= width
+    table = np.frombuffer(b"".join(d[:width].ljust(width, b"\0") for d in data), np.uint8).reshape(len(data), width)
+    bits = np.unpackbits(table, axis=1, bitorder="little")  # bit 8 b + i: bit i of byte b, counted from its least
+    by_name = {s.name: s for s in message.signals}
+    for s in signals:
+        rows = whole | (long * 8 > _last_bit(s))
+        if s.multiplexer_ids and s.multiplexer_signal in by_name:
+            selector = _number(by_name[s.multiplexer_signal], bits, raw=True)
+            rows = rows & np.isin(selector, s.multiplexer_ids)
+        if not rows.any():
+            continue
+        with contextlib.suppress(ValueError):
+            yield s, np.flatnonzero(rows), _number(s, bits if rows.all() else bits[rows])
+
+
+def _positions(s: Any) -> np.ndarray:
+    """Bits of a signal, least first, as unpackbits counts them."""
+    if s.byte_order == "little_endian":
+        return s.start + np.arange(s.length)
+    at, found = s.start, []
+    for _ in range(s.length):  # Motorola: from the highest bit down, then the highest of the next byte
+        found.append(at)
+        at = at - 1 if at % 8 else at + 15
+    return np.array(found[::-1])
+
+
+def _last_bit(s: Any) -> int:
+    return int(_positions(s).max() // 8 * 8)
+
+
+def _number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
+    """Values of one signal, (frames,)."""
+    at = _positions(s)
+    if at.max() >= bits.shape[1] or s.length > 64:
+        raise ValueError(s.name)
+    part = bits[:, at].astype(np.uint64)
+    whole = (part << np.arange(s.length, dtype=np.uint64)).sum(axis=1, dtype=np.uint64)
+    if s.is_float:
+        kind = {16: np.float16, 32: np.float32, 64: np.float64}[s.length]
+        number = whole.astype({16: np.uint16, 32: np.uint32, 64: np.uint64}[s.length]).view(kind).astype(float)
+    elif s.is_signed:
+        number = whole.astype(np.int64).astype(float)
+        if s.length < 64:
+            number = np.where(part[:, -1] > 0, number - 2.0**s.length, number)
+    else:
+        number = whole.astype(float)
+    return number if raw else number * float(s.scale) + float(s.offset)
+
 
 FIRST = 2000  # rows of a table from which its identifiers and times are understood
 TITLES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tse.impl.errors import UserError
-from tse.impl.logs.fields import Collector
-from tse.impl.logs.recording import How, Recording, listed, need
+from tse.impl.logs.recording import Collector, How, Recording, listed, need
 
 
 def read(path: Path, how: How) -> Recording:

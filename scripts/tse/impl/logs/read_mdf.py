@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tse.impl.errors import UserError
-from tse.impl.logs.frames import Bus, databases_for
+from tse.impl.logs.read_can import Bus, databases_for
 from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, check_rows, need
 
 FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")

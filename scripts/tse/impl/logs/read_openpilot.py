@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tse.impl.errors import UserError
-from tse.impl.logs.fields import Collector
-from tse.impl.logs.recording import How, Recording, need
+from tse.impl.logs.recording import Collector, How, Recording, need
 
 # Services that say how the car moves. Cameras, models and states of the software are left out: they are most of a log.
 SERVICES = ("carState", "accelerometer", "gyroscope", "sensorEvents", "gpsLocation", "gpsLocationExternal", "livePose",

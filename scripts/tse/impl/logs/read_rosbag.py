@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tse.impl.errors import UserError
-from tse.impl.logs.fields import Collector
-from tse.impl.logs.recording import How, Recording, listed, need
+from tse.impl.logs.recording import Collector, How, Recording, listed, need
 
 CHUNK, CONNECTION, MESSAGE, HEADER = 5, 7, 2, 3  # op of a record of a ROS 1 bag
 LARGEST = 1 << 30  # bytes of a record or of a chunk; rosbag's own chunks are of 0.8 MB
