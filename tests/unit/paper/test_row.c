@@ -33,6 +33,15 @@ static tse_input still_row(double gyro)
   return u;
 }
 
+/* The filter after so many rows of a drive at 20 m/s; `before` is as it is then. */
+static void set_out(const tse_params *p, const tse_config *c, drive *d, int rows)
+{
+  set_off(d, c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(p, &f.filter, sizeof f));
+  (void)run(p, &f, d, rows);
+  memcpy(&before, &f, sizeof f);
+}
+
 static void expect_same_statistics(const tse_filter_paper *was, const tse_filter_paper *is)
 {
   TEST_ASSERT_EQUAL_MEMORY(&was->gamma, &is->gamma, sizeof is->gamma);
@@ -50,8 +59,7 @@ static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
   const tse_params p = prepared(&c);
   drive d;
   tse_output y;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  set_out(&p, &c, &d, 0);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &other.filter, sizeof other));
   for (int i = 0; i < 100; i++) {
     const tse_input u = next_row(&d);
@@ -82,10 +90,7 @@ static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others
     for (int how = 0; how < 5; how++) {
       drive d;
       tse_output y;
-      set_off(&d, &c, 20.0);
-      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-      (void)run(&p, &f, &d, 100);
-      memcpy(&before, &f, sizeof f);
+      set_out(&p, &c, &d, 100);
       tse_input u = next_row(&d);
       lose(&u, channel, how);
       TEST_ASSERT_EQUAL_INT(TSE_W_MISSING_CHANNEL, tse_step(&p, &f.filter, &u, &y));
@@ -107,10 +112,7 @@ static void test_a_row_without_measurements_predicts_only(void)
   const tse_params p = prepared(&c);
   drive d;
   tse_output y;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  (void)run(&p, &f, &d, 100);
-  memcpy(&before, &f, sizeof f);
+  set_out(&p, &c, &d, 100);
   for (int i = 0; i < 20; i++) {
     tse_input u = next_row(&d);
     u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate;
@@ -137,10 +139,7 @@ static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void
   drive d;
   tse_output y, frozen;
   memset(&frozen, 0, sizeof frozen);
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  (void)run(&p, &f, &d, 150);
-  memcpy(&before, &f, sizeof f);
+  set_out(&p, &c, &d, 150);
   for (int i = 0; i < 30; i++) {
     tse_input u = next_row(&d);
     if (i % 2) u.steer_angle = real((double)NAN);
@@ -165,10 +164,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
   const tse_params p = prepared(&c);
   drive d;
   tse_output y;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  (void)run(&p, &f, &d, 150);
-  memcpy(&before, &f, sizeof f);
+  set_out(&p, &c, &d, 150);
   tse_input u = next_row(&d);
   u.dt = real(25.0);
   u.wheel_speed_front = u.wheel_speed_rear = real(10.0 / 0.33);
@@ -201,10 +197,7 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
   for (int k = 0; k < ROWS(speed); k++) {
     drive d;
     tse_output y;
-    set_off(&d, &c, 20.0);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-    (void)run(&p, &f, &d, 150);
-    memcpy(&before, &f, sizeof f);
+    set_out(&p, &c, &d, 150);
     for (int i = 0; i < 200; i++) {
       tse_input u = still_row(0.01);
       u.wheel_speed_front = u.wheel_speed_rear = real(speed[k] / 0.33);
@@ -225,10 +218,7 @@ static void test_large_steering_angles_hold_the_statistics(void)
   const tse_params p = prepared(&c);
   drive d;
   tse_output y;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  (void)run(&p, &f, &d, 150);
-  memcpy(&before, &f, sizeof f);
+  set_out(&p, &c, &d, 150);
   for (int side = -1; side <= 1; side += 2) {
     tse_input u = next_row(&d);
     u.wheel_speed_front = u.wheel_speed_rear = real(5.0 / 0.33);
@@ -268,9 +258,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
   c.forgetting_change = setting(1); /* else innovations have their say, too: test_bias.c */
   const tse_params p = prepared(&c);
   drive d;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  (void)run(&p, &f, &d, 50);
+  set_out(&p, &c, &d, 50);
   for (int k = 0; k < ROWS(dt); k++) {
     const double lambda = pow(number(c.forgetting), dt[k] / 0.01);
     const double nu = (number(f.nu) + 1.0) * lambda, gamma = number(f.gamma) / (1.0 + number(f.gamma)) / pow(number(p.forgetting_mean), dt[k] / 0.01);
@@ -329,8 +317,7 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
   const tse_config c = some_settings(100);
   const tse_params p = prepared(&c);
   drive d;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  set_out(&p, &c, &d, 0);
   for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
     d.steer = d.torque = 0.0;
     if (i / 6000 % 2 == 0) {
@@ -381,8 +368,7 @@ static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
     drive d;
     uint32_t state = 3;
     tse_output y, z;
-    set_off(&d, &c, 20.0);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    set_out(&p, &c, &d, 0);
     for (int i = 0; i < 1200; i++) {
       const tse_input u = troubled_row(&d, i, &state);
       TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
@@ -540,9 +526,7 @@ static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
     const tse_params p = prepared(&c);
     drive d;
     tse_output y;
-    set_off(&d, &c, 20.0);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-    (void)run(&p, &f, &d, 800);
+    set_out(&p, &c, &d, 800);
     tse_input u = next_row(&d);
     u.dt = real(pause[k]);
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
@@ -561,9 +545,7 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
     const tse_config c = some_settings(64);
     const tse_params p = prepared(&c);
     drive d;
-    set_off(&d, &c, 20.0);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-    (void)run(&p, &f, &d, 100);
+    set_out(&p, &c, &d, 100);
     for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
     for (int i = 0; i < 1000; i++) {
       const tse_output y = run(&p, &f, &d, 1);
