@@ -221,12 +221,6 @@ static void test_accel_x_is_not_interpolated_in_even_rows(void)
   }
 }
 
-static void test_fractions_of_rows_are_interpolated(void)
-{
-  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0.0371, 0.0212, 0.0212, -0.0137, 0.0049 }, { -0.052, -0.011, -0.0123, -0.031, -0.0009 }, { 0.09, -0.06, 0.03, 0.1, 0 } };
-  for (int i = 0; i < ROWS(cases); i++) compare_interpolated(cases[i], 5u + (uint32_t)i);
-}
-
 static void test_random_latencies_are_interpolated(void)
 {
   uint32_t seed = 99;
@@ -601,7 +595,6 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_channels_late_by_whole_rows_give_the_same_bits_later);
   RUN_TEST(test_accel_x_is_not_interpolated_in_even_rows);
-  RUN_TEST(test_fractions_of_rows_are_interpolated);
   RUN_TEST(test_random_latencies_are_interpolated);
   RUN_TEST(test_a_value_missing_on_either_side_is_missing_and_on_neither_where_a_row_is_met);
   RUN_TEST(test_a_value_that_repeats_itself_does_so_when_interpolated);
