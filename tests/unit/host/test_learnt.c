@@ -1,13 +1,11 @@
 /* tests/unit/host/test_learnt.c <-> src/host/learnt.c and what start.c, filter.c do for it.
  *
- * Reference bytes: tests/reference/learnt_table.h, by Python's struct and zlib. */
-#define LEARNT_WITH_BYTES
+ * Reference: bytes that the test puts one by one; the CRC has the check value that is published for it. */
 #include "filter/filter.h"
 #include "paper/paper.h"
 #include "driven.h"
 
 #include "tse/learnt.h"
-#include "learnt_table.h"
 
 #define DAY 86400u
 #define UNIT (1.0 / 16777216) /* of numbers in the bytes */
@@ -21,6 +19,19 @@ enum { AT_KNOWN = 12,
        AT_NOISE = 220,
        AT_SPREAD = 240,
        AT_CORRELATION = 252 };
+
+/* A learnt state of the built-in car. Binary fractions: double, float and fixed hold them exactly. */
+enum { LEARNT_KNOWN = 5,
+       LEARNT_NU = 64,
+       LEARNT_SIZE = 268 };
+#define LEARNT_VEHICLE 0x6e6ba1d6u /* as in test_prepare.c */
+static const double learnt_mean[11] = { -0.125, 0.0625, 0.0078125, -0.25, 0.125, 0.5, 0.0625, 0.00390625, 0.015625, 0.0078125, 0.001953125 };
+static const double learnt_sd[11] = { 0.03125, 0.015625, 0.00390625, 0.03125, 0.25, 0.0625, 0.125, 0.0009765625, 0.0078125, 0.0078125, 0.001953125 };
+static const double learnt_common[11] = { 0.5, -0.5, 0.25, 0.5, 0.75, -0.25, 0.125, 0.5, 0.25, -0.125, 0.5 }; /* correlations are products of these */
+static const double learnt_noise[5] = { 0.5, 2.0, 1.25, 1.0, 0.75 };
+static const double learnt_particle_mean[3] = { -0.25, 0.125, 0.5 }, learnt_particle_sd[3] = { 0.03125, 0.25, 0.0625 }; /* stiffness over nominal less 1 */
+static const double learnt_spread[3] = { 0.0625, 0.25, 0.125 }, learnt_correlation[3] = { 0.0, -0.5, 0.25 };
+static uint8_t learnt_bytes[LEARNT_SIZE], learnt_by_particles[LEARNT_SIZE]; /* the second: by who knows stiffness, biases and process sd alone */
 
 static tse_filter_paper f, other, before; /* enough for every form */
 
@@ -106,13 +117,47 @@ static void put(uint8_t *at, uint32_t value, int count)
   for (int i = 0; i < count; i++) at[i] = (uint8_t)(value >> (8 * i) & 255u);
 }
 
+static void put_q24(uint8_t *at, const double *x, int count)
+{
+  for (int i = 0; i < count; i++) put(at + 4 * i, (uint32_t)(int32_t)lround(x[i] * 16777216), 4);
+}
+
+static void write_learnt(uint8_t *out, const double mean[11], const double sd[11], const double shared[11], const double noise[5])
+{
+  memcpy(out, "tsel", 4);
+  put(out + 4, 3u | (uint32_t)LEARNT_SIZE << 16, 4); /* format, length */
+  put(out + 8, LEARNT_VEHICLE, 4);
+  put(out + AT_KNOWN, LEARNT_KNOWN, 4);
+  put(out + AT_NU, LEARNT_NU, 4);
+  put_q24(out + AT_MEAN, mean, 11);
+  put_q24(out + AT_SD, sd, 11);
+  for (int i = 0, at = AT_PAIR; i < 11; i++)
+    for (int j = i + 1; j < 11; j++, at += 2) put(out + at, (uint32_t)(int32_t)lround(shared[i] * shared[j] * 16384), 2);
+  put_q24(out + AT_NOISE, noise, 5);
+  put_q24(out + AT_SPREAD, learnt_spread, 3);
+  put_q24(out + AT_CORRELATION, learnt_correlation, 3);
+  put(out + LEARNT_SIZE - 4, crc32_of(out, LEARNT_SIZE - 4), 4);
+}
+
+static void write_both(void)
+{
+  const double none[11] = { 0 };
+  double mean[11] = { 0 }, sd[11] = { 0 };
+  for (int a = 0; a < 3; a++) {
+    mean[a] = learnt_mean[a], mean[3 + a] = log(1 + learnt_particle_mean[a]);
+    sd[a] = learnt_sd[a], sd[3 + a] = learnt_particle_sd[a] / (1 + learnt_particle_mean[a]);
+  }
+  write_learnt(learnt_bytes, learnt_mean, learnt_sd, learnt_common, learnt_noise);
+  write_learnt(learnt_by_particles, mean, sd, none, none);
+}
+
 static void set_bytes(uint8_t *bytes, int at, uint32_t value, int count)
 {
   put(bytes + at, value, count);
   put(bytes + TSE_LEARNT_BYTES - 4, crc32_of(bytes, TSE_LEARNT_BYTES - 4), 4);
 }
 
-/* The table's bytes, cut off or with zeros behind them, under another mark, format and length; the CRC fits. */
+/* These bytes, cut off or with zeros behind them, under another mark, format and length; the CRC fits. */
 static size_t framed(uint8_t *out, const char *mark, uint32_t format, size_t count)
 {
   const size_t body = TSE_LEARNT_BYTES - 4;
@@ -137,7 +182,7 @@ static void test_crc_has_the_published_check_value(void)
 
 /* In every format, but for the last digits of what the format rounds: a relative 2^-24 of float is a unit of 2^-24 at 1; fixed point
  * squares and divides numbers of a few thousand steps. In double a logarithm may fall on the other side of a half. */
-static void test_saved_bytes_are_those_that_struct_and_zlib_make(void)
+static void test_saved_bytes_are_those_of_the_format(void)
 {
   const tse_config c = settings(1);
   const tse_params p = prepared(&c);
@@ -877,9 +922,10 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
 
 int main(void)
 {
+  write_both();
   UNITY_BEGIN();
   RUN_TEST(test_crc_has_the_published_check_value);
-  RUN_TEST(test_saved_bytes_are_those_that_struct_and_zlib_make);
+  RUN_TEST(test_saved_bytes_are_those_of_the_format);
   RUN_TEST(test_any_damaged_byte_is_detected_and_changes_nothing);
   RUN_TEST(test_what_is_too_short_too_long_or_something_else_is_refused);
   RUN_TEST(test_a_newer_format_differs_from_damage);
