@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -18,9 +16,6 @@ from tse.impl.rows import DRIVES, MEASURES, columns
 from tse.impl.simulate import simulate
 from tselab.montecarlo import peers
 from tselab.montecarlo.case import START
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
-import newtons as reference  # a model of (1)-(4) in newtons, integrated at half a millisecond
 
 KINDS = ["ekf", "ukf"]
 ALL = [*KINDS, "known"]
@@ -67,6 +62,48 @@ def drive(
         rows[channel] = simulation.log[channel]
     sensors = tuple(noise * getattr(config, s) for s in SENSORS)
     return Drive(config, rows, peers.Known((SPREAD,) * 3, sensors, forgetting), simulation.truth)
+
+
+# ---- the reference: (1)-(4) in newtons, inputs linear between rows, Runge and Kutta's fourth-order rule in half a millisecond
+
+
+def reference_accelerations(car, x, w, u):
+    """(1)-(4): specific force and yaw acceleration. Works for columns, too."""
+    (vx, vy, r), (delta, omega_f, omega_r) = x, u
+    vf, vr = car["wheel_radius_front"] * omega_f, car["wheel_radius_rear"] * omega_r
+    fx_f = car["longitudinal_stiffness_front"] * (1 + w[0]) * (vf - vx) / np.maximum(vx, vf)
+    follow = 1 + car["rear_longitudinal_follows_front"] * w[0]
+    fx_r = car["longitudinal_stiffness_rear"] * follow * (vr - vx) / np.maximum(vx, vr)
+    fy_f = car["cornering_stiffness_front"] * (1 + w[1]) * (delta - (vy + car["lf"] * r) / vx)
+    fy_r = car["cornering_stiffness_rear"] * (1 + w[2]) * (car["lr"] * r - vy) / vx
+    ax, ay = (fx_f + fx_r - fy_f * delta) / car["mass"], (fy_f + fy_r + fx_f * delta) / car["mass"]
+    return ax, ay, (car["lf"] * (fy_f + fx_f * delta) - car["lr"] * fy_r) / car["yaw_inertia"]
+
+
+def reference_rate(car, x, w, u):
+    ax, ay, yaw = reference_accelerations(car, x, w, u)
+    return np.array([ax + x[1] * x[2], ay - x[0] * x[2], yaw])
+
+
+def reference_move(car, x, w, u0, u1, dt):
+    """x after a row: classical Runge-Kutta, inputs linear between rows."""
+    steps = int(np.ceil(dt / 5e-4 - 1e-9))
+    at, h = (lambda k: u0 + (u1 - u0) * k / steps), dt / steps
+    for k in range(steps):
+        k1 = reference_rate(car, x, w, at(k))
+        k2 = reference_rate(car, x + h / 2 * k1, w, at(k + 0.5))
+        k3 = reference_rate(car, x + h / 2 * k2, w, at(k + 0.5))
+        k4 = reference_rate(car, x + h * k3, w, at(k + 1))
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return x
+
+
+def reference_observe(car, x, w, u):
+    ax, ay, _ = reference_accelerations(car, x, w, u)
+    return np.array(np.broadcast_arrays(ax, ay, x[2]))
+
+
+# ---- what is compared
 
 
 def estimates(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,8 +165,8 @@ class Window:
         b = np.cumsum(steps, axis=0)
         x, mu = [self.start[:, None] + theta[:3]], self.mu[:, None] + theta[3:6]
         for k in range(1, n):
-            x.append(reference.move(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT))
-        y = [reference.observe(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
+            x.append(reference_move(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT))
+        y = [reference_observe(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
         return np.array(x), b, np.array(y)
 
     @functools.cached_property
@@ -204,7 +241,7 @@ def test_trajectories_are_those_of_a_fine_integration_with_inputs_linear_between
     w = np.array([d.truth[f"drawn_{s}"] / getattr(d.config, NOMINAL[s]) - 1 for s in STIFFNESS])
     for row in range(1, len(d.rows)):
         mine = model.move(row, x[:, row - 1 : row], w[:, row - 1 : row])[:, 0]
-        theirs = reference.move(
+        theirs = reference_move(
             car, x[:, row - 1], w[:, row - 1], *model.inputs[row - 1 : row + 1], d.config.sample_time
         )
         np.testing.assert_allclose(mine, theirs, atol=1e-6)
@@ -232,7 +269,7 @@ def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
     rows["dt"], rows["steer_angle"] = dt, [0.02, 0.03]
     rows["wheel_speed_front"], rows["wheel_speed_rear"] = [speed / 0.33, (speed + 0.05) / 0.33], (speed - 0.02) / 0.33
     model, x, w = peers.Model(rows, config), np.array([speed, 0.05, 0.02]), np.array([0.1, 0.2, 0.1])
-    exact = reference.move(config.as_dict(), x, w, *model.inputs, dt)
+    exact = reference_move(config.as_dict(), x, w, *model.inputs, dt)
     np.testing.assert_allclose(model.move(1, x[:, None], w[:, None])[:, 0], exact, atol=2e-5)
 
 

@@ -259,7 +259,7 @@ class Bench:
         for part in ("obj", "test", "run", "over"):
             (work / part).mkdir(parents=True, exist_ok=True)
         self.include = [f"-I{ROOT}/include", f"-I{SRC}"]
-        self.for_tests = [f"-I{ROOT}/tests/{d}" for d in ("unit", "reference", "replay")] + [
+        self.for_tests = [f"-I{ROOT}/tests/{d}" for d in ("unit", "replay")] + [
             f"-I{UNITY}",
             "-DUNITY_INCLUDE_DOUBLE",
         ]
