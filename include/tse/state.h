@@ -17,11 +17,11 @@
 #if defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 925
 #define TSE_FILTER_NUMBERS (454 + 7 * TSE_LATENCY_ROWS)
-#define TSE_CONSTANT_NUMBERS 196
+#define TSE_CONSTANT_NUMBERS 188
 #else
 #define TSE_FILTER_SHORTS 1273
 #define TSE_FILTER_NUMBERS (501 + 7 * TSE_LATENCY_ROWS)
-#define TSE_CONSTANT_NUMBERS 208
+#define TSE_CONSTANT_NUMBERS 200
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
 #if defined(TSE_NO_EFFECTS)

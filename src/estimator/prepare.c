@@ -310,8 +310,8 @@ static tse_status fits(const tse_params *p, const tse_config *c, const char **wr
     tse_real value, most;
     const char *name;
   } row[] = {
-    { r_mul(p->kx_front + p->kx_rear, p->inv_sd[0]), MOST_GAIN, "accel_x_sd" },
-    { r_mul(r_max(p->ky_front, p->ky_rear), p->inv_sd[1]), MOST_GAIN, "accel_y_sd" },
+    { r_mul(p->car.kx_front + p->car.kx_rear, p->inv_sd[0]), MOST_GAIN, "accel_x_sd" },
+    { r_mul(r_max(p->car.ky_front, p->car.ky_rear), p->inv_sd[1]), MOST_GAIN, "accel_y_sd" },
     { r_mul(p->x_sd0[2], p->inv_sd[2]), MOST_START, "yaw_rate_sd" },
     { p->bias_var0[0], MOST_BIAS_VAR, "accel_x_bias_sd" },
     { p->bias_var0[1], MOST_BIAS_VAR, "accel_y_bias_sd" },
@@ -321,7 +321,7 @@ static tse_status fits(const tse_params *p, const tse_config *c, const char **wr
     { p->bias_walk[2], MOST_BIAS_VAR, "yaw_rate_bias_walk" },
     { p->noise_max_var, MOST_NOISE, "noise_max" },
     { r_mul(p->damping, p->max_step), MOST_GAIN, "yaw_inertia" },
-    { r_max(p->jf, p->jr), MOST_START, "yaw_inertia" },
+    { r_max(p->car.jf, p->car.jr), MOST_START, "yaw_inertia" },
     { vanishes(p->steady_walk, c->sample_time) ? FIXED_MOST : 0, TSE_R(1), "steady_walk" },
     { p->spread_var < (tse_real)64 ? FIXED_MOST : 0, TSE_R(1), "initial_spread" },
   };
@@ -370,7 +370,7 @@ static void prepare_velocity(const tse_config *c, tse_params *p)
 #endif
 }
 
-/* Take tyres, loads and load transfer from the settings. Stiffness is that of the vehicle, which stands in p. */
+/* Take loads, grip and load transfer of the tyres from the settings. */
 static void prepare_tyres(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -378,10 +378,6 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   /* never beyond the range of `grip`, 0 .. 50: below 1/50 tyres have no end */
   const tse_setting friction = c->grip > 0 ? c->grip : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50));
   const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient : ROLLING_USUAL;
-  car->kx_front = p->kx_front;
-  car->kx_rear = p->kx_rear;
-  car->ky_front = p->ky_front;
-  car->ky_rear = p->ky_rear;
   car->load_front = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lr), span));
   car->load_rear = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lf), span));
   car->grip = real_of(friction);
@@ -403,10 +399,6 @@ static void prepare_body(const tse_config *c, tse_params *p)
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), over = r_div(one, c->mass), yaw = r_div(one, c->yaw_inertia);
   const int rolls = c->body_roll_gain != 0;
-  car->lf = p->lf;
-  car->lr = p->lr;
-  car->jf = p->jf;
-  car->jr = p->jr;
   car->m_inertia = real_of(r_mul(c->mass, yaw));
   car->trail = real_of(r_mul(r_mul(c->mass, yaw), c->aligning_moment_trail));
   car->drag = real_of(r_mul(c->aero_drag_coefficient, over));
@@ -471,7 +463,7 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   p->model_sd = real_of(c->model_sd);
 }
 
-/* Make the car of form 0, and what its filter starts from.   Given: c  with CONSTANT effects   Updated: p  holds the vehicle */
+/* Make the car of form 0, and what its filter starts from.   Given: c  with CONSTANT effects   Updated: p  holds stiffness and geometry */
 static void prepare_car(const tse_config *c, tse_params *p)
 {
   prepare_tyres(c, p);
@@ -485,15 +477,16 @@ static void prepare_car(const tse_config *c, tse_params *p)
 /* Take stiffness over mass, geometry and radii from the settings. */
 static void prepare_vehicle(const tse_config *c, tse_params *p)
 {
-  p->kx_front = real_of(r_div(c->longitudinal_stiffness_front, c->mass));
-  p->kx_rear = real_of(r_div(c->longitudinal_stiffness_rear, c->mass));
-  p->ky_front = real_of(r_div(c->cornering_stiffness_front, c->mass));
-  p->ky_rear = real_of(r_div(c->cornering_stiffness_rear, c->mass));
+  tse_car *const car = &p->car;
+  car->kx_front = real_of(r_div(c->longitudinal_stiffness_front, c->mass));
+  car->kx_rear = real_of(r_div(c->longitudinal_stiffness_rear, c->mass));
+  car->ky_front = real_of(r_div(c->cornering_stiffness_front, c->mass));
+  car->ky_rear = real_of(r_div(c->cornering_stiffness_rear, c->mass));
+  car->lf = real_of(c->lf);
+  car->lr = real_of(c->lr);
+  car->jf = real_of(r_div(r_mul(c->mass, c->lf), c->yaw_inertia));
+  car->jr = real_of(r_div(r_mul(c->mass, c->lr), c->yaw_inertia));
   p->follow = real_of(c->rear_longitudinal_follows_front);
-  p->lf = real_of(c->lf);
-  p->lr = real_of(c->lr);
-  p->jf = real_of(r_div(r_mul(c->mass, c->lf), c->yaw_inertia));
-  p->jr = real_of(r_div(r_mul(c->mass, c->lr), c->yaw_inertia));
   p->radius_front = real_of(c->wheel_radius_front);
   p->radius_rear = real_of(c->wheel_radius_rear);
   p->mass_var = real_of(square(c->mass_sd));

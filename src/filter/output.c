@@ -68,12 +68,12 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
     *state_sd[i] = r_sqrt(variance_of(k, e, VX + i, &shift));
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
   }
-  const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
+  const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
   if (k->p.extras) {
     out->vel_y = r_clamp(out->vel_y + velocity_off(k), -state_most[VY], state_most[VY]);
     out->vel_y_sd = r_sqrt(velocity_across_var(k));
   } else {
-    const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
+    const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
     out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x)));
   }
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);

@@ -123,8 +123,8 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
 /* Return what each pair is made of now, in the order of the smoothed values.   Given: x  channels, held to their ranges   speed  of the car */
 static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
 {
-  const tse_real wheelbase = p->lf + p->lr, square = r_sqr(speed);
-  const tse_real understeer = r_div(r_div(r_mul(p->lr, p->ky_rear) - r_mul(p->lf, p->ky_front), wheelbase), r_mul(p->ky_front, p->ky_rear));
+  const tse_real wheelbase = p->car.lf + p->car.lr, square = r_sqr(speed);
+  const tse_real understeer = r_div(r_div(r_mul(p->car.lr, p->car.ky_rear) - r_mul(p->car.lf, p->car.ky_front), wheelbase), r_mul(p->car.ky_front, p->car.ky_rear));
   value[SIDE] = x[TSE_CHANNEL_accel_y];
   value[SIDE_ASKED] = r_clamp(r_mul(speed, x[TSE_CHANNEL_yaw_rate]), -MOST_ACROSS, MOST_ACROSS);
   value[GAINED] = x[TSE_CHANNEL_accel_x];
@@ -168,7 +168,7 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]); /* a channel that comes seldom is no smaller */
   if (starts) return;
   const tse_real *const s = a->smooth;
-  const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)), bend = r_clamp(r_div(r_mul(p->lf + p->lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));
+  const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)), bend = r_clamp(r_div(r_mul(p->car.lf + p->car.lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));
   const struct {
     tse_real x, y;
     int counts;

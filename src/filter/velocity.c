@@ -100,7 +100,7 @@ static void grow(tse_kalman *k, int i, tse_real q)
 static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
-  const tse_real sideways = r_max(r_sqr(r_mul(p->lr, k->x[YAW]) - k->x[VY]), r_sqr(LEAST_OFF));
+  const tse_real sideways = r_max(r_sqr(r_mul(p->car.lr, k->x[YAW]) - k->x[VY]), r_sqr(LEAST_OFF));
   m->activity += r_mul(r_div(dt, dt + MODEL_TIME), sideways - m->activity);
   k->x[V_OFF] = r_mul(k->x[V_OFF], left);
   ud_fade_extra(&k->p, V_OFF - STATES, left);

@@ -149,10 +149,10 @@ static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
 {
   const tse_params *const p = &sim->params;
   stiffness k;
-  k.x_front = r_mul(p->kx_front, sim->drawn[0]);
-  k.x_rear = r_mul(p->kx_rear, road_level + r_mul(p->follow, sim->drawn[0] - road_level));
-  k.y_front = r_mul(p->ky_front, sim->drawn[1]);
-  k.y_rear = r_mul(p->ky_rear, sim->drawn[2]);
+  k.x_front = r_mul(p->car.kx_front, sim->drawn[0]);
+  k.x_rear = r_mul(p->car.kx_rear, road_level + r_mul(p->follow, sim->drawn[0] - road_level));
+  k.y_front = r_mul(p->car.ky_front, sim->drawn[1]);
+  k.y_rear = r_mul(p->car.ky_rear, sim->drawn[2]);
   return k;
 }
 

@@ -209,7 +209,7 @@ static inline void effects_forces(point *pt)
   const tse_real side = r_mul(pt->fy_front, pt->cos_steer) + r_mul(pt->fx_front, pt->sin_steer);
   pt->force.x = r_mul(pt->fx_front, pt->cos_steer) + pt->fx_rear - r_mul(pt->fy_front, pt->sin_steer) + pt->g.x;
   pt->force.y = side + pt->fy_rear + pt->g.y;
-  pt->force.yaw = r_mul(p->jf, side) - r_mul(p->jr, pt->fy_rear) + pt->g.yaw;
+  pt->force.yaw = r_mul(p->car.jf, side) - r_mul(p->car.jr, pt->fy_rear) + pt->g.yaw;
 #define CALL(id) IF_ON(id, id##_body(pt))
   EFFECTS_BODY(CALL)
 #undef CALL

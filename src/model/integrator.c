@@ -95,7 +95,7 @@ static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
     const tse_real along[2] = { r_mul(m->force[2], own[2]), r_mul(m->force[3], own[3]) };
     fx += along[0] + along[1];
     fy += front + rear;
-    fr += r_mul(p->jf, front) - r_mul(p->jr, rear);
+    fr += r_mul(p->car.jf, front) - r_mul(p->car.jr, rear);
     for (int a = 0; a < 2 && turning; a++) fw[a] -= r_mul(load[a], along[a]);
   }
   for (int a = 0; a < 2 && turning; a++) fx += r_mul(r_mul(m->pull[a], m->inv_turn[a]), fw[a]);
@@ -105,8 +105,8 @@ static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
   for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
   if (!m->lags) return;
   /* with the slips' derivatives: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
-  k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->lf, k[2]));
-  k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->lr, k[2]));
+  k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
+  k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
   k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }

@@ -92,11 +92,7 @@ struct tse_params {
   int32_t particles, resampling, vel_x_from_wheels, integration;
   uint32_t seed[2];
   /* vehicle */
-  tse_real kx_front, kx_rear;         /* [m/s2]     longitudinal stiffness / mass          */
-  tse_real ky_front, ky_rear;         /* [m/s2/rad] cornering stiffness / mass             */
   tse_real follow;                    /* [1]        rear longitudinal follows front, 0..1  */
-  tse_real lf, lr;                    /* [m]                                               */
-  tse_real jf, jr;                    /* [1/m]      m lf / I, m lr / I                     */
   tse_real radius_front, radius_rear; /* [m]                                               */
   /* sensors */
   tse_real sd[3], inv_sd[3];          /* accel_x, accel_y [m/s2], yaw rate [rad/s]         */
@@ -121,7 +117,7 @@ struct tse_params {
   tse_real latency_age[6];            /* [s] how old the value of each channel is that is true at the time estimated of */
   tse_real learnt_floor, learnt_walk; /* [1], [1/day] variance of a mean from an earlier drive: at least, growth */
   tse_real w_min, w_low, w_max, valid_var; /* w_low: where a draw is reflected */
-  tse_car car;                        /* form 0 */
+  tse_car car;                        /* of it stiffness and geometry: every form */
   tse_real prior[TSE_STATES], prior_sd[TSE_STATES]; /* form 0: of the state at the start */
   tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_DOUBTS], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;

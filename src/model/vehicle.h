@@ -30,8 +30,8 @@ static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy,
   s.inv_rear = r_div(TSE_R(1), r_max(v, r_abs(u.v_rear)));
   s.s_front = r_mul(u.v_front - vx, s.inv_front);
   s.s_rear = r_mul(u.v_rear - vx, s.inv_rear);
-  s.a_front = r_mul(r_mul(u.steer, vx) - vy - r_mul(p->lf, r), s.inv_body);
-  s.a_rear = r_mul(r_mul(p->lr, r) - vy, s.inv_body);
+  s.a_front = r_mul(r_mul(u.steer, vx) - vy - r_mul(p->car.lf, r), s.inv_body);
+  s.a_rear = r_mul(r_mul(p->car.lr, r) - vy, s.inv_body);
   return s;
 }
 
@@ -43,10 +43,10 @@ typedef struct stiffness {
 static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_real w1, tse_real w2)
 {
   stiffness k;
-  k.x_front = r_mul(p->kx_front, TSE_R(1) + w0);
-  k.x_rear = r_mul(p->kx_rear, TSE_R(1) + r_mul(p->follow, w0));
-  k.y_front = r_mul(p->ky_front, TSE_R(1) + w1);
-  k.y_rear = r_mul(p->ky_rear, TSE_R(1) + w2);
+  k.x_front = r_mul(p->car.kx_front, TSE_R(1) + w0);
+  k.x_rear = r_mul(p->car.kx_rear, TSE_R(1) + r_mul(p->follow, w0));
+  k.y_front = r_mul(p->car.ky_front, TSE_R(1) + w1);
+  k.y_rear = r_mul(p->car.ky_rear, TSE_R(1) + w2);
   return k;
 }
 
@@ -62,7 +62,7 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   const tse_real fy_front = r_mul(k.y_front, s.a_front), fy_rear = r_mul(k.y_rear, s.a_rear);
   a.x = fx_front + fx_rear - r_mul(fy_front, steer);
   a.y = fy_front + fy_rear + r_mul(fx_front, steer);
-  a.yaw = r_mul(p->jf, fy_front + r_mul(fx_front, steer)) - r_mul(p->jr, fy_rear);
+  a.yaw = r_mul(p->car.jf, fy_front + r_mul(fx_front, steer)) - r_mul(p->car.jr, fy_rear);
   return a;
 }
 
@@ -75,9 +75,9 @@ static inline lateral_block vehicle_block(const tse_params *p, tse_real yf, tse_
 {
   lateral_block m;
   m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
-  m.m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + vx);
-  m.m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
-  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
+  m.m12 = r_mul(gh, r_mul(p->car.lf, yf) - r_mul(p->car.lr, yr) + vx);
+  m.m21 = r_mul(gh, r_mul(p->car.jf, yf) - r_mul(p->car.jr, yr));
+  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->car.jf, p->car.lf), yf) + r_mul(r_mul(p->car.jr, p->car.lr), yr));
   m.inv_det = r_div(TSE_R(1), r_mul(m.m11, m.m22) - r_mul(m.m12, m.m21));
   return m;
 }

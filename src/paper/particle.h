@@ -21,13 +21,13 @@ static inline observation_gains particle_observation_gains(const tse_params *p, 
 {
   observation_gains g; /* use_ is 1, or 0 where the measurement is missing: its row of d then vanishes */
   const tse_real ix = r_mul(use_x, p->inv_sd[0]), iy = r_mul(use_y, p->inv_sd[1]);
-  g.xf1 = r_mul(p->kx_front, ix);
-  g.xr1 = r_mul(p->kx_rear, ix);
+  g.xf1 = r_mul(p->car.kx_front, ix);
+  g.xr1 = r_mul(p->car.kx_rear, ix);
   g.xr1_follow = r_mul(g.xr1, p->follow);
-  g.yf1 = r_mul(p->ky_front, ix);
-  g.xf2 = r_mul(p->kx_front, iy);
-  g.yf2 = r_mul(p->ky_front, iy);
-  g.yr2 = r_mul(p->ky_rear, iy);
+  g.yf1 = r_mul(p->car.ky_front, ix);
+  g.xf2 = r_mul(p->car.kx_front, iy);
+  g.yf2 = r_mul(p->car.ky_front, iy);
+  g.yr2 = r_mul(p->car.ky_rear, iy);
   return g;
 }
 

@@ -8,9 +8,9 @@ static inline void exact_kinematics_slip(point *pt)
   const tse_real share = p->effects.exact_kinematics_share;
   tse_real sine, cosine;
   sin_cos(pt->u.steer, &sine, &cosine);
-  const planar wheel = turn_axes(pt->vx, pt->vy + r_mul(p->lf, pt->r), sine, cosine);
+  const planar wheel = turn_axes(pt->vx, pt->vy + r_mul(p->car.lf, pt->r), sine, cosine);
   const tse_real s_front = r_div(pt->u.v_front - wheel.x, r_max(rolling_speed(wheel.x), r_abs(pt->u.v_front)));
-  const tse_real a_front = slip_angle(wheel.y, wheel.x), a_rear = slip_angle(pt->vy - r_mul(p->lr, pt->r), pt->vx);
+  const tse_real a_front = slip_angle(wheel.y, wheel.x), a_rear = slip_angle(pt->vy - r_mul(p->car.lr, pt->r), pt->vx);
   pt->s.s_front += r_mul(share, s_front - pt->s.s_front);
   pt->s.a_front += r_mul(share, a_front - pt->s.a_front);
   pt->s.a_rear += r_mul(share, a_rear - pt->s.a_rear);

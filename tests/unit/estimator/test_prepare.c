@@ -321,15 +321,15 @@ static void test_vehicle_constants_are_normalised_by_mass(void)
 {
   const tse_config c = other_car();
   const tse_params p = prepared(&c);
-  expect_relative(110000.0 / 1250, p.kx_front, "kx_front");
-  expect_relative(95000.0 / 1250, p.kx_rear, "kx_rear");
-  expect_relative(70000.0 / 1250, p.ky_front, "ky_front");
-  expect_relative(85000.0 / 1250, p.ky_rear, "ky_rear");
+  expect_relative(110000.0 / 1250, p.car.kx_front, "kx_front");
+  expect_relative(95000.0 / 1250, p.car.kx_rear, "kx_rear");
+  expect_relative(70000.0 / 1250, p.car.ky_front, "ky_front");
+  expect_relative(85000.0 / 1250, p.car.ky_rear, "ky_rear");
   expect_relative(0.25, p.follow, "follow");
-  expect_relative(1.1, p.lf, "lf");
-  expect_relative(1.6, p.lr, "lr");
-  expect_relative(1250 * 1.1 / 1700, p.jf, "jf");
-  expect_relative(1250 * 1.6 / 1700, p.jr, "jr");
+  expect_relative(1.1, p.car.lf, "lf");
+  expect_relative(1.6, p.car.lr, "lr");
+  expect_relative(1250 * 1.1 / 1700, p.car.jf, "jf");
+  expect_relative(1250 * 1.6 / 1700, p.car.jr, "jr");
   expect_relative(0.29, p.radius_front, "radius_front");
   expect_relative(0.31, p.radius_rear, "radius_rear");
 }
@@ -349,8 +349,8 @@ static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axle
     c.lr = setting(row[k][1]);
     c.cg_shift_distance = setting(row[k][2]);
     const tse_params p = prepared(&c);
-    expect_near(row[k][3], number(p.lf), 1e-6, "lf", k);
-    expect_near(row[k][4], number(p.lr), 1e-6, "lr", k);
+    expect_near(row[k][3], number(p.car.lf), 1e-6, "lf", k);
+    expect_near(row[k][4], number(p.car.lr), 1e-6, "lr", k);
   }
 }
 
@@ -547,7 +547,7 @@ static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void
 /* Returned: 1; 0 where the format of the build refuses these settings. */
 static int expect_finite_constants(const tse_config *settings, const char *name)
 {
-  const size_t first = offsetof(tse_params, kx_front), end = offsetof(tse_params, car);
+  const size_t first = offsetof(tse_params, follow), end = offsetof(tse_params, car) + offsetof(tse_car, driven);
   tse_config c = *settings;
   fit_together(&c);
   tse_params p;

@@ -25,8 +25,8 @@ static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, i
   c.driven_axle = driven_axle;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
-  const double wheelbase = number(p.lf) + number(p.lr), kf = number(p.ky_front), kr = number(p.ky_rear);
-  const double understeer = (number(p.lr) * kr - number(p.lf) * kf) / (wheelbase * kf * kr);
+  const double wheelbase = number(p.car.lf) + number(p.car.lr), kf = number(p.car.ky_front), kr = number(p.car.ky_rear);
+  const double understeer = (number(p.car.lr) * kr - number(p.car.lf) * kf) / (wheelbase * kf * kr);
   *valid = *refused = 0;
   for (int n = 0; n < 12000; n++) {
     const double t = 0.01 * n, w = 0.4, v = 14 + 4 * sin(w * t), ax = 4 * w * cos(w * t), r = 0.25 * sin(0.9 * t) * sin(0.07 * t);

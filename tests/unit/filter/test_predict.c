@@ -166,8 +166,8 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   z.z[2] = real(0.16);
   z.z[3] = z.z[4] = TSE_R(20);
   start_motion(&p, &k, &z);
-  const double lf = number(p.lf), lr = number(p.lr), across = 20 * 0.15, front = across * lr / (lf + lr) / number(p.ky_front),
-               back = across * lf / (lf + lr) / number(p.ky_rear);
+  const double lf = number(p.car.lf), lr = number(p.car.lr), across = 20 * 0.15, front = across * lr / (lf + lr) / number(p.car.ky_front),
+               back = across * lf / (lf + lr) / number(p.car.ky_rear);
   expect_near(20, number(k.x[VX]), 0, "vel_x", 0);
   expect_near(0.15, number(k.x[YAW]), 1e-7, "yaw rate", 0);
   expect_near(front, number(k.x[AF]), 1e-6, "slip angle, front", 0);

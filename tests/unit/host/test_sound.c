@@ -477,7 +477,7 @@ static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
   }
   other = sim;
   TEST_ASSERT_EQUAL_INT(TSE_OK, look_at_simulation());
-  other.params.lf += TSE_R(0.1);
+  other.params.car.lf += TSE_R(0.1);
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, look_at_simulation());
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_check(NULL, &c, &s));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_check(&sim, NULL, &s));

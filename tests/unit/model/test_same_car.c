@@ -43,7 +43,7 @@ static tse_sim_input driver_at(double t, double h, double steer, int pedals)
 static void slips_of(const tse_sim *sim, double slip[2])
 {
   const tse_params *const p = &sim->params;
-  const double d = number(sim->steer), side = number(sim->x[1]) + number(p->lf) * number(sim->x[2]);
+  const double d = number(sim->steer), side = number(sim->x[1]) + number(p->car.lf) * number(sim->x[2]);
   const double along[2] = { number(sim->x[0]) * cos(d) + side * sin(d), number(sim->x[0]) };
   const double turns[2] = { number(p->radius_front) * number(sim->x[3]), number(p->radius_rear) * number(sim->x[4]) };
   for (int a = 0; a < 2; a++) slip[a] = (turns[a] - along[a]) / fmax(along[a], turns[a]);

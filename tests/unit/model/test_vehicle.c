@@ -189,8 +189,8 @@ static void test_tyre_forces_oppose_the_velocity_of_their_contact_in_both_direct
     const slips l = slips_of(&p, s);
     TEST_ASSERT_TRUE(l.s_front * (s.u.v_front - s.m.x) >= TSE_R(0));
     TEST_ASSERT_TRUE(l.s_rear * (s.u.v_rear - s.m.x) >= TSE_R(0));
-    const double front = number(s.m.y) + number(p.lf) * number(s.m.r) - number(s.u.steer) * number(s.m.x);
-    const double rear = number(s.m.y) - number(p.lr) * number(s.m.r);
+    const double front = number(s.m.y) + number(p.car.lf) * number(s.m.r) - number(s.u.steer) * number(s.m.x);
+    const double rear = number(s.m.y) - number(p.car.lr) * number(s.m.r);
     if (fabs(front) > 1e-3) TEST_ASSERT_TRUE(number(l.a_front) * front < 0);
     if (fabs(rear) > 1e-3) TEST_ASSERT_TRUE(number(l.a_rear) * rear < 0);
   }
