@@ -95,175 +95,145 @@ static inline tse_acc acc_times(tse_acc s, int32_t n) { return s * (tse_real)n; 
 static inline tse_acc acc_share(tse_acc s, int32_t n) { return s / (tse_real)n; }
 static inline tse_acc acc_scale(tse_acc s, tse_real u) { return s * u; }
 
+/* What a format has of its own: its bits and the root; the polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2, as wide as it is. */
 #if defined(TSE_REAL_FLOAT)
-
-static inline uint32_t f32_bits(float x)
+typedef uint32_t real_bits;
+#define REAL_FRACTION 23                /* bits of a significand, behind its 1 */
+#define REAL_BIAS 127u                  /* exponent of 1 */
+#define REAL_MAGNITUDE 0x7fffffffu      /* all bits but the sign */
+#define REAL_INFINITY 0x7f800000u
+#define REAL_ROOT_HALF 0x00cafb0du      /* carries into the exponent from sqrt(1/2) on, which is then one more than REAL_BIAS says */
+#define REAL_MOST_INT 2147483520.0f     /* largest below 2^31 */
+#define REAL_UNIFORM 9                  /* bits of a random word that are too many */
+static inline tse_real r_sqrt(tse_real x) { return sqrtf(x); }
+static inline tse_real log2_series(tse_real z) { return 2.88539004f + z * (0.961798847f + z * (0.576714396f + z * 0.431735873f)); }
+static inline tse_real exp2_series(tse_real r)
 {
-  uint32_t u;
-  memcpy(&u, &x, sizeof u);
-  return u;
+  return 0.693147004f + r * (0.240222424f + r * (0.0555073358f + r * (0.00967149809f + r * 0.00132647553f)));
 }
-
-static inline float f32_from_bits(uint32_t u)
+static inline tse_real sine_series(tse_real z)
 {
-  float x;
-  memcpy(&x, &u, sizeof x);
-  return x;
+  const tse_real p3 = 0.075192228f + z * (0.00686792191f + z * 0.000389815948f); /* from z^3 on */
+  return 3.14159274f + z * (2.02611947f + z * (0.524037182f + z * p3));
 }
-
-static inline int r_is_finite(float x) { return (f32_bits(x) & 0x7f800000u) != 0x7f800000u; }
-static inline int r_is_nan(float x) { return (f32_bits(x) & 0x7fffffffu) > 0x7f800000u; }
-static inline float r_abs(float x) { return f32_from_bits(f32_bits(x) & 0x7fffffffu); }
-static inline float r_sqrt(float x) { return sqrtf(x); }
-
-/* Saturates; NaN gives INT32_MIN. */
-static inline int32_t r_floor_to_int(float x)
+static inline tse_real cosine_series(tse_real z)
 {
-  const float above = x > -2147483648.0f ? x : -2147483648.0f;
-  const float inside = above < 2147483520.0f ? above : 2147483520.0f;
-  const int32_t n = (int32_t)inside;
-  return n - (inside < (float)n ? 1 : 0);
+  const tse_real q3 = 0.0571990833f + z * (0.00624197442f + z * 0.000399173965f);
+  return 1.0f + z * (0.934801161f + z * (0.31949079f + z * q3));
 }
-
-/* Upper 23 bits and a half: exact, never 0 or 1. */
-static inline float r_uniform(uint32_t word)
+static inline tse_real atan_series(tse_real z)
 {
-  return ((float)(int32_t)(word >> 9) + 0.5f) * 1.1920928955078125e-7f;
+  return 1.0f + z * (-0.333327979f + z * (0.199744701f + z * (-0.138520882f + z * 0.0798673555f)));
 }
-
-/* x = 2^k m, sqrt(1/2) <= m < sqrt(2);  log2(m) = s P(s^2), s = (m-1)/(m+1).
- * 0 gives -127, infinity and NaN 128 and more, the sign of x is ignored: a broken argument reads as a huge one. */
-static inline float r_log2(float x)
-{
-  const uint32_t u = f32_bits(x) & 0x7fffffffu;
-  const uint32_t k = (u + 0x00cafb0du) >> 23;               /* exponent + 128 */
-  const float m = f32_from_bits(u - (k << 23) + 0x40000000u);
-  const float s = (m - 1.0f) / (m + 1.0f), z = s * s;
-  const float p = 2.88539004f + z * (0.961798847f + z * (0.576714396f + z * 0.431735873f));
-  return (float)((int32_t)k - 128) + s * p;
-}
-
-/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding 1.5*2^23 leaves k in the low bits. */
-static inline float r_exp2(float x)
-{
-  const float low = x < -120.0f ? -120.0f : x;
-  const float y = low > 120.0f ? 120.0f : low;
-  const float t = y + 12582912.0f;
-  const float r = y - (t - 12582912.0f);
-  const float p = 0.693147004f + r * (0.240222424f + r * (0.0555073358f + r * (0.00967149809f + r * 0.00132647553f)));
-  return (1.0f + r * p) * f32_from_bits((f32_bits(t) + 127u) << 23);
-}
-
-/* With v = 2t - 1:  sin = -v (1 - v^2) P(v^2),  cos = -(1 - 4 v^2) Q(v^2). */
-static inline void r_sincos_turn(float t, float *s, float *c)
-{
-  const float v = t + t - 1.0f, w = v * v;
-  const float p3 = -0.075192228f + w * (0.00686792191f + w * -0.000389815948f); /* from w^3 on */
-  const float p = 3.14159274f + w * (-2.02611947f + w * (0.524037182f + w * p3));
-  const float q3 = -0.0571990833f + w * (0.00624197442f + w * -0.000399173965f);
-  const float q = 1.0f + w * (-0.934801161f + w * (0.31949079f + w * q3));
-  *s = v * (w - 1.0f) * p;
-  *c = (4.0f * w - 1.0f) * q;
-}
-
-static inline float r_atan_eighth(float q)                  /* |q| <= tan(pi/8) */
-{
-  const float z = q * q;
-  return q * (1.0f + z * (-0.333327979f + z * (0.199744701f + z * (-0.138520882f + z * 0.0798673555f))));
-}
-#define R_PI 3.14159265f
-#define R_TAN_EIGHTH 0.414213562f
 
 #else /* double */
-
-static inline uint64_t f64_bits(double x)
+typedef uint64_t real_bits;
+#define REAL_FRACTION 52
+#define REAL_BIAS 1023u
+#define REAL_MAGNITUDE 0x7fffffffffffffffu
+#define REAL_INFINITY 0x7ff0000000000000u
+#define REAL_ROOT_HALF 0x00195f619980c433u
+#define REAL_MOST_INT 2147483647.0
+#define REAL_UNIFORM 1 /* SSE2 converts signed integers only */
+static inline tse_real r_sqrt(tse_real x) { return sqrt(x); }
+static inline tse_real log2_series(tse_real z)
 {
-  uint64_t u;
+  const tse_real p3 = 0.41220925104433 + z * (0.31990575530912474 + z * 0.2828992804167811); /* from z^3 on */
+  return 2.88539008177785 + z * (0.9617966941133057 + z * (0.5770779423769504 + z * p3));
+}
+static inline tse_real exp2_series(tse_real r)
+{
+  const tse_real p6 = 1.5252989702166316e-05 + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07); /* from r^6 on */
+  const tse_real p3 = 0.009618129181074433 + r * (0.0013333557626443204 + r * (0.00015403440941983887 + r * p6));
+  return 0.6931471805598856 + r * (0.24022650695723233 + r * (0.05550410866840444 + r * p3));
+}
+static inline tse_real sine_series(tse_real z)
+{
+  const tse_real p4 = 0.0069252258278788455 + z * (0.0004450618605954197 + z * (2.1020491844271662e-05 + z * 6.923677125970025e-07));
+  return 3.1415926535882295 + z * (2.026120126368309 + z * (0.524043911871401 + z * (0.07522060439727324 + z * p4)));
+}
+static inline tse_real cosine_series(tse_real z)
+{
+  const tse_real q6 = 2.588453671772188e-05 + z * (1.0594002489588727e-06 + z * 3.047553945987138e-08); /* from z^6 on */
+  const tse_real q3 = 0.057249471531854196 + z * (0.006332740904225213 + z * (0.00047591530986587416 + z * q6));
+  return 0.9999999999999934 + z * (0.9348022005434381 + z * (0.3195033242022668 + z * q3));
+}
+static inline tse_real atan_series(tse_real z)
+{
+  const tse_real p6 = 0.07564643175915622 + z * (-0.05877867766480258 + z * 0.03071132978538272); /* from z^6 on */
+  const tse_real p3 = -0.1428569090793922 + z * (0.1111039608499545 + z * (-0.09078528868272435 + z * p6));
+  return 0.9999999999999744 + z * (-0.3333333333088931 + z * (0.19999999615328912 + z * p3));
+}
+#endif
+
+#define REAL_ONE ((tse_real)1)
+#define REAL_LEAST_INT ((tse_real)-2147483648.0)
+#define REAL_WHOLE ((tse_real)((real_bits)1 << REAL_FRACTION)) /* from here on all numbers are whole */
+
+static inline real_bits bits_of(tse_real x)
+{
+  real_bits u;
   memcpy(&u, &x, sizeof u);
   return u;
 }
 
-static inline double f64_from_bits(uint64_t u)
+static inline tse_real from_bits(real_bits u)
 {
-  double x;
+  tse_real x;
   memcpy(&x, &u, sizeof x);
   return x;
 }
 
-static inline int r_is_finite(double x)
-{
-  return (f64_bits(x) & 0x7ff0000000000000u) != 0x7ff0000000000000u;
-}
-static inline int r_is_nan(double x) { return (f64_bits(x) & 0x7fffffffffffffffu) > 0x7ff0000000000000u; }
-static inline double r_abs(double x) { return f64_from_bits(f64_bits(x) & 0x7fffffffffffffffu); }
-static inline double r_sqrt(double x) { return sqrt(x); }
+static inline int r_is_finite(tse_real x) { return (bits_of(x) & REAL_INFINITY) != REAL_INFINITY; }
+static inline int r_is_nan(tse_real x) { return (bits_of(x) & REAL_MAGNITUDE) > REAL_INFINITY; }
+static inline tse_real r_abs(tse_real x) { return from_bits(bits_of(x) & REAL_MAGNITUDE); }
 
 /* Saturates; NaN gives INT32_MIN. */
-static inline int32_t r_floor_to_int(double x)
+static inline int32_t r_floor_to_int(tse_real x)
 {
-  const double above = x > -2147483648.0 ? x : -2147483648.0;
-  const double inside = above < 2147483647.0 ? above : 2147483647.0;
+  const tse_real above = x > REAL_LEAST_INT ? x : REAL_LEAST_INT;
+  const tse_real inside = above < REAL_MOST_INT ? above : REAL_MOST_INT;
   const int32_t n = (int32_t)inside;
-  return n - (inside < (double)n ? 1 : 0);
+  return n - (inside < (tse_real)n ? 1 : 0);
 }
 
-/* Upper 31 bits and a half: exact, never 0 or 1. 31, because SSE2 converts signed integers only. */
-static inline double r_uniform(uint32_t word)
+/* Upper bits and a half: exact, never 0 or 1. */
+static inline tse_real r_uniform(uint32_t word)
 {
-  return ((double)(int32_t)(word >> 1) + 0.5) * 4.656612873077392578125e-10;
+  return ((tse_real)(int32_t)(word >> REAL_UNIFORM) + (tse_real)0.5) * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
 }
 
 /* x = 2^k m, sqrt(1/2) <= m < sqrt(2);  log2(m) = s P(s^2), s = (m-1)/(m+1).
- * 0 gives -1023, infinity and NaN 1024 and more, the sign of x is ignored: a broken argument reads as a huge one.
- * k reaches a double through the low bits of 2^52, because SSE2 cannot convert 64-bit integers. */
-static inline double r_log2(double x)
+ * 0 gives -REAL_BIAS, infinity and NaN REAL_BIAS + 1 and more, the sign of x is ignored: a broken argument reads as a huge one.
+ * k becomes a number through the low bits of REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
+static inline tse_real r_log2(tse_real x)
 {
-  const uint64_t u = f64_bits(x) & 0x7fffffffffffffffu;
-  const uint64_t k = (u + 0x00195f619980c433u) >> 52;       /* exponent + 1024 */
-  const double m = f64_from_bits(u - (k << 52) + 0x4000000000000000u);
-  const double s = (m - 1.0) / (m + 1.0), z = s * s;
-  const double p3 = 0.41220925104433 + z * (0.31990575530912474 + z * 0.2828992804167811); /* from z^3 on */
-  const double p = 2.88539008177785 + z * (0.9617966941133057 + z * (0.5770779423769504 + z * p3));
-  return (f64_from_bits(k | 0x4330000000000000u) - (4503599627370496.0 + 1024.0)) + s * p;
+  const real_bits u = bits_of(x) & REAL_MAGNITUDE, k = (u + REAL_ROOT_HALF) >> REAL_FRACTION; /* exponent + REAL_BIAS + 1 */
+  const tse_real m = from_bits(u - (k << REAL_FRACTION) + (((real_bits)REAL_BIAS + 1u) << REAL_FRACTION));
+  const tse_real s = (m - REAL_ONE) / (m + REAL_ONE);
+  return (from_bits(k | ((real_bits)(REAL_BIAS + REAL_FRACTION) << REAL_FRACTION)) - (REAL_WHOLE + (tse_real)(REAL_BIAS + 1u))) + s * log2_series(s * s);
 }
 
-/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding 1.5*2^52 leaves k in the low bits. */
-static inline double r_exp2(double x)
+/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding one and a half REAL_WHOLE leaves k in the low bits. */
+static inline tse_real r_exp2(tse_real x)
 {
-  const double low = x < -120.0 ? -120.0 : x;
-  const double y = low > 120.0 ? 120.0 : low;
-  const double t = y + 6755399441055744.0;
-  const double r = y - (t - 6755399441055744.0);
-  const double p6 = 1.5252989702166316e-05 + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07); /* from r^6 on */
-  const double p3 = 0.009618129181074433 + r * (0.0013333557626443204 + r * (0.00015403440941983887 + r * p6));
-  const double p = 0.6931471805598856 + r * (0.24022650695723233 + r * (0.05550410866840444 + r * p3));
-  return (1.0 + r * p) * f64_from_bits((f64_bits(t) + 1023u) << 52);
+  const tse_real low = x < -120 ? -120 : x, y = low > 120 ? 120 : low;
+  const tse_real rounder = (tse_real)1.5 * REAL_WHOLE, t = y + rounder, r = y - (t - rounder);
+  return (REAL_ONE + r * exp2_series(r)) * from_bits((bits_of(t) + REAL_BIAS) << REAL_FRACTION);
 }
 
-/* With v = 2t - 1:  sin = -v (1 - v^2) P(v^2),  cos = -(1 - 4 v^2) Q(v^2). */
-static inline void r_sincos_turn(double t, double *s, double *c)
+/* With v = 2t - 1:  sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2): of -v^2, because all coefficients are above 0 then. Of sums
+ * beside differences gcc 12 makes fused instructions, in spite of -ffp-contract=off. */
+static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
-  const double v = t + t - 1.0, w = v * v;
-  const double p4 = 0.0069252258278788455 + w * (-0.0004450618605954197 + w * (2.1020491844271662e-05 + w * -6.923677125970025e-07));
-  const double p = 3.1415926535882295 + w * (-2.026120126368309 + w * (0.524043911871401 + w * (-0.07522060439727324 + w * p4)));
-  const double q6 = 2.588453671772188e-05 + w * (-1.0594002489588727e-06 + w * 3.047553945987138e-08); /* from w^6 on */
-  const double q3 = -0.057249471531854196 + w * (0.006332740904225213 + w * (-0.00047591530986587416 + w * q6));
-  const double q = 0.9999999999999934 + w * (-0.9348022005434381 + w * (0.3195033242022668 + w * q3));
-  *s = v * (w - 1.0) * p;
-  *c = (4.0 * w - 1.0) * q;
+  const tse_real v = t + t - REAL_ONE, w = v * v;
+  *s = v * (w - REAL_ONE) * sine_series(-w);
+  *c = (4 * w - REAL_ONE) * cosine_series(-w);
 }
 
-static inline double r_atan_eighth(double q)                /* |q| <= tan(pi/8) */
-{
-  const double z = q * q;
-  const double p6 = 0.07564643175915622 + z * (-0.05877867766480258 + z * 0.03071132978538272); /* from z^6 on */
-  const double p3 = -0.1428569090793922 + z * (0.1111039608499545 + z * (-0.09078528868272435 + z * p6));
-  return q * (0.9999999999999744 + z * (-0.3333333333088931 + z * (0.19999999615328912 + z * p3)));
-}
-#define R_PI 3.141592653589793
-#define R_TAN_EIGHTH 0.41421356237309503
-
-#endif /* float, double */
+static inline tse_real atan_eighth(tse_real q) { return q * atan_series(q * q); } /* |q| <= tan(pi/8) */
+#define R_PI ((tse_real)3.141592653589793)
+#define R_TAN_EIGHTH ((tse_real)0.41421356237309503)
 
 static inline int32_t r_to_q24(tse_real x)
 {
@@ -283,9 +253,9 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
     return 0;
   }
   if (small > R_TAN_EIGHTH * big) {
-    a = R_PI / 4 + r_atan_eighth((small - big) / (small + big));
+    a = R_PI / 4 + atan_eighth((small - big) / (small + big));
   } else {
-    a = r_atan_eighth(small / big);
+    a = atan_eighth(small / big);
   }
   if (ax < ay) { a = R_PI / 2 - a; }
   if (x < 0) { a = R_PI - a; }

@@ -635,10 +635,8 @@ static uint32_t digest(uint32_t hash, tse_real x)
   uint64_t bits = 0;
 #if defined(TSE_REAL_FIXED)
   bits = (uint64_t)x;
-#elif defined(TSE_REAL_FLOAT)
-  bits = f32_bits(x);
 #else
-  bits = f64_bits(x);
+  bits = bits_of(x);
 #endif
   for (size_t i = 0; i < sizeof x; i++) {
     hash = (hash ^ (uint32_t)(bits >> (8 * i) & 255u)) * 16777619u;
