@@ -63,25 +63,26 @@ void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 }
 
 /* Bring the transition of the motion into units of the state. Slopes over a stiffness count by how much of the slip is no error.
- *   Updated: M      Returned: slope, which may be where M is */
-static void scale_transition(tse_real M[MOTION][COLUMNS], const tse_real share[3], int no_slip, tse_short slope[MOTION][COLUMNS])
+ *   Updated: M      from car_move() to ud_move() */
+static void scale_transition(tse_short M[MOTION][COLUMNS], const tse_real share[3], int no_slip)
 {
   r_factored unit[STATES];
   for (int i = 0; i < MOTION; i++)
-    for (int a = 0; a < 3; a++) M[i][LCX + a] = r_mul(M[i][LCX + a], share[a]);
-  if (no_slip) M[VX][LCX] = TSE_R(0);
+    for (int a = 0; a < 3; a++) M[i][LCX + a] = r_short_scaled(r_mul(r_long_scaled(M[i][LCX + a], ROW_UP), share[a]), ROW_UP);
+  if (no_slip) M[VX][LCX] = r_short(TSE_R(0));
   for (int j = 0; j < STATES; j++) unit[j] = r_unit(state_unit[j]);
   for (int i = 0; i < MOTION; i++) {
     const r_factored own = r_over_unit(state_unit[i]);
-    for (int j = 0; j < STATES; j++) slope[i][j] = M[i][j] != TSE_R(0) ? r_slope_in_units(M[i][j], unit[j], own, STEEPEST) : r_slope(TSE_R(0));
-    for (int j = STATES; j < COLUMNS; j++) slope[i][j] = r_short_over(M[i][j], own, STEEPEST);
+    for (int j = 0; j < STATES; j++)
+      if (M[i][j] != TSE_R(0)) M[i][j] = r_slope_in_units(M[i][j], unit[j], own, STEEPEST);
+    for (int j = STATES; j < COLUMNS; j++) M[i][j] = r_short_over(M[i][j], own, STEEPEST);
   }
 }
 
 steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
 {
-  tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES], share[3];
-  tse_short room[MOTION][COLUMNS], (*const slope)[COLUMNS] = r_rows_of(M, room);
+  tse_short M[MOTION][COLUMNS];
+  tse_real noise[MOTION], keep[STATES], share[3];
   const tse_real dt = z->dt;
   const steering u = delayed(p, k, z);
   signal_shares(k, share);
@@ -90,12 +91,12 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
     k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
     noise[i] = r_mul(r_sqr(WALK_SHARE), dt);
   }
-  scale_transition(M, share, z->no_slip, slope);
-  ud_move(&k->p, slope, noise);
+  scale_transition(M, share, z->no_slip);
+  ud_move(&k->p, M, noise);
   for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
   keep[SF] = keep[SR] = left_of(dt, SLIP_TIME);
   keep[GX] = keep[GY] = left_of(dt, ROAD_TIME);
-  sensitivities_move(p, k, slope, keep, dt);
+  sensitivities_move(p, k, M, keep, dt);
   fade(k, SF, keep[SF], SLIP_SD);
   fade(k, SR, keep[SR], SLIP_SD);
   rest_row(p, k, dt);

@@ -133,16 +133,13 @@ static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real 
   return mode_swing(x[PHI], x[DPHI], c->roll_rate, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* Slopes of the motion over state and uncertain quantities: rows that are scaled. */
-typedef tse_short *slopes[MOTION];
-
 /* Whether the motion has a slope over it: biases and the front radius are of the sensors. */
 static int moves(int j) { return !(j >= BX && j <= BR) && j != RAD; }
 
 static void add_to(tse_short *x, tse_real more) { *x = r_short_sum(*x, r_short_scaled(more, ROW_UP)); }
 
 /* Move velocities and roll by a substep of h, and their slopes by the chain rule in the same order.   Given: f  forces in its middle */
-static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real h, const slopes M)
+static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real h, tse_short M[MOTION][COLUMNS])
 {
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
   const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
@@ -181,7 +178,7 @@ static void substep_velocities(const tse_car *c, tse_real x[STATES], const force
 }
 
 /* Move the slip angles by the substep, with the velocities and the roll behind it, and their slopes.   Given: steer  behind it, late */
-static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forces *f, tse_real steer, tse_real h, const slopes M)
+static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forces *f, tse_real steer, tse_real h, tse_short M[MOTION][COLUMNS])
 {
   const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn), goes = TSE_R(1) - stays;
   const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
@@ -211,26 +208,21 @@ static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forc
   add_to(&mb[BY_ROLL_STEER], r_mul(goes, x[PHI]));
 }
 
-void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS])
+void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_short M[MOTION][COLUMNS])
 {
   int32_t steps = -r_floor_to_int(-r_div(u.dt, LONGEST));
   steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS
                                                : steps;
   const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part);
-  tse_short room[MOTION][COLUMNS];
-  slopes rows;
-  for (int i = 0; i < MOTION; i++) {
-    rows[i] = r_row_scaled(M[i], room[i]);
-    for (int j = 0; j < COLUMNS; j++) rows[i][j] = r_short_scaled(i == j ? TSE_R(1) : TSE_R(0), ROW_UP);
-  }
+  for (int i = 0; i < MOTION; i++)
+    for (int j = 0; j < COLUMNS; j++) M[i][j] = r_short_scaled(i == j ? TSE_R(1) : TSE_R(0), ROW_UP);
   for (int32_t n = 0; n < steps; n++) {
     const tse_real from = r_mul(part, r_from_int(n));
     forces f;
     car_forces(c, x, u, from + r_mul(TSE_R(0.5), part), &f);
-    substep_velocities(c, x, &f, h, rows);
-    substep_slip_angles(c, x, &f, u.from + r_mul(from + part, u.to - u.from) - r_mul(x[LATE], f.rate), h, rows);
+    substep_velocities(c, x, &f, h, M);
+    substep_slip_angles(c, x, &f, u.from + r_mul(from + part, u.to - u.from) - r_mul(x[LATE], f.rate), h, M);
   }
-  for (int i = 0; i < MOTION; i++) r_row_back(M[i], rows[i], COLUMNS);
 }
 
 void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS])

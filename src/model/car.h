@@ -120,9 +120,10 @@ void car_secants(const tse_car *c, const tse_real x[STATES], tse_real share[3]);
 
 /* Move x through the row u and find the transition of the motion.
  *   Updated:   x
- *   Returned:  M[MOTION][COLUMNS]  slopes of the motion at the end over state and uncertain quantities at the start, SI units
+ *   Returned:  M[MOTION][COLUMNS]  slopes of the motion at the end over state and uncertain quantities at the start, SI units;
+ *              r_short_scaled(x, ROW_UP)
  *   O(substeps) time, at most TSE_SUBSTEPS. */
-void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS]);
+void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_short M[MOTION][COLUMNS]);
 
 /* Find how fast speeds along and across and the yaw rate change at x.
  *   Given:     f  car_forces() there

@@ -60,11 +60,6 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up) { return (v
 static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; }
 static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
 
-/* Rows of another format, made of those: themselves. */
-#define r_rows_of(x, room) ((void)(room), (x))
-static inline tse_short *r_row_scaled(tse_real *x, tse_short *room) { return (void)room, x; }
-static inline void r_row_back(tse_real *x, const tse_short *row, int n) { (void)x, (void)row, (void)n; }
-
 /* Return whether a number of a row is above 15/16 of what it may be, where it stops. */
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
@@ -73,8 +68,8 @@ static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
-static inline tse_short r_slope_in_units(tse_real x, r_factored to, r_factored over, tse_real most) { return r_clamp(r_mul(r_mul(x, to), over), -most, most); }
-static inline tse_short r_short_over(tse_real x, r_factored over, tse_real most) { return r_clamp(r_mul(x, over), -most, most); }
+static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most) { return r_clamp(r_mul(r_mul(x, to), over), -most, most); }
+static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most) { return r_clamp(r_mul(x, over), -most, most); }
 static inline tse_short r_slope_sum(tse_short from, const tse_short *slope, const tse_short *x, int n)
 {
   for (int i = 0; i < n; i++) from += r_mul(slope[i], x[i]);
@@ -187,41 +182,15 @@ static inline int64_t fixed_shifted(int64_t x, int right)
   return x > most ? FIXED_MOST : (x < -most ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
-/* x 2^-right, nearest, as a tse_short, x up to 2^62. Where it stops lower digits remain. high: the upper half of y. */
+/* x 2^-right, nearest, within so many bits, those of a tse_short; x up to 2^62. Where it stops lower digits remain. */
 static inline uint64_t fixed_half_up(int64_t x, int right) { return (uint64_t)x + ((uint64_t)1 << (right - 1)); }
-static inline int32_t fixed_joined(int32_t high, uint64_t y, int right) { return (int32_t)(((uint32_t)high << (32 - right)) | ((uint32_t)y >> right)); }
-#define FIXED_NARROW_TO(y, right, bits) fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)((y) >> 32), (bits) + (right) - 32), y, right)
-#define FIXED_NARROW(y, right) FIXED_NARROW_TO(y, right, 31)
-
-static inline int32_t fixed_to_short(int64_t x)
-{
-  const uint64_t y = fixed_half_up(x, FIXED_BITS - SHORT_BITS);
-  return FIXED_NARROW(y, FIXED_BITS - SHORT_BITS);
-}
-
-static inline int32_t fixed_to_coef(int64_t x)
-{
-  const uint64_t y = fixed_half_up(x, FIXED_BITS - COEF_BITS);
-  return FIXED_NARROW(y, FIXED_BITS - COEF_BITS);
-}
-
-static inline int32_t total_to_short(int64_t x)
-{
-  const uint64_t y = fixed_half_up(x, COEF_BITS);
-  return FIXED_NARROW(y, COEF_BITS);
-}
-
-static inline int32_t total_to_rate(int64_t x)
-{
-  const uint64_t y = fixed_half_up(x, COEF_BITS + ROW_UP);
-  return FIXED_NARROW(y, COEF_BITS + ROW_UP);
-}
+static inline int32_t fixed_joined(int32_t high, uint32_t low, int right) { return (int32_t)(((uint32_t)high << (32 - right)) | (low >> right)); }
+#define FIXED_NARROW_TO(x, right, bits) \
+  fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)(fixed_half_up(x, right) >> 32), (bits) + (right) - 32), (uint32_t)fixed_half_up(x, right), right)
+#define FIXED_NARROW(x, right) FIXED_NARROW_TO(x, right, 31)
 
 /* Leading zeros of the magnitude, 1 .. 63; of all bits of several that are ored. */
-static inline int64_t fixed_bits_of(int64_t x)
-{
-  return x < 0 ? ~x : x;
-}
+static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
 static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
 
 /* The 31 binary digits of x that follow so many leading zeros (or fewer than it has), with its sign. */
@@ -232,7 +201,7 @@ static inline tse_short r_short_scaled(tse_real x, int up)
   const int64_t y = fixed_shifted(x, FIXED_BITS - SHORT_BITS - up);
   return y > SHORT_MOST - 1 ? SHORT_MOST - 1 : (y < -SHORT_MOST ? -SHORT_MOST : (int32_t)y);
 }
-static inline tse_short r_short(tse_real x) { return fixed_to_short(x); }
+static inline tse_short r_short(tse_real x) { return FIXED_NARROW(x, FIXED_BITS - SHORT_BITS); }
 static inline int r_near_end(const tse_short *x, int n)
 {
   uint32_t bits = 0;
@@ -323,13 +292,6 @@ static inline int32_t row_of(const tse_real *x, int n, tse_short *m, int digits)
   return zeros + digits - 64;
 }
 
-#define r_rows_of(x, room) ((void)(x), (room))
-static inline tse_short *r_row_scaled(tse_real *x, tse_short *room) { return (void)x, room; }
-static inline void r_row_back(tse_real *x, const tse_short *row, int n)
-{
-  for (int i = 0; i < n; i++) x[i] = (tse_real)row[i] * ((tse_real)1 << (FIXED_BITS - SHORT_BITS - ROW_UP));
-}
-
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
 {
   *right = row_of(x, n, room, 27);
@@ -344,13 +306,17 @@ static inline r_scaled r_scaled_of(const tse_real *x, int n, tse_short *room)
 }
 
 /* Of 32 products at most, each below 2^57. */
-static inline tse_real r_sum(tse_real from, const tse_short *x, const tse_short *row, int32_t right, int n)
+static inline int64_t fixed_sum(const tse_short *a, const tse_short *b, int n)
 {
   int64_t sum = 0;
   int i = 0;
-  for (; i + 4 <= n; i += 4) sum += fixed_product(row[i], x[i]) + fixed_product(row[i + 1], x[i + 1]) + fixed_product(row[i + 2], x[i + 2]) + fixed_product(row[i + 3], x[i + 3]);
-  for (; i < n; i++) sum += fixed_product(row[i], x[i]);
-  return from + fixed_shifted(sum, SHORT_BITS + right);
+  for (; i + 4 <= n; i += 4) sum += fixed_product(a[i], b[i]) + fixed_product(a[i + 1], b[i + 1]) + fixed_product(a[i + 2], b[i + 2]) + fixed_product(a[i + 3], b[i + 3]);
+  for (; i < n; i++) sum += fixed_product(a[i], b[i]);
+  return sum;
+}
+static inline tse_real r_sum(tse_real from, const tse_short *x, const tse_short *row, int32_t right, int n)
+{
+  return from + fixed_shifted(fixed_sum(row, x, n), SHORT_BITS + right);
 }
 
 static inline void r_sparse_of(const tse_real *x, int n, r_sparse *s)
@@ -441,11 +407,7 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
 /* Slopes: 2^-SLOPE_BITS, up to 16, so that 32 products with a row are below 2^62. Units: 2^-8 .. 1, of what is divided by one 1 is more. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* digits, and the sign's */
-static inline tse_short r_slope(tse_real x)
-{
-  const uint64_t y = fixed_half_up(x, FIXED_BITS - SLOPE_BITS);
-  return FIXED_NARROW_TO(y, FIXED_BITS - SLOPE_BITS, SLOPE_ALL);
-}
+static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
 static inline r_factored r_unit(tse_real unit)
 {
   const r_factored half = { factor_below_half(r_factor(unit, -1)), 0 };
@@ -457,33 +419,23 @@ static inline r_factored r_over_unit(tse_real unit)
   return part;
 }
 
-/* Slopes before are those of rows that are scaled. */
-static inline int32_t fixed_to_scaled(int64_t x)
+static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most)
 {
-  const uint64_t y = fixed_half_up(x, FIXED_BITS - SHORT_BITS - ROW_UP);
-  return FIXED_NARROW(y, FIXED_BITS - SHORT_BITS - ROW_UP);
+  const int32_t moved = short_plus(0, x, to.m); /* half of it */
+  const int64_t product = fixed_product(moved, over.m);
+  return (void)most, FIXED_NARROW_TO(product, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
 }
 
-static inline tse_short r_slope_in_units(tse_real x, r_factored to, r_factored over, tse_real most)
+static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most)
 {
-  const int32_t moved = short_plus(0, fixed_to_scaled(x), to.m); /* half of it */
-  const uint64_t y = fixed_half_up(fixed_product(moved, over.m), SHORT_BITS + ROW_UP + 22 - SLOPE_BITS);
-  return (void)most, FIXED_NARROW_TO(y, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
-}
-
-static inline tse_short r_short_over(tse_real x, r_factored over, tse_real most)
-{
-  const uint64_t y = fixed_half_up(fixed_product(fixed_to_scaled(x), over.m), ROW_UP + 23);
-  return (void)most, FIXED_NARROW(y, ROW_UP + 23);
+  const int64_t product = fixed_product(x, over.m);
+  return (void)most, FIXED_NARROW(product, ROW_UP + 23);
 }
 
 static inline tse_short r_slope_sum(tse_short from, const tse_short *slope, const tse_short *x, int n)
 {
-  int64_t sum = (int64_t)from * (1 << SHORT_BITS) + (1 << (SLOPE_BITS - 1));
-  int i = 0;
-  for (; i + 4 <= n; i += 4) sum += fixed_product(slope[i], x[i]) + fixed_product(slope[i + 1], x[i + 1]) + fixed_product(slope[i + 2], x[i + 2]) + fixed_product(slope[i + 3], x[i + 3]);
-  for (; i < n; i++) sum += fixed_product(slope[i], x[i]);
-  return FIXED_NARROW((uint64_t)sum, SLOPE_BITS);
+  const int64_t sum = (int64_t)from * (1 << SHORT_BITS) + fixed_sum(slope, x, n);
+  return FIXED_NARROW(sum, SLOPE_BITS);
 }
 
 /* Sums of products that are made element by element, of coefficients and numbers of rows that are scaled: exact in 64 bits, rounded at
@@ -492,13 +444,13 @@ static inline tse_short r_slope_sum(tse_short from, const tse_short *slope, cons
  * Of 7 products at most, each below 2^60. */
 typedef int32_t r_coefficient;
 typedef int64_t r_total;
-static inline r_coefficient r_coef(tse_real x) { return fixed_to_coef(x); }
+static inline r_coefficient r_coef(tse_real x) { return FIXED_NARROW(x, FIXED_BITS - COEF_BITS); }
 static inline r_total r_start(tse_short x) { return (int64_t)x * (1 << COEF_BITS); }
 static inline r_total r_product(r_coefficient a, tse_short x) { return fixed_product(a, x); }
 static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s + fixed_product(a, x); }
 static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - fixed_product(a, x); }
-static inline tse_short r_end(r_total s) { return total_to_short(s); }
-static inline tse_short r_end_rate(r_total s) { return total_to_rate(s); }
+static inline tse_short r_end(r_total s) { return FIXED_NARROW(s, COEF_BITS); }
+static inline tse_short r_end_rate(r_total s) { return FIXED_NARROW(s, COEF_BITS + ROW_UP); }
 static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return short_plus_any(x, y, h); }
 static inline tse_short r_short_sum(tse_short x, tse_short y) { return short_stop(x + y); }
 

@@ -102,7 +102,8 @@ static inline double truth_noise(truth *w, double sd) { return w->noise * sd * n
 /* The row after dt. Speed is held by the driver, who brakes and accelerates in turn. */
 static inline tse_input truth_row(truth *w, double dt)
 {
-  tse_real M[MOTION][COLUMNS], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+  tse_short M[MOTION][COLUMNS];
+  tse_real z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
   forces f;
   tse_input u;
   double left = dt, reading[TSE_SENSORS];

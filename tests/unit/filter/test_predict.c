@@ -48,6 +48,7 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
   for (int n = 0; n < 30; n++) {
     static tse_kalman k;
     const tse_params p = a_car();
+    tse_short scaled[MOTION][COLUMNS];
     tse_real x[STATES], M[MOTION][COLUMNS];
     double F[STATES][STATES], FP[STATES][STATES];
     in_a_turn(&p, &k, &seed);
@@ -56,7 +57,9 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     const decoded z = a_row(0.01, 0.023);
     const steering u = { real(0.02), real(0.023), real(0.01) };
     memcpy(x, k.x, sizeof x);
-    car_move(&p.car, x, u, M);
+    car_move(&p.car, x, u, scaled);
+    for (int i = 0; i < MOTION; i++)
+      for (int j = 0; j < COLUMNS; j++) M[i][j] = r_long_scaled(scaled[i][j], ROW_UP);
     weaken(M, MOTION, &before);
     (void)predict_row(&p, &k, &z);
     for (int i = 0; i < STATES; i++)

@@ -4,6 +4,7 @@
 #include <time.h>
 
 #include "model/car.h"
+#include "number/vector.h"
 
 #include "unit_support.h"
 
@@ -104,7 +105,8 @@ static void expect_slope(double expected, double actual, double scale, double sh
 /* by_slip: columns of what drives, too. */
 static void expect_slopes(const tse_car *c, int by_slip, double share, double least, uint32_t seed)
 {
-  tse_real x[STATES], M[MOTION][COLUMNS], N[MOTION][COLUMNS], H[TSE_SENSORS][COLUMNS], ignored[TSE_SENSORS][COLUMNS], z[2][TSE_SENSORS];
+  tse_short M[MOTION][COLUMNS], N[MOTION][COLUMNS];
+  tse_real x[STATES], H[TSE_SENSORS][COLUMNS], ignored[TSE_SENSORS][COLUMNS], z[2][TSE_SENSORS];
   static const double sensor_unit[TSE_SENSORS] = { 0.1, 0.1, 0.003, 0.02, 0.02 };
   for (int n = 0; n < 40; n++) {
     any_state(x, &seed);
@@ -299,7 +301,8 @@ static void test_left_is_the_mirror_of_right(void)
   c.lever_y = c.mount_sin = c.pull_front = c.pull_rear = TSE_R(0); /* these have one */
   uint32_t seed = 3;
   for (int n = 0; n < 30; n++) {
-    tse_real x[STATES], y[STATES], M[MOTION][COLUMNS], N[MOTION][COLUMNS], z[TSE_SENSORS], w[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+    tse_short M[MOTION][COLUMNS], N[MOTION][COLUMNS];
+    tse_real x[STATES], y[STATES], z[TSE_SENSORS], w[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
     forces f, g;
     any_state(x, &seed);
     memcpy(y, x, sizeof x);
@@ -325,7 +328,7 @@ static void test_left_is_the_mirror_of_right(void)
 
 static void advance(const tse_car *c, tse_real x[STATES], double from, double to, double dt)
 {
-  tse_real M[MOTION][COLUMNS];
+  tse_short M[MOTION][COLUMNS];
   const steering u = { real(from), real(to), real(dt) };
   car_move(c, x, u, M);
 }
@@ -534,7 +537,8 @@ static void test_any_state_makes_numbers(void)
   for (int load = 0; load < 2; load++)
     for (int n = 0; n < 400; n++) {
       const tse_car c = some_car(load);
-      tse_real x[STATES], M[MOTION][COLUMNS], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+      tse_short M[MOTION][COLUMNS];
+      tse_real x[STATES], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
       forces f;
       for (int i = 0; i < STATES; i++) x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1
                                                                                                                              : 1));
@@ -544,7 +548,7 @@ static void test_any_state_makes_numbers(void)
       car_measure(&c, x, &f, TSE_R(0), z, H);
       for (int i = 0; i < MOTION; i++) {
         TEST_ASSERT_TRUE(r_is_finite(x[i]));
-        for (int j = 0; j < COLUMNS; j++) TEST_ASSERT_TRUE(r_is_finite(M[i][j]));
+        for (int j = 0; j < COLUMNS; j++) TEST_ASSERT_TRUE(r_is_finite(r_long(M[i][j])));
       }
       for (int a = 0; a < TSE_SENSORS; a++) {
         TEST_ASSERT_TRUE(r_is_finite(z[a]));

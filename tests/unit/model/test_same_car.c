@@ -62,7 +62,8 @@ static void start(const tse_params *p, const tse_sim *sim, tse_real x[STATES])
 static void compare(const tse_config *c, double h, double steer, int pedals, drive *d)
 {
   static tse_sim sim;
-  static tse_real M[MOTION][COLUMNS], H[TSE_SENSORS][COLUMNS];
+  static tse_short M[MOTION][COLUMNS];
+  static tse_real H[TSE_SENSORS][COLUMNS];
   const tse_params p = prepared(c);
   tse_sim_config s;
   tse_sim_output y;

@@ -148,12 +148,12 @@ static void test_slopes_are_brought_into_units_and_multiply_rows(void)
     const double to = next_between(&seed, 0.005, 0.5), over = next_between(&seed, 0.01, 0.5), x = next_between(&seed, -3, 3) * (n % 2 ? 0.01 : 1);
     const double ratio = number(real(x)) * number(real(to)) / number(real(over)), held = BY_NUMBER(ratio, ratio, fmax(-16, fmin(16, ratio)));
     const r_factored unit = r_unit(real(to)), own = r_over_unit(real(over));
-    const tse_short slope = r_slope_in_units(real(x), unit, own, real(most)), one = short_of(1);
+    const tse_short slope = r_slope_in_units(r_short_scaled(real(x), ROW_UP), unit, own, real(most)), one = short_of(1);
     /* of what is scaled by 2^ROW_UP a step is 2^-26, times 1/over */
     const double near = 2 * RELATIVE * fabs(ratio) + step + BY_NUMBER(0, 0, ldexp(1.5, -25)) / over;
     if (fabs(ratio) < 15.9) expect_near(held, number_of(r_slope_sum(short_of(0), &slope, &one, 1)), near + 0.5 * STEP, "in units", n);
     else TEST_ASSERT_TRUE(fabs(number_of(r_slope_sum(short_of(0), &slope, &one, 1))) > 15);
-    if (fabs(x / over) < 250) expect_near(number(real(x)) / number(real(over)), number_of(r_short_over(real(x), own, real(most))), near + 0.5 * STEP + RELATIVE * fabs(x / over), "of a row", n);
+    if (fabs(x / over) < 250) expect_near(number(real(x)) / number(real(over)), number_of(r_short_over(r_short_scaled(real(x), ROW_UP), own, real(most))), near + 0.5 * STEP + RELATIVE * fabs(x / over), "of a row", n);
   }
   for (int n = 0; n < 500; n++) {
     tse_short slope[N], x[N];
