@@ -47,10 +47,7 @@ typedef int64_t tse_real;
 typedef int64_t tse_setting;
 #define TSE_FORMAT_NAME "fixed"
 #define TSE_NAME(name) name##_fix
-/* Bits behind the point. 32 is what the library is tested with (scripts/results/fixed.md). */
-#ifndef TSE_FRACTION_BITS
-#define TSE_FRACTION_BITS 32
-#endif
+#define TSE_FRACTION_BITS 32 /* behind the point */
 /* For literals only: the compiler folds it, no floating-point code remains. Rounds to nearest. */
 #define TSE_R(x) ((tse_real)((x) * (double)((int64_t)1 << TSE_FRACTION_BITS) + ((x) < 0 ? -0.5 : 0.5)))
 /* Settings are of single precision: what the fingerprint of a vehicle is made of (tse/learnt.h), so that every build has the same. */

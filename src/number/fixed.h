@@ -22,9 +22,6 @@
 #define FIXED_ONE ((int64_t)1 << FIXED_BITS)
 #define FIXED_NAN INT64_MIN                                 /* what is no number: comes from outside only */
 
-#if TSE_FRACTION_BITS < 24 || TSE_FRACTION_BITS > 40 || TSE_FRACTION_BITS % 2
-#error "TSE_FRACTION_BITS must be even (square roots) and lie in 24 .. 40"
-#endif
 typedef char fixed_needs_arithmetic_shift[((int64_t)-3 >> 1) == -2 ? 1 : -1];
 typedef char fixed_needs_twos_complement[(int32_t)0xfffffffeu == -2 ? 1 : -1];
 
@@ -53,10 +50,9 @@ static inline int64_t fixed_product(int32_t a, int32_t b)
 #endif
 }
 
-/* a b from halves, nearest, ties towards +infinity.   Given: a, b  of up to fifteen results */
+/* a b from halves, nearest, ties towards +infinity: of lower halves with a sign all products have one.   Given: a, b  of up to fifteen results */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 {
-#if FIXED_BITS == 32 /* whole words: no shift, and of lower halves with a sign all products have one */
   const int32_t al = (int32_t)(uint32_t)a, bl = (int32_t)(uint32_t)b;
   const int32_t ah = (int32_t)(uint32_t)(((uint64_t)a - (uint64_t)(int64_t)al) >> 32), bh = (int32_t)(uint32_t)(((uint64_t)b - (uint64_t)(int64_t)bl) >> 32);
   const int64_t low = (fixed_product(al, bl) + ((int64_t)1 << 31)) >> 32;
@@ -65,19 +61,6 @@ static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
   if (hi >= most) return FIXED_MOST;
   if (hi < -most) return -FIXED_MOST;
   return (int64_t)(((uint64_t)hi << 32) | (uint32_t)middle);
-#else
-  const int32_t ah = (int32_t)(a >> 32), bh = (int32_t)(b >> 32);
-  const uint32_t al = (uint32_t)((uint64_t)a & 0xffffffffu), bl = (uint32_t)((uint64_t)b & 0xffffffffu);
-  const uint64_t low = (uint64_t)al * bl;
-  const int64_t across = (int64_t)ah * (int64_t)bl + (int64_t)(low >> 32);
-  const int64_t middle = (int64_t)al * (int64_t)bh + (int64_t)((uint64_t)across & 0xffffffffu);
-  const int64_t hi = (int64_t)ah * bh + (across >> 32) + (middle >> 32);
-  const int64_t most = (int64_t)1 << (FIXED_BITS - 1 - FIXED_ROOM);
-  if (hi >= most) return FIXED_MOST;
-  if (hi < -most) return -FIXED_MOST;
-  const uint64_t lo = ((uint64_t)middle << 32) | (low & 0xffffffffu);
-  return hi * ((int64_t)1 << (64 - FIXED_BITS)) + (int64_t)(lo >> FIXED_BITS) + (int64_t)((lo >> (FIXED_BITS - 1)) & 1u);
-#endif
 }
 
 /* Leading zeros of x > 0. */

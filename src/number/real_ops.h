@@ -7,7 +7,7 @@
  *                 1.5*2^52 has to round); what of it can be seen below is an error, tse_self_test()
  *                 sees the rest. Free of branches, so that loops over particles vectorise with
  *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
- * fixed           Integers only, 64 bits with TSE_FRACTION_BITS of them behind the point: number/fixed.h. Every result
+ * fixed           Integers only, 64 bits with 32 of them behind the point: number/fixed.h. Every result
  *                 leaves room for fifteen of them in a native sum; r_add_sat and r_sub_sat stop instead.
  *
  * What each function guarantees, and the largest error measured (tests/unit/number/test_real_ops.c holds them;
@@ -338,14 +338,10 @@ static inline int32_t r_floor_to_int(tse_real x)
   return n > INT32_MAX ? INT32_MAX : (n < INT32_MIN ? INT32_MIN : (int32_t)n);
 }
 
-/* Odd multiples of 2^-33 (or of what there is): never 0 or 1. */
+/* Odd multiples of 2^-32: never 0 or 1. */
 static inline tse_real r_uniform(uint32_t word)
 {
-#if FIXED_BITS > 32
-  return (tse_real)(2 * (uint64_t)word + 1) * ((tse_real)1 << (FIXED_BITS - 33));
-#else
-  return (tse_real)((word >> (32 - FIXED_BITS)) | 1u);
-#endif
+  return (tse_real)(word | 1u);
 }
 
 static inline int32_t r_to_q24(tse_real x)
@@ -353,11 +349,7 @@ static inline int32_t r_to_q24(tse_real x)
   const tse_real most = 127 * FIXED_ONE;
   if (x == FIXED_NAN) return INT32_MIN;
   const tse_real inside = x < -most ? -most : (most < x ? most : x);
-#if FIXED_BITS > 24
   return (int32_t)(((inside >> (FIXED_BITS - 25)) + 1) >> 1);
-#else
-  return (int32_t)inside;
-#endif
 }
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * ((tse_real)1 << (FIXED_BITS - 24)); }
 
@@ -388,11 +380,7 @@ static inline tse_real r_log2(tse_real x)
 static inline tse_real r_exp2(tse_real x)
 {
   const int64_t k = x >> FIXED_BITS, part = x - k * FIXED_ONE;
-#if FIXED_BITS > 30
   const int32_t f = (int32_t)(part >> (FIXED_BITS - 30));
-#else
-  const int32_t f = (int32_t)(part << (30 - FIXED_BITS));
-#endif
   const int up = FIXED_BITS - 30;                           /* 1 is 2^30 in y, 2^FIXED_BITS in the result */
   int32_t p = 23011;
   int64_t y;
@@ -414,11 +402,7 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);
   const int64_t off = turn - quarter * (FIXED_ONE / 4);     /* 1/8 of a turn is 1 */
-#if FIXED_BITS > 33
-  const int32_t x = (int32_t)(off >> (FIXED_BITS - 33));
-#else
-  const int32_t x = (int32_t)(off * ((int64_t)1 << (33 - FIXED_BITS)));
-#endif
+  const int32_t x = (int32_t)(2 * off);
   const int32_t w = q30_step(0, x, x);
   int32_t p = 331, q = 3792;
   p = q30_step(-39268, p, w);
@@ -460,11 +444,6 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
   if (beyond) { a += 3373259426; }
   if (ax < ay) { a = 6746518852 - a; }
   if (x < 0) { a = 13493037705 - a; }
-#if FIXED_BITS > 32
-  a *= (int64_t)1 << (FIXED_BITS - 32);
-#elif FIXED_BITS < 32
-  a = (a + ((int64_t)1 << (31 - FIXED_BITS))) >> (32 - FIXED_BITS);
-#endif
   return y < 0 ? -a : a;
 }
 
