@@ -12,6 +12,7 @@
  *   r_short_of(a, x, up)  r_short_scaled(x, up), where a is r_factor(x, up)
  *   r_by(x, d)          x/d
  *   r_left(x, was, more, d)  x was/d, d = was + more, nothing negative
+ *   r_plus_times(y, a, x)  y + a x, of rows
  */
 #ifndef TSE_VECTOR_H
 #define TSE_VECTOR_H
@@ -107,31 +108,6 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
   return from;
 }
 
-/* y += a x */
-static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int n)
-{
-  for (int i = 0; i < n; i++) y[i] += r_mul(a, x[i]);
-}
-
-/* y += a x, x += b y, with y as it was */
-static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
-{
-  for (int i = 0; i < n; i++) {
-    const tse_short was = y[i];
-    y[i] = was + r_mul(x[i], a);
-    x[i] += r_mul(was, b);
-  }
-}
-
-/* x += b y, y += a x, with x as it is then */
-static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
-{
-  for (int i = 0; i < n; i++) {
-    x[i] += r_mul(b, y[i]);
-    y[i] += r_mul(a, x[i]);
-  }
-}
-
 /* Sums of products that are made element by element: see below. */
 typedef tse_real r_coefficient;
 typedef tse_real r_total;
@@ -142,7 +118,7 @@ static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s
 static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - r_mul(a, x); }
 static inline tse_short r_end(r_total s) { return s; }
 static inline tse_short r_end_rate(r_total s) { return s; }
-static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return x + r_mul(h, y); }
+static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x) { return y + r_mul(a, x); }
 static inline tse_short r_short_sum(tse_short x, tse_short y) { return x + y; }
 
 #else /* TSE_REAL_FIXED */
@@ -351,57 +327,12 @@ static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
   return short_stop((int32_t)(uint32_t)((from + (uint64_t)fixed_product(x, m)) >> 32));
 }
 
-/* y + a x, nearest, whatever a is. */
-static inline int32_t short_plus_any(int32_t y, int32_t x, r_factored a)
+static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 {
   if (a.right >= 0) return short_plus(y, x, factor_below_half(a));
   const int32_t product = (int32_t)((fixed_product(x, a.m) + ((int64_t)1 << 31)) >> 32), most = SHORT_MOST >> -a.right;
   const int32_t more = product > most ? SHORT_MOST - 1 : (product < -most ? -SHORT_MOST : (int32_t)((uint32_t)product << -a.right));
   return short_stop(y + more);
-}
-
-static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int n)
-{
-  if (a.right >= 0) {
-    const int32_t m = factor_below_half(a);
-    for (int i = 0; i < n; i++) y[i] = short_plus(y[i], x[i], m);
-  } else {
-    for (int i = 0; i < n; i++) y[i] = short_plus_any(y[i], x[i], a);
-  }
-}
-
-static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
-{
-  if (a.right >= 0 && b.right >= 0) {
-    const int32_t m = factor_below_half(a), l = factor_below_half(b);
-    for (int i = 0; i < n; i++) {
-      const tse_short was = y[i];
-      y[i] = short_plus(was, x[i], m);
-      x[i] = short_plus(x[i], was, l);
-    }
-  } else {
-    for (int i = 0; i < n; i++) {
-      const tse_short was = y[i];
-      y[i] = short_plus_any(was, x[i], a);
-      x[i] = short_plus_any(x[i], was, b);
-    }
-  }
-}
-
-static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
-{
-  if (a.right >= 0 && b.right >= 0) {
-    const int32_t m = factor_below_half(a), l = factor_below_half(b);
-    for (int i = 0; i < n; i++) {
-      x[i] = short_plus(x[i], y[i], l);
-      y[i] = short_plus(y[i], x[i], m);
-    }
-  } else {
-    for (int i = 0; i < n; i++) {
-      x[i] = short_plus_any(x[i], y[i], b);
-      y[i] = short_plus_any(y[i], x[i], a);
-    }
-  }
 }
 
 /* Slopes: 2^-SLOPE_BITS, up to 16, so that 32 products with a row are below 2^62. Units: 2^-8 .. 1, of what is divided by one 1 is more. */
@@ -451,8 +382,35 @@ static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s
 static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - fixed_product(a, x); }
 static inline tse_short r_end(r_total s) { return FIXED_NARROW(s, COEF_BITS); }
 static inline tse_short r_end_rate(r_total s) { return FIXED_NARROW(s, COEF_BITS + ROW_UP); }
-static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return short_plus_any(x, y, h); }
 static inline tse_short r_short_sum(tse_short x, tse_short y) { return short_stop(x + y); }
 
-#endif
+#endif /* format */
+
+/* ------------------------------------------------------------------------------- all formats ---- */
+
+/* y += a x */
+static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int n)
+{
+  for (int i = 0; i < n; i++) y[i] = r_plus_times(y[i], a, x[i]);
+}
+
+/* y += a x, x += b y, with y as it was */
+static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
+{
+  for (int i = 0; i < n; i++) {
+    const tse_short was = y[i];
+    y[i] = r_plus_times(was, a, x[i]);
+    x[i] = r_plus_times(x[i], b, was);
+  }
+}
+
+/* x += b y, y += a x, with x as it is then */
+static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
+{
+  for (int i = 0; i < n; i++) {
+    x[i] = r_plus_times(x[i], b, y[i]);
+    y[i] = r_plus_times(y[i], a, x[i]);
+  }
+}
+
 #endif
