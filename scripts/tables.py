@@ -128,21 +128,24 @@ def variable(
     return f"{head}{text(unit)}, {text(says)} }},"
 
 
-def parameters(groups: Iterable[str]) -> Iterator[str]:
-    """Yield the parameters of an FMU that are settings of the car or the filter, by their tables."""
-    for group in groups:
-        for n, r in settings(group).items():
-            name = f"{group}.{n}"
-            if group == "effects":
-                name = f"effects.{r['effect']}.{n.removeprefix(r['effect'] + '_')}"
-            if group == "formula":
-                name = f"effects.{n}"
-            numbers = f"{start(r)}, {c(r['least'])}, {c(r['most'])}"
-            place = f"{'sim_config' if group == 'sim' else 'config'}.{n}"
-            name = name.replace("sim.", "simulation.", 1) if group == "sim" else name
-            yield variable(
-                name, "i" if r["whole"] else "r", "p", place, numbers, "" if r["whole"] else r["unit"], r["text"]
-            )
+def fmu_name(group: str, name: str, row: Row) -> str:
+    """Return the name of a setting among the parameters of an FMU."""
+    if group == "effects":
+        return f"effects.{row['effect']}.{name.removeprefix(row['effect'] + '_')}"
+    return f"{ {'formula': 'effects', 'sim': 'simulation'}.get(group, group) }.{name}"
+
+
+def settings_lists() -> Iterator[str]:
+    """Yield a list of settings for each of their tables."""
+    for group in (*CONFIG, "sim"):
+        rows = [
+            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n, r))}, {n}, {start(r)}, {c(r['least'])}, {c(r['most'])}, "
+            f"{text(r['unit'])}, {text(r['text'])})"
+            for n, r in settings(group).items()
+        ]
+        yield f"#define SETTINGS_{group.upper()}(REAL, WHOLE) \\"
+        yield from (f"  {row} \\" for row in rows[:-1])
+        yield f"  {rows[-1]}"
 
 
 # ---- a log row
@@ -306,24 +309,8 @@ def config_members() -> list[str]:
     return struct(config(), "tse_setting")
 
 
-def config_described() -> list[str]:
-    return described("tse_config", config(), "s")
-
-
 def considered() -> list[str]:
     return [f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r]
-
-
-def config_reals() -> list[str]:
-    return packed(
-        f"REAL({n}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])})," for n, r in config().items() if not r["whole"]
-    )
-
-
-def config_wholes() -> list[str]:
-    return packed(
-        f"WHOLE({n}, {start(r)}, {c(r['least'])}, {c(r['most'])})," for n, r in config().items() if r["whole"]
-    )
 
 
 def config_groups() -> list[str]:
@@ -466,26 +453,6 @@ def sim_members() -> list[str]:
     return struct(settings("sim"), "tse_setting")
 
 
-def sim_described() -> list[str]:
-    return described("tse_sim_config", settings("sim"), "s")
-
-
-def sim_reals() -> list[str]:
-    return packed(
-        f"SIM_REAL({n}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])}),"
-        for n, r in settings("sim").items()
-        if not r["whole"]
-    )
-
-
-def sim_wholes() -> list[str]:
-    return packed(
-        f"SIM_WHOLE({n}, {start(r)}, {c(r['least'])}, {c(r['most'])}),"
-        for n, r in settings("sim").items()
-        if r["whole"]
-    )
-
-
 def sim_input_members() -> list[str]:
     return struct(settings("sim_input"), "tse_real")
 
@@ -598,10 +565,6 @@ def estimator_pedals() -> list[str]:
     return given("pedals", read("input")["pedal"])
 
 
-def estimator_parameters() -> list[str]:
-    return list(parameters(CONFIG))
-
-
 def output(name: str, kind: str, place: str, unit: str, says: str) -> str:
     return variable(name, kind, "o", place, NO_RANGE, unit, says)
 
@@ -665,10 +628,6 @@ def vehicle_inputs() -> list[str]:
                  f"(int32_t)offsetof(model, rate.{n})")
         for n, r in settings("sim_input").items()
     ]  # fmt: skip
-
-
-def vehicle_parameters() -> list[str]:
-    return list(parameters(("vehicle", "sensors", "effects", "formula", "sim")))
 
 
 def vehicle_sensors() -> list[str]:

@@ -27,6 +27,10 @@ typedef struct fmu_variable {
   const char *text;
 } fmu_variable;
 
+/* Of a list of settings (src/tables/settings.h), which stand in `config` of the model: its parameters. */
+#define PARAMETER(fmu, name, def, lo, hi, unit, text) { fmu, 'r', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
+#define WHOLE_PARAMETER(fmu, name, def, lo, hi, unit, text) { fmu, 'i', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, "", text },
+
 extern const fmu_variable fmu_variables[];
 extern const int32_t fmu_variable_count;
 
