@@ -120,14 +120,6 @@ def described(of: str, rows: dict[str, Row], real: str) -> list[str]:
     ]  # fmt: skip
 
 
-def variable(
-    name: str, kind: str, role: str, place: str, numbers: str, unit: str, says: str, rate: str = "FMU_NO_RATE"
-) -> str:
-    """Return a variable of an FMU."""
-    head = f"{{ {text(name)}, '{kind}', '{role}', (int32_t)offsetof(model, {place}), {rate}, {numbers}, "
-    return f"{head}{text(unit)}, {text(says)} }},"
-
-
 def fmu_name(group: str, name: str, row: Row) -> str:
     """Return the name of a setting among the parameters of an FMU."""
     if group == "effects":
@@ -143,9 +135,7 @@ def settings_lists() -> Iterator[str]:
             f"{text(r['unit'])}, {text(r['text'])})"
             for n, r in settings(group).items()
         ]
-        yield f"#define SETTINGS_{group.upper()}(REAL, WHOLE) \\"
-        yield from (f"  {row} \\" for row in rows[:-1])
-        yield f"  {rows[-1]}"
+        yield from listed(f"SETTINGS_{group.upper()}(REAL, WHOLE)", rows)
 
 
 # ---- a log row
@@ -192,37 +182,6 @@ def given_bits() -> list[str]:
     return [f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in optional()]
 
 
-def input_ranges(rows: Iterable[Row]) -> list[str]:
-    return [
-        f"{{ {text(r['name'])}, (uint16_t)offsetof(tse_input, {r['name']}), {int(r.get('kind') == 'drives')}, "
-        f"TSE_R({c(r['least'])}), TSE_R({c(r['most'])}) }},"
-        for r in rows
-    ]
-
-
-def channel_rows() -> list[str]:
-    return input_ranges(channels())
-
-
-def optional_rows() -> list[str]:
-    return input_ranges(optional())
-
-
-def input_described(rows: Iterable[Row]) -> list[str]:
-    return [
-        field("tse_input", r["name"], "r", r["name"], f"0.0, {c(r['least'])}, {c(r['most'])}", r["unit"], r["text"])
-        for r in rows
-    ]
-
-
-def channels_described() -> list[str]:
-    return input_described(channels())
-
-
-def optional_described() -> list[str]:
-    return input_described(optional())
-
-
 # ---- outputs, status
 
 
@@ -237,15 +196,6 @@ def output_members() -> list[str]:
         member(kinds[n], n + (f"[{r['count']}]" if "count" in r else ""),
                (f"[{r['unit']}] " if "unit" in r else "") + r["text"], 30)
         for n, r in rows.items()
-    ]  # fmt: skip
-
-
-def outputs_described() -> list[str]:
-    kinds = {"real": "r", "stiffness": "r"}
-    return [
-        field("tse_output", n, kinds.get(r["kind"], "i"), r["member"], NO_RANGE,
-              "1" if r["kind"] == "stiffness" else r["unit"], r["text"])
-        for n, r in outputs().items()
     ]  # fmt: skip
 
 
@@ -457,14 +407,6 @@ def sim_input_members() -> list[str]:
     return struct(settings("sim_input"), "tse_real")
 
 
-def sim_input_described() -> list[str]:
-    return described("tse_sim_input", settings("sim_input"), "r")
-
-
-def sim_input_rows() -> list[str]:
-    return packed(f"INPUT({n}, {c(r['least'])}, {c(r['most'])})," for n, r in settings("sim_input").items())
-
-
 def truths() -> list[tuple[str, str, str, Row]]:
     """Return group, name, member and row of what a simulated row has besides what the car logs."""
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
@@ -476,19 +418,6 @@ def sim_output_members() -> list[str]:
         member("tse_real", n + (f"[{r['count']}]" if "count" in r else ""), f"[{r['unit']}] {r['text']}", 29)
         for n, r in read("sim_output")["member"].items()
     ]
-
-
-def sim_output_described() -> list[str]:
-    rows = [
-        field("tse_sim_output", r["name"], "r", f"row.{r['name']}", NO_RANGE, r["unit"], r["text"]) for r in channels()
-    ]
-    for g, n, place, r in truths():
-        share = r["kind"] == "stiffness"
-        rows.append(
-            field("tse_sim_output", f"{g}_{n}", "r", place, NO_RANGE, "1" if share else r["unit"],
-                  r["text"] + (", relative to nominal" if share else ""))
-        )  # fmt: skip
-    return rows
 
 
 def replay_log_members() -> list[str]:
@@ -541,32 +470,12 @@ def replay_out_described() -> list[str]:
 # ---- variables of the FMUs
 
 
-def estimator_inputs() -> list[str]:
-    return [
-        variable(r["name"], "r", "i", f"row.{r['name']}", f"0.0, {c(r['least'])}, {c(r['most'])}", r["unit"],
-                 r["text"] + "; not a number: missing")
-        for r in channels()
-    ]  # fmt: skip
-
-
-def given(group: str, rows: Iterable[Row]) -> list[str]:
-    return [
-        variable(f"{group}.{r['name']}", "r", "i", f"row.{r['name']}", f"0.0, {c(r['least'])}, {c(r['most'])}", r["unit"],
-                 r["text"] + "; counts where its bit of given is set")
-        for r in rows
-    ]  # fmt: skip
-
-
-def estimator_velocities() -> list[str]:
-    return given("velocity", read("input")["velocity"])
-
-
-def estimator_pedals() -> list[str]:
-    return given("pedals", read("input")["pedal"])
-
-
-def output(name: str, kind: str, place: str, unit: str, says: str) -> str:
-    return variable(name, kind, "o", place, NO_RANGE, unit, says)
+def listed(name: str, rows: Iterable[str]) -> Iterator[str]:
+    """Yield a list as a macro, a row a line."""
+    *others, last = rows
+    yield f"#define {name} \\"
+    yield from (f"  {row} \\" for row in others)
+    yield f"  {last}"
 
 
 ENUMERATIONS = {
@@ -576,30 +485,50 @@ ENUMERATIONS = {
 }  # of outputs with codes
 
 
-def estimator_outputs() -> list[str]:
-    why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values()) + " see documentation"
-    rows = []
-    for n, r in outputs().items():
-        if r["kind"] == "reason":
-            name, place = n.removesuffix("_valid"), r["member"]
-            valid = "grip_valid" if name == "grip" else place.replace("reason", "valid")
-            what = "the grip" if name == "grip" else "the stiffness"
-            rows.append(output(f"estimate.{name}_valid", "b", valid, "", f"{what} may be used"))
-            rows.append(output(f"estimate.{name}_reason", "e", f"y.{place}", "Reason", why))
-        elif r["kind"] == "stiffness":
-            of, index = r["member"].rstrip("]").split("[")
-            place = {
-                "stiffness": "mean",
-                "stiffness_sd": "sd",
-                "stiffness_spread": "spread",
-                "stiffness_secant": "secant",
-            }[of]
-            rows.append(output(f"estimate.{n}", "r", f"{place}[{index}]", r["unit"], r["text"]))
-        else:
-            kind = {"real": "r", "flag": "b", "code": "e"}[r["kind"]]
-            unit = ENUMERATIONS[n] if kind == "e" else r["unit"]
-            rows.append(output(f"estimate.{n}", kind, f"y.{r['member']}", unit, r["text"]))
-    return rows
+def output_row(name: str, r: Row) -> str:
+    """Return the row of an output: how an FMU has it depends on its kind."""
+    head, says = f"{name}, {r['member']}", text(r["text"])
+    of, _, index = r["member"].partition("[")
+    if r["kind"] == "reason":
+        name = name.removesuffix("_valid")
+        valid = "grip_valid" if name == "grip" else f"valid[{index}"
+        return f"REASON({name}, {r['member']}, {valid}, {text('the grip' if name == 'grip' else 'the stiffness')})"
+    if r["kind"] == "stiffness":
+        place = of.removeprefix("stiffness").removeprefix("_") or "mean"
+        return f"STIFFNESS({head}, {place}[{index}, {text(r['unit'])}, {says})"
+    if r["kind"] == "real":
+        return f"NUMBER({head}, {text(r['unit'])}, {says})"
+    return f"FLAG({head}, {says})" if r["kind"] == "flag" else f"CODE({head}, {text(ENUMERATIONS[name])}, {says})"
+
+
+def truth_row(group: str, name: str, place: str, r: Row) -> str:
+    """Return the row of a column of the simulator that is none of the log."""
+    of, _, index = place.partition("[")
+    if r["kind"] == "stiffness":
+        si = {"stiffness": "mean_si", "drawn": "drawn_si"}[of]
+        return f"STIFFNESS({group}, {name}, {place}, {si}[{index}, {text(r['unit'])}, {text(r['text'])})"
+    return f"NUMBER({group}, {name}, {place}, {text(r['unit'])}, {text(r['text'])})"
+
+
+def columns() -> Iterator[str]:
+    """Yield a list for each kind of channel and output."""
+
+    def ends(r: Row) -> str:
+        return f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
+
+    table = read("input")
+    for name, rows in (("CHANNELS", channels()), ("VELOCITIES", table["velocity"]), ("PEDALS", table["pedal"])):
+        yield from listed(
+            f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows)
+        )
+    driver = settings("sim_input").items()
+    yield from listed("DRIVER(ROW)", (f"ROW({n}, {c(r['default'])}, {ends(r)}" for n, r in driver))
+    yield from listed(
+        "OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)", (output_row(n, r) for n, r in outputs().items())
+    )
+    yield from listed("TRUTHS(NUMBER, STIFFNESS)", (truth_row(*x) for x in truths()))
+    why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values())
+    yield f"#define REASONS {text(why + ' see documentation')}"
 
 
 def estimator_codes() -> list[str]:
@@ -612,46 +541,6 @@ def estimator_codes() -> list[str]:
     codes += [(0, "FaultChannel", "none", "no channel is likely at fault, none is implausible")]
     codes += [(i, "FaultChannel", r["name"], r["text"]) for i, r in enumerate(faults, 1)]
     return [f"{{ {code}, {text(of)}, {text(name)}, {text(means)} }}," for code, of, name, means in codes]
-
-
-def estimator_shares() -> list[str]:
-    return [
-        output(f"estimate.relative.{n}", "r", f"y.{r['member']}", "1", r["text"] + ", relative to nominal")
-        for n, r in outputs().items()
-        if r["kind"] == "stiffness"
-    ]
-
-
-def vehicle_inputs() -> list[str]:
-    return [
-        variable(n, "r", "i", f"u.{n}", f"{c(r['default'])}, {c(r['least'])}, {c(r['most'])}", r["unit"], r["text"],
-                 f"(int32_t)offsetof(model, rate.{n})")
-        for n, r in settings("sim_input").items()
-    ]  # fmt: skip
-
-
-def vehicle_sensors() -> list[str]:
-    return [
-        output(f"sensor.{r['name']}", "r", f"y.row.{r['name']}", r["unit"], r["text"] + ", as logged")
-        for r in channels()
-    ]
-
-
-def vehicle_outputs() -> list[str]:
-    rows = []
-    stiffness = {"stiffness": "mean_si", "drawn": "drawn_si"}
-    for g, n, place, r in truths():
-        of, _, index = place.partition("[")
-        rows.append(
-            output(
-                f"{g}.{n}", "r", f"{stiffness[of]}[{index}" if of in stiffness else f"y.{place}", r["unit"], r["text"]
-            )
-        )
-    return rows + [
-        output(f"{g}.relative.{n}", "r", f"y.{place}", "1", r["text"] + ", relative to nominal")
-        for g, n, place, r in truths()
-        if r["kind"] == "stiffness"
-    ]
 
 
 def filled(source: str) -> str:

@@ -1,114 +1,38 @@
 /* fmu/TireStiffnessEstimator/variables.h - every variable of the FMU, in the order of its value references. Part of model.c. */
+#include "tables/columns.h"
 #include "tables/settings.h"
 
+#define CHANNEL(name, drives, lo, hi, unit, text) INPUT(#name, name, lo, hi, unit, text "; not a number: missing")
+#define VELOCITY(name, drives, lo, hi, unit, text) INPUT("velocity." #name, name, lo, hi, unit, text COUNTS)
+#define PEDAL(name, drives, lo, hi, unit, text) INPUT("pedals." #name, name, lo, hi, unit, text COUNTS)
+#define INPUT(name, member, lo, hi, unit, text) { name, 'r', 'i', (int32_t)offsetof(model, row.member), FMU_NO_RATE, 0.0, lo, hi, unit, text },
+#define COUNTS "; counts where its bit of given is set"
+#define NUMBER(name, member, unit, text) OUTPUT("estimate." #name, 'r', y.member, unit, text)
+#define FLAG(name, member, text) OUTPUT("estimate." #name, 'b', y.member, "", text)
+#define CODE(name, member, type, text) OUTPUT("estimate." #name, 'e', y.member, type, text)
+#define STIFFNESS(name, member, si, unit, text) OUTPUT("estimate." #name, 'r', si, unit, text)
+#define SHARE(name, member, si, unit, text) OUTPUT("estimate.relative." #name, 'r', y.member, "1", text ", relative to nominal")
+#define REASON(name, member, valid, what) \
+  OUTPUT("estimate." #name "_valid", 'b', valid, "", what " may be used") OUTPUT("estimate." #name "_reason", 'e', y.member, "Reason", REASONS)
+
 const fmu_variable fmu_variables[] = {
-  /* table: estimator_inputs */
-  { "steer_angle", 'r', 'i', (int32_t)offsetof(model, row.steer_angle), FMU_NO_RATE, 0.0, -1.2, 1.2, "rad", "mean road-wheel angle of the front axle, positive left; not a number: missing" },
-  { "wheel_speed_front", 'r', 'i', (int32_t)offsetof(model, row.wheel_speed_front), FMU_NO_RATE, 0.0, -400.0, 400.0, "rad/s", "mean rotation rate of the front wheels, positive forward; not a number: missing" },
-  { "wheel_speed_rear", 'r', 'i', (int32_t)offsetof(model, row.wheel_speed_rear), FMU_NO_RATE, 0.0, -400.0, 400.0, "rad/s", "mean rotation rate of the rear wheels, positive forward; not a number: missing" },
-  { "accel_x", 'r', 'i', (int32_t)offsetof(model, row.accel_x), FMU_NO_RATE, 0.0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive forward; not a number: missing" },
-  { "accel_y", 'r', 'i', (int32_t)offsetof(model, row.accel_y), FMU_NO_RATE, 0.0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive left; not a number: missing" },
-  { "yaw_rate", 'r', 'i', (int32_t)offsetof(model, row.yaw_rate), FMU_NO_RATE, 0.0, -6.0, 6.0, "rad/s", "yaw rate, positive left (counter-clockwise from above); not a number: missing" },
-  /* end of table */
+  CHANNELS(CHANNEL)
   { "missing", 'i', 'i', (int32_t)offsetof(model, row.missing), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_CHANNELS) - 1, "",
     "channels that are missing, for importers that cannot send NaN: sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, "
     "8 accel_x, 16 accel_y, 32 yaw_rate" },
   { "velocity.given", 'i', 'i', (int32_t)offsetof(model, row.given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_VELOCITIES) - 1, "",
     "velocities that are measured; 0: none, then they are not read: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course" },
-  /* table: estimator_velocities */
-  { "velocity.ins_vel_x", 'r', 'i', (int32_t)offsetof(model, row.ins_vel_x), FMU_NO_RATE, 0.0, -120.0, 120.0, "m/s", "velocity along the car, of an INS or an optical sensor; counts where its bit of given is set" },
-  { "velocity.ins_vel_y", 'r', 'i', (int32_t)offsetof(model, row.ins_vel_y), FMU_NO_RATE, 0.0, -60.0, 60.0, "m/s", "velocity across the car, positive left; counts where its bit of given is set" },
-  { "velocity.gnss_speed", 'r', 'i', (int32_t)offsetof(model, row.gnss_speed), FMU_NO_RATE, 0.0, 0.0, 120.0, "m/s", "speed over ground; counts where its bit of given is set" },
-  { "velocity.gnss_course", 'r', 'i', (int32_t)offsetof(model, row.gnss_course), FMU_NO_RATE, 0.0, -7.0, 7.0, "rad", "direction over ground, positive left (against the clock from above), from any zero; counts where its bit of given is set" },
-  /* end of table */
+  VELOCITIES(VELOCITY)
   { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES)) - 1, "",
     "what of the pedals is known; 0: nothing, then they are not read: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear" },
-  /* table: estimator_pedals */
-  { "pedals.brake", 'r', 'i', (int32_t)offsetof(model, row.brake), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides; counts where its bit of given is set" },
-  { "pedals.wheel_torque_front", 'r', 'i', (int32_t)offsetof(model, row.wheel_torque_front), FMU_NO_RATE, 0.0, -20000.0, 20000.0, "Nm", "drive less brake torque of both front wheels; counts where its bit of given is set" },
-  { "pedals.wheel_torque_rear", 'r', 'i', (int32_t)offsetof(model, row.wheel_torque_rear), FMU_NO_RATE, 0.0, -20000.0, 20000.0, "Nm", "drive less brake torque of both rear wheels; counts where its bit of given is set" },
-  /* end of table */
+  PEDALS(PEDAL)
 
   { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
     "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "
     "and lr, with the uncertainties of such a car; true: every parameter as it is, an uncertainty of 0 is none" },
   SETTINGS(PARAMETER, WHOLE_PARAMETER)
 
-  /* table: estimator_outputs */
-  { "estimate.vel_x", 'r', 'o', (int32_t)offsetof(model, y.vel_x), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "longitudinal velocity of the centre of gravity" },
-  { "estimate.vel_x_sd", 'r', 'o', (int32_t)offsetof(model, y.vel_x_sd), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "its standard deviation" },
-  { "estimate.vel_y", 'r', 'o', (int32_t)offsetof(model, y.vel_y), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "lateral velocity of the centre of gravity" },
-  { "estimate.vel_y_sd", 'r', 'o', (int32_t)offsetof(model, y.vel_y_sd), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "its standard deviation" },
-  { "estimate.yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.yaw_rate), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "yaw rate" },
-  { "estimate.yaw_rate_sd", 'r', 'o', (int32_t)offsetof(model, y.yaw_rate_sd), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "its standard deviation" },
-  { "estimate.sideslip", 'r', 'o', (int32_t)offsetof(model, y.sideslip), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad", "sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill" },
-  { "estimate.sideslip_sd", 'r', 'o', (int32_t)offsetof(model, y.sideslip_sd), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad", "its standard deviation" },
-  { "estimate.grip", 'r', 'o', (int32_t)offsetof(model, y.grip), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "friction of the tyres: the most lateral force of an axle over its load; form 0" },
-  { "estimate.grip_sd", 'r', 'o', (int32_t)offsetof(model, y.grip_sd), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "its standard deviation" },
-  { "estimate.grip_valid", 'b', 'o', (int32_t)offsetof(model, grip_valid), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "the grip may be used" },
-  { "estimate.grip_reason", 'e', 'o', (int32_t)offsetof(model, y.grip_reason), FMU_NO_RATE, 0.0, 1.0, -1.0, "Reason", "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 diverging, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation" },
-  { "estimate.cx_front", 'r', 'o', (int32_t)offsetof(model, mean[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N", "longitudinal stiffness, front axle, mean" },
-  { "estimate.cx_front_sd", 'r', 'o', (int32_t)offsetof(model, sd[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N", "sd of that mean" },
-  { "estimate.cx_front_spread", 'r', 'o', (int32_t)offsetof(model, spread[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample" },
-  { "estimate.cx_front_spread_seen", 'b', 'o', (int32_t)offsetof(model, y.spread_seen[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show" },
-  { "estimate.cx_front_valid", 'b', 'o', (int32_t)offsetof(model, valid[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "the stiffness may be used" },
-  { "estimate.cx_front_reason", 'e', 'o', (int32_t)offsetof(model, y.reason[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "Reason", "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 diverging, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation" },
-  { "estimate.cy_front", 'r', 'o', (int32_t)offsetof(model, mean[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness, front axle, mean" },
-  { "estimate.cy_front_sd", 'r', 'o', (int32_t)offsetof(model, sd[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "sd of that mean" },
-  { "estimate.cy_front_spread", 'r', 'o', (int32_t)offsetof(model, spread[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample" },
-  { "estimate.cy_front_spread_seen", 'b', 'o', (int32_t)offsetof(model, y.spread_seen[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show" },
-  { "estimate.cy_front_valid", 'b', 'o', (int32_t)offsetof(model, valid[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "the stiffness may be used" },
-  { "estimate.cy_front_reason", 'e', 'o', (int32_t)offsetof(model, y.reason[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "Reason", "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 diverging, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation" },
-  { "estimate.cy_rear", 'r', 'o', (int32_t)offsetof(model, mean[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness, rear axle, mean" },
-  { "estimate.cy_rear_sd", 'r', 'o', (int32_t)offsetof(model, sd[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "sd of that mean" },
-  { "estimate.cy_rear_spread", 'r', 'o', (int32_t)offsetof(model, spread[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample" },
-  { "estimate.cy_rear_spread_seen", 'b', 'o', (int32_t)offsetof(model, y.spread_seen[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show" },
-  { "estimate.cy_rear_valid", 'b', 'o', (int32_t)offsetof(model, valid[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "the stiffness may be used" },
-  { "estimate.cy_rear_reason", 'e', 'o', (int32_t)offsetof(model, y.reason[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "Reason", "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 diverging, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation" },
-  { "estimate.bias_accel_x", 'r', 'o', (int32_t)offsetof(model, y.bias[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "bias of accel_x: what it reads too much" },
-  { "estimate.bias_accel_x_sd", 'r', 'o', (int32_t)offsetof(model, y.bias_sd[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "its standard deviation" },
-  { "estimate.bias_accel_y", 'r', 'o', (int32_t)offsetof(model, y.bias[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "bias of accel_y: what it reads too much" },
-  { "estimate.bias_accel_y_sd", 'r', 'o', (int32_t)offsetof(model, y.bias_sd[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "its standard deviation" },
-  { "estimate.bias_yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.bias[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "bias of yaw_rate: what it reads too much" },
-  { "estimate.bias_yaw_rate_sd", 'r', 'o', (int32_t)offsetof(model, y.bias_sd[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "its standard deviation" },
-  { "estimate.noise_accel_x", 'r', 'o', (int32_t)offsetof(model, y.noise[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "noise of accel_x as found: its sd over the setting, form 0" },
-  { "estimate.noise_accel_y", 'r', 'o', (int32_t)offsetof(model, y.noise[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "noise of accel_y as found" },
-  { "estimate.noise_yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.noise[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "noise of yaw_rate as found" },
-  { "estimate.noise_wheel_front", 'r', 'o', (int32_t)offsetof(model, y.noise[3]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "noise of wheel_speed_front as found" },
-  { "estimate.noise_wheel_rear", 'r', 'o', (int32_t)offsetof(model, y.noise[4]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "noise of wheel_speed_rear as found" },
-  { "estimate.p_steady", 'r', 'o', (int32_t)offsetof(model, y.regime[TSE_REGIME_STEADY]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "probability: tyres as before" },
-  { "estimate.p_changed", 'r', 'o', (int32_t)offsetof(model, y.regime[TSE_REGIME_CHANGED]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "probability: all tyres changed within the last 2 s, another road" },
-  { "estimate.p_axle", 'r', 'o', (int32_t)offsetof(model, y.regime[TSE_REGIME_AXLE]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "probability: the tyres of one axle changed within the last 2 s" },
-  { "estimate.p_fault", 'r', 'o', (int32_t)offsetof(model, y.regime[TSE_REGIME_FAULT]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "probability: a channel has an offset, is frozen or noisy" },
-  { "estimate.p_sliding", 'r', 'o', (int32_t)offsetof(model, y.regime[TSE_REGIME_SLIDING]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "probability: wheels lock or spin" },
-  { "estimate.p_restarted", 'r', 'o', (int32_t)offsetof(model, y.regime[TSE_REGIME_RESTARTED]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "probability: all was started over within the last 2 s" },
-  { "estimate.change_age", 'r', 'o', (int32_t)offsetof(model, y.change_age), FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "time since the last change ; 0 while there was none" },
-  { "estimate.change_probability", 'r', 'o', (int32_t)offsetof(model, y.change_probability), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "probability that nothing has happened since that change" },
-  { "estimate.change_kind", 'e', 'o', (int32_t)offsetof(model, y.change_kind), FMU_NO_RATE, 0.0, 1.0, -1.0, "ChangeKind", "0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over" },
-  { "estimate.change_cx_front", 'r', 'o', (int32_t)offsetof(model, y.change_ratio[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "longitudinal stiffness now over that before the change" },
-  { "estimate.change_cy_front", 'r', 'o', (int32_t)offsetof(model, y.change_ratio[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "front cornering stiffness now over that before the change" },
-  { "estimate.change_cy_rear", 'r', 'o', (int32_t)offsetof(model, y.change_ratio[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "rear cornering stiffness now over that before the change" },
-  { "estimate.fault_channel", 'e', 'o', (int32_t)offsetof(model, y.fault_channel), FMU_NO_RATE, 0.0, 1.0, -1.0, "FaultChannel", "0 none, else 1 + place among the channels of that which is likeliest at fault" },
-  { "estimate.discrepancy_accel_x", 'r', 'o', (int32_t)offsetof(model, y.discrepancy[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "model discrepancy of accel_x: sd of what the model does not explain" },
-  { "estimate.discrepancy_accel_y", 'r', 'o', (int32_t)offsetof(model, y.discrepancy[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "model discrepancy of accel_y" },
-  { "estimate.discrepancy_yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.discrepancy[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "model discrepancy of yaw_rate" },
-  { "estimate.innovation_accel_x", 'r', 'o', (int32_t)offsetof(model, y.innovation[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "innovation: what accel_x read less what was predicted; 0 where it was not used; form 0" },
-  { "estimate.innovation_accel_y", 'r', 'o', (int32_t)offsetof(model, y.innovation[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "innovation of accel_y" },
-  { "estimate.innovation_yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.innovation[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "innovation of yaw_rate" },
-  { "estimate.innovation_wheel_front", 'r', 'o', (int32_t)offsetof(model, y.innovation[3]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "innovation of the front wheel speed times radius" },
-  { "estimate.innovation_wheel_rear", 'r', 'o', (int32_t)offsetof(model, y.innovation[4]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "innovation of the rear wheel speed times radius" },
-  { "estimate.nis", 'r', 'o', (int32_t)offsetof(model, y.nis), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "normalised innovation squared, summed over the channels used; their number where all fits; form 0" },
-  { "estimate.lag_steer", 'r', 'o', (int32_t)offsetof(model, y.lag_steer), FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "how late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0" },
-  { "estimate.lag_steer_sd", 'r', 'o', (int32_t)offsetof(model, y.lag_steer_sd), FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "its standard deviation" },
-  { "estimate.estimate_age", 'r', 'o', (int32_t)offsetof(model, y.estimate_age), FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "how long before this row the time lies that the estimates speak of (settings ..._latency)" },
-  { "estimate.n_eff", 'r', 'o', (int32_t)offsetof(model, y.n_eff), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "effective number of particles, 1/sum q^2 of their weights; 1 in form 0" },
-  { "estimate.log_evidence", 'r', 'o', (int32_t)offsetof(model, y.log_evidence), FMU_NO_RATE, 0.0, 1.0, -1.0, "nat", "log density of this row's measurements given the rows before; 0 where none was used" },
-  { "estimate.status", 'e', 'o', (int32_t)offsetof(model, y.status), FMU_NO_RATE, 0.0, 1.0, -1.0, "Status", "0 ok; above: done, with the caution of this code (tse_status); whether to use a stiffness says its reason" },
-  { "estimate.cx_front_secant", 'r', 'o', (int32_t)offsetof(model, secant[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load" },
-  { "estimate.cy_front_secant", 'r', 'o', (int32_t)offsetof(model, secant[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness in effect, front axle: force over slip at this row's slip and load" },
-  { "estimate.cy_rear_secant", 'r', 'o', (int32_t)offsetof(model, secant[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load" },
-  { "estimate.fault_factor", 'r', 'o', (int32_t)offsetof(model, y.fault_factor), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor: exchanged, stuck" },
-  /* end of table */
+  OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)
   OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N",
          "nominal longitudinal stiffness of the front axle, of which estimate.relative.cx_front is a share")
   OUTPUT("estimate.nominal.cy_front", 'r', nominal[1], "N/rad",
@@ -116,20 +40,7 @@ const fmu_variable fmu_variables[] = {
   OUTPUT("estimate.nominal.cy_rear", 'r', nominal[2], "N/rad",
          "nominal cornering stiffness of the rear axle, of which estimate.relative.cy_rear is a share")
   OUTPUT("estimate.valid", 'b', all_valid, "", "all three stiffnesses may be used")
-  /* table: estimator_shares */
-  { "estimate.relative.cx_front", 'r', 'o', (int32_t)offsetof(model, y.stiffness[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "longitudinal stiffness, front axle, mean, relative to nominal" },
-  { "estimate.relative.cx_front_sd", 'r', 'o', (int32_t)offsetof(model, y.stiffness_sd[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "sd of that mean, relative to nominal" },
-  { "estimate.relative.cx_front_spread", 'r', 'o', (int32_t)offsetof(model, y.stiffness_spread[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample, relative to nominal" },
-  { "estimate.relative.cy_front", 'r', 'o', (int32_t)offsetof(model, y.stiffness[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness, front axle, mean, relative to nominal" },
-  { "estimate.relative.cy_front_sd", 'r', 'o', (int32_t)offsetof(model, y.stiffness_sd[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "sd of that mean, relative to nominal" },
-  { "estimate.relative.cy_front_spread", 'r', 'o', (int32_t)offsetof(model, y.stiffness_spread[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample, relative to nominal" },
-  { "estimate.relative.cy_rear", 'r', 'o', (int32_t)offsetof(model, y.stiffness[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness, rear axle, mean, relative to nominal" },
-  { "estimate.relative.cy_rear_sd", 'r', 'o', (int32_t)offsetof(model, y.stiffness_sd[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "sd of that mean, relative to nominal" },
-  { "estimate.relative.cy_rear_spread", 'r', 'o', (int32_t)offsetof(model, y.stiffness_spread[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample, relative to nominal" },
-  { "estimate.relative.cx_front_secant", 'r', 'o', (int32_t)offsetof(model, y.stiffness_secant[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load, relative to nominal" },
-  { "estimate.relative.cy_front_secant", 'r', 'o', (int32_t)offsetof(model, y.stiffness_secant[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, front axle: force over slip at this row's slip and load, relative to nominal" },
-  { "estimate.relative.cy_rear_secant", 'r', 'o', (int32_t)offsetof(model, y.stiffness_secant[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load, relative to nominal" },
-  /* end of table */
+  OUTPUTS(NO_COLUMN, NO_COLUMN, NO_COLUMN, SHARE, NO_COLUMN)
 };
 const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
 

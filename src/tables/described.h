@@ -1,5 +1,6 @@
 /* tables/described.h - rows of tse_describe(): every member, code and effect with unit and text. Written by scripts/tables.py from
  * the tables of this folder. Part of host/describe.c: a controller that does not describe itself carries no texts. */
+#include "tables/columns.h"
 #include "tables/settings.h"
 
 #define FIELD_REAL(fmu, name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
@@ -8,102 +9,28 @@ static const tse_field config_fields[] = { SETTINGS(FIELD_REAL, FIELD_WHOLE) };
 #undef FIELD_REAL
 #undef FIELD_WHOLE
 
+#define FIELD_ROW(name, drives, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
 static const tse_field input_fields[] = {
   { "dt", 'r', (int32_t)offsetof(tse_input, dt), 0.0, 0.0, 3600.0, "s", "time since the previous row" },
-  /* table: channels_described */
-  { "steer_angle", 'r', (int32_t)offsetof(tse_input, steer_angle), 0.0, -1.2, 1.2, "rad", "mean road-wheel angle of the front axle, positive left" },
-  { "wheel_speed_front", 'r', (int32_t)offsetof(tse_input, wheel_speed_front), 0.0, -400.0, 400.0, "rad/s", "mean rotation rate of the front wheels, positive forward" },
-  { "wheel_speed_rear", 'r', (int32_t)offsetof(tse_input, wheel_speed_rear), 0.0, -400.0, 400.0, "rad/s", "mean rotation rate of the rear wheels, positive forward" },
-  { "accel_x", 'r', (int32_t)offsetof(tse_input, accel_x), 0.0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive forward" },
-  { "accel_y", 'r', (int32_t)offsetof(tse_input, accel_y), 0.0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive left" },
-  { "yaw_rate", 'r', (int32_t)offsetof(tse_input, yaw_rate), 0.0, -6.0, 6.0, "rad/s", "yaw rate, positive left (counter-clockwise from above)" },
-  /* end of table */
+  CHANNELS(FIELD_ROW)
   { "missing", 'u', (int32_t)offsetof(tse_input, missing), 0.0, 1.0, -1.0, "", "bits of missing channels, in the order of the rows above" },
   { "given", 'u', (int32_t)offsetof(tse_input, given), 0.0, 1.0, -1.0, "", "bits of what is measured, in the order of the rows below" },
-  /* table: optional_described */
-  { "ins_vel_x", 'r', (int32_t)offsetof(tse_input, ins_vel_x), 0.0, -120.0, 120.0, "m/s", "velocity along the car, of an INS or an optical sensor" },
-  { "ins_vel_y", 'r', (int32_t)offsetof(tse_input, ins_vel_y), 0.0, -60.0, 60.0, "m/s", "velocity across the car, positive left" },
-  { "gnss_speed", 'r', (int32_t)offsetof(tse_input, gnss_speed), 0.0, 0.0, 120.0, "m/s", "speed over ground" },
-  { "gnss_course", 'r', (int32_t)offsetof(tse_input, gnss_course), 0.0, -7.0, 7.0, "rad", "direction over ground, positive left (against the clock from above), from any zero" },
-  { "brake", 'r', (int32_t)offsetof(tse_input, brake), 0.0, 0.0, 1.0, "1", "the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides" },
-  { "wheel_torque_front", 'r', (int32_t)offsetof(tse_input, wheel_torque_front), 0.0, -20000.0, 20000.0, "Nm", "drive less brake torque of both front wheels" },
-  { "wheel_torque_rear", 'r', (int32_t)offsetof(tse_input, wheel_torque_rear), 0.0, -20000.0, 20000.0, "Nm", "drive less brake torque of both rear wheels" },
-  /* end of table */
+  VELOCITIES(FIELD_ROW) PEDALS(FIELD_ROW)
 };
 
-static const tse_field output_fields[] = {
-  /* table: outputs_described */
-  { "vel_x", 'r', (int32_t)offsetof(tse_output, vel_x), 0.0, 1.0, -1.0, "m/s", "longitudinal velocity of the centre of gravity" },
-  { "vel_x_sd", 'r', (int32_t)offsetof(tse_output, vel_x_sd), 0.0, 1.0, -1.0, "m/s", "its standard deviation" },
-  { "vel_y", 'r', (int32_t)offsetof(tse_output, vel_y), 0.0, 1.0, -1.0, "m/s", "lateral velocity of the centre of gravity" },
-  { "vel_y_sd", 'r', (int32_t)offsetof(tse_output, vel_y_sd), 0.0, 1.0, -1.0, "m/s", "its standard deviation" },
-  { "yaw_rate", 'r', (int32_t)offsetof(tse_output, yaw_rate), 0.0, 1.0, -1.0, "rad/s", "yaw rate" },
-  { "yaw_rate_sd", 'r', (int32_t)offsetof(tse_output, yaw_rate_sd), 0.0, 1.0, -1.0, "rad/s", "its standard deviation" },
-  { "sideslip", 'r', (int32_t)offsetof(tse_output, sideslip), 0.0, 1.0, -1.0, "rad", "sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill" },
-  { "sideslip_sd", 'r', (int32_t)offsetof(tse_output, sideslip_sd), 0.0, 1.0, -1.0, "rad", "its standard deviation" },
-  { "grip", 'r', (int32_t)offsetof(tse_output, grip), 0.0, 1.0, -1.0, "1", "friction of the tyres: the most lateral force of an axle over its load; form 0" },
-  { "grip_sd", 'r', (int32_t)offsetof(tse_output, grip_sd), 0.0, 1.0, -1.0, "1", "its standard deviation" },
-  { "grip_valid", 'i', (int32_t)offsetof(tse_output, grip_reason), 0.0, 1.0, -1.0, "", "0 valid, else the reason (tse_reason)" },
-  { "cx_front", 'r', (int32_t)offsetof(tse_output, stiffness[0]), 0.0, 1.0, -1.0, "1", "longitudinal stiffness, front axle, mean" },
-  { "cx_front_sd", 'r', (int32_t)offsetof(tse_output, stiffness_sd[0]), 0.0, 1.0, -1.0, "1", "sd of that mean" },
-  { "cx_front_spread", 'r', (int32_t)offsetof(tse_output, stiffness_spread[0]), 0.0, 1.0, -1.0, "1", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample" },
-  { "cx_front_spread_seen", 'i', (int32_t)offsetof(tse_output, spread_seen[0]), 0.0, 1.0, -1.0, "", "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show" },
-  { "cx_front_valid", 'i', (int32_t)offsetof(tse_output, reason[0]), 0.0, 1.0, -1.0, "", "0 valid, else the reason (tse_reason)" },
-  { "cy_front", 'r', (int32_t)offsetof(tse_output, stiffness[1]), 0.0, 1.0, -1.0, "1", "cornering stiffness, front axle, mean" },
-  { "cy_front_sd", 'r', (int32_t)offsetof(tse_output, stiffness_sd[1]), 0.0, 1.0, -1.0, "1", "sd of that mean" },
-  { "cy_front_spread", 'r', (int32_t)offsetof(tse_output, stiffness_spread[1]), 0.0, 1.0, -1.0, "1", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample" },
-  { "cy_front_spread_seen", 'i', (int32_t)offsetof(tse_output, spread_seen[1]), 0.0, 1.0, -1.0, "", "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show" },
-  { "cy_front_valid", 'i', (int32_t)offsetof(tse_output, reason[1]), 0.0, 1.0, -1.0, "", "0 valid, else the reason (tse_reason)" },
-  { "cy_rear", 'r', (int32_t)offsetof(tse_output, stiffness[2]), 0.0, 1.0, -1.0, "1", "cornering stiffness, rear axle, mean" },
-  { "cy_rear_sd", 'r', (int32_t)offsetof(tse_output, stiffness_sd[2]), 0.0, 1.0, -1.0, "1", "sd of that mean" },
-  { "cy_rear_spread", 'r', (int32_t)offsetof(tse_output, stiffness_spread[2]), 0.0, 1.0, -1.0, "1", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample" },
-  { "cy_rear_spread_seen", 'i', (int32_t)offsetof(tse_output, spread_seen[2]), 0.0, 1.0, -1.0, "", "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show" },
-  { "cy_rear_valid", 'i', (int32_t)offsetof(tse_output, reason[2]), 0.0, 1.0, -1.0, "", "0 valid, else the reason (tse_reason)" },
-  { "bias_accel_x", 'r', (int32_t)offsetof(tse_output, bias[0]), 0.0, 1.0, -1.0, "m/s2", "bias of accel_x: what it reads too much" },
-  { "bias_accel_x_sd", 'r', (int32_t)offsetof(tse_output, bias_sd[0]), 0.0, 1.0, -1.0, "m/s2", "its standard deviation" },
-  { "bias_accel_y", 'r', (int32_t)offsetof(tse_output, bias[1]), 0.0, 1.0, -1.0, "m/s2", "bias of accel_y: what it reads too much" },
-  { "bias_accel_y_sd", 'r', (int32_t)offsetof(tse_output, bias_sd[1]), 0.0, 1.0, -1.0, "m/s2", "its standard deviation" },
-  { "bias_yaw_rate", 'r', (int32_t)offsetof(tse_output, bias[2]), 0.0, 1.0, -1.0, "rad/s", "bias of yaw_rate: what it reads too much" },
-  { "bias_yaw_rate_sd", 'r', (int32_t)offsetof(tse_output, bias_sd[2]), 0.0, 1.0, -1.0, "rad/s", "its standard deviation" },
-  { "noise_accel_x", 'r', (int32_t)offsetof(tse_output, noise[0]), 0.0, 1.0, -1.0, "1", "noise of accel_x as found: its sd over the setting, form 0" },
-  { "noise_accel_y", 'r', (int32_t)offsetof(tse_output, noise[1]), 0.0, 1.0, -1.0, "1", "noise of accel_y as found" },
-  { "noise_yaw_rate", 'r', (int32_t)offsetof(tse_output, noise[2]), 0.0, 1.0, -1.0, "1", "noise of yaw_rate as found" },
-  { "noise_wheel_front", 'r', (int32_t)offsetof(tse_output, noise[3]), 0.0, 1.0, -1.0, "1", "noise of wheel_speed_front as found" },
-  { "noise_wheel_rear", 'r', (int32_t)offsetof(tse_output, noise[4]), 0.0, 1.0, -1.0, "1", "noise of wheel_speed_rear as found" },
-  { "p_steady", 'r', (int32_t)offsetof(tse_output, regime[TSE_REGIME_STEADY]), 0.0, 1.0, -1.0, "1", "probability: tyres as before" },
-  { "p_changed", 'r', (int32_t)offsetof(tse_output, regime[TSE_REGIME_CHANGED]), 0.0, 1.0, -1.0, "1", "probability: all tyres changed within the last 2 s, another road" },
-  { "p_axle", 'r', (int32_t)offsetof(tse_output, regime[TSE_REGIME_AXLE]), 0.0, 1.0, -1.0, "1", "probability: the tyres of one axle changed within the last 2 s" },
-  { "p_fault", 'r', (int32_t)offsetof(tse_output, regime[TSE_REGIME_FAULT]), 0.0, 1.0, -1.0, "1", "probability: a channel has an offset, is frozen or noisy" },
-  { "p_sliding", 'r', (int32_t)offsetof(tse_output, regime[TSE_REGIME_SLIDING]), 0.0, 1.0, -1.0, "1", "probability: wheels lock or spin" },
-  { "p_restarted", 'r', (int32_t)offsetof(tse_output, regime[TSE_REGIME_RESTARTED]), 0.0, 1.0, -1.0, "1", "probability: all was started over within the last 2 s" },
-  { "change_age", 'r', (int32_t)offsetof(tse_output, change_age), 0.0, 1.0, -1.0, "s", "time since the last change ; 0 while there was none" },
-  { "change_probability", 'r', (int32_t)offsetof(tse_output, change_probability), 0.0, 1.0, -1.0, "1", "probability that nothing has happened since that change" },
-  { "change_kind", 'i', (int32_t)offsetof(tse_output, change_kind), 0.0, 1.0, -1.0, "", "0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over" },
-  { "change_cx_front", 'r', (int32_t)offsetof(tse_output, change_ratio[0]), 0.0, 1.0, -1.0, "1", "longitudinal stiffness now over that before the change" },
-  { "change_cy_front", 'r', (int32_t)offsetof(tse_output, change_ratio[1]), 0.0, 1.0, -1.0, "1", "front cornering stiffness now over that before the change" },
-  { "change_cy_rear", 'r', (int32_t)offsetof(tse_output, change_ratio[2]), 0.0, 1.0, -1.0, "1", "rear cornering stiffness now over that before the change" },
-  { "fault_channel", 'i', (int32_t)offsetof(tse_output, fault_channel), 0.0, 1.0, -1.0, "", "0 none, else 1 + place among the channels of that which is likeliest at fault" },
-  { "discrepancy_accel_x", 'r', (int32_t)offsetof(tse_output, discrepancy[0]), 0.0, 1.0, -1.0, "m/s2", "model discrepancy of accel_x: sd of what the model does not explain" },
-  { "discrepancy_accel_y", 'r', (int32_t)offsetof(tse_output, discrepancy[1]), 0.0, 1.0, -1.0, "m/s2", "model discrepancy of accel_y" },
-  { "discrepancy_yaw_rate", 'r', (int32_t)offsetof(tse_output, discrepancy[2]), 0.0, 1.0, -1.0, "rad/s", "model discrepancy of yaw_rate" },
-  { "innovation_accel_x", 'r', (int32_t)offsetof(tse_output, innovation[0]), 0.0, 1.0, -1.0, "m/s2", "innovation: what accel_x read less what was predicted; 0 where it was not used; form 0" },
-  { "innovation_accel_y", 'r', (int32_t)offsetof(tse_output, innovation[1]), 0.0, 1.0, -1.0, "m/s2", "innovation of accel_y" },
-  { "innovation_yaw_rate", 'r', (int32_t)offsetof(tse_output, innovation[2]), 0.0, 1.0, -1.0, "rad/s", "innovation of yaw_rate" },
-  { "innovation_wheel_front", 'r', (int32_t)offsetof(tse_output, innovation[3]), 0.0, 1.0, -1.0, "m/s", "innovation of the front wheel speed times radius" },
-  { "innovation_wheel_rear", 'r', (int32_t)offsetof(tse_output, innovation[4]), 0.0, 1.0, -1.0, "m/s", "innovation of the rear wheel speed times radius" },
-  { "nis", 'r', (int32_t)offsetof(tse_output, nis), 0.0, 1.0, -1.0, "1", "normalised innovation squared, summed over the channels used; their number where all fits; form 0" },
-  { "lag_steer", 'r', (int32_t)offsetof(tse_output, lag_steer), 0.0, 1.0, -1.0, "s", "how late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0" },
-  { "lag_steer_sd", 'r', (int32_t)offsetof(tse_output, lag_steer_sd), 0.0, 1.0, -1.0, "s", "its standard deviation" },
-  { "estimate_age", 'r', (int32_t)offsetof(tse_output, estimate_age), 0.0, 1.0, -1.0, "s", "how long before this row the time lies that the estimates speak of (settings ..._latency)" },
-  { "n_eff", 'r', (int32_t)offsetof(tse_output, n_eff), 0.0, 1.0, -1.0, "1", "effective number of particles, 1/sum q^2 of their weights; 1 in form 0" },
-  { "log_evidence", 'r', (int32_t)offsetof(tse_output, log_evidence), 0.0, 1.0, -1.0, "nat", "log density of this row's measurements given the rows before; 0 where none was used" },
-  { "status", 'i', (int32_t)offsetof(tse_output, status), 0.0, 1.0, -1.0, "", "0 ok; above: done, with the caution of this code (tse_status); whether to use a stiffness says its reason" },
-  { "cx_front_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[0]), 0.0, 1.0, -1.0, "1", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load" },
-  { "cy_front_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[1]), 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, front axle: force over slip at this row's slip and load" },
-  { "cy_rear_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[2]), 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load" },
-  { "fault_factor", 'r', (int32_t)offsetof(tse_output, fault_factor), 0.0, 1.0, -1.0, "1", "how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor: exchanged, stuck" },
-  /* end of table */
-};
+#undef FIELD_ROW
+#define FIELD(of, name, kind, member, unit, text) { name, kind, (int32_t)offsetof(of, member), 0.0, 1.0, -1.0, unit, text },
+#define FIELD_NUMBER(name, member, unit, text) FIELD(tse_output, #name, 'r', member, unit, text)
+#define FIELD_FLAG(name, member, text) FIELD(tse_output, #name, 'i', member, "", text)
+#define FIELD_CODE(name, member, type, text) FIELD(tse_output, #name, 'i', member, "", text)
+#define FIELD_STIFFNESS(name, member, si, unit, text) FIELD(tse_output, #name, 'r', member, "1", text)
+#define FIELD_REASON(name, member, valid, what) FIELD(tse_output, #name "_valid", 'i', member, "", "0 valid, else the reason (tse_reason)")
+static const tse_field output_fields[] = { OUTPUTS(FIELD_NUMBER, FIELD_FLAG, FIELD_CODE, FIELD_STIFFNESS, FIELD_REASON) };
+#undef FIELD_NUMBER
+#undef FIELD_FLAG
+#undef FIELD_CODE
+#undef FIELD_STIFFNESS
+#undef FIELD_REASON
 
 static const tse_field status_fields[] = {
   /* table: status_described */
@@ -155,45 +82,20 @@ static const tse_field sim_config_fields[] = { SETTINGS_SIM(FIELD_REAL, FIELD_WH
 #undef FIELD_REAL
 #undef FIELD_WHOLE
 
+#define FIELD_ROW(name, def, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
 static const tse_field sim_input_fields[] = {
   { "dt", 'r', (int32_t)offsetof(tse_sim_input, dt), 0.01, 0.0, 1.0, "s", "time since the previous row" },
-  /* table: sim_input_described */
-  { "steer_angle", 'r', (int32_t)offsetof(tse_sim_input, steer_angle), 0.0, -1.2, 1.2, "rad", "road-wheel angle of the front axle, positive left" },
-  { "wheel_torque_front", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_front), 0.0, -100000.0, 100000.0, "Nm", "drive torque of the front axle; negative turns the wheels backwards" },
-  { "wheel_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_rear), 0.0, -100000.0, 100000.0, "Nm", "drive torque of the rear axle; negative turns the wheels backwards" },
-  { "brake_torque_front", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_front), 0.0, 0.0, 100000.0, "Nm", "brake torque of the front axle, against the rotation; holds at standstill" },
-  { "brake_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_rear), 0.0, 0.0, 100000.0, "Nm", "brake torque of the rear axle, against the rotation; holds at standstill" },
-  { "road_level", 'r', (int32_t)offsetof(tse_sim_input, road_level), 1.0, 0.02, 10.0, "1", "stiffness of all tyres relative to dry road" },
-  { "road_friction", 'r', (int32_t)offsetof(tse_sim_input, road_friction), 0.0, 0.0, 2.0, "1", "friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings" },
-  /* end of table */
+  DRIVER(FIELD_ROW)
 };
 
-static const tse_field sim_output_fields[] = {
-  /* table: sim_output_described */
-  { "steer_angle", 'r', (int32_t)offsetof(tse_sim_output, row.steer_angle), 0.0, 1.0, -1.0, "rad", "mean road-wheel angle of the front axle, positive left" },
-  { "wheel_speed_front", 'r', (int32_t)offsetof(tse_sim_output, row.wheel_speed_front), 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the front wheels, positive forward" },
-  { "wheel_speed_rear", 'r', (int32_t)offsetof(tse_sim_output, row.wheel_speed_rear), 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the rear wheels, positive forward" },
-  { "accel_x", 'r', (int32_t)offsetof(tse_sim_output, row.accel_x), 0.0, 1.0, -1.0, "m/s2", "specific force at the centre of gravity, positive forward" },
-  { "accel_y", 'r', (int32_t)offsetof(tse_sim_output, row.accel_y), 0.0, 1.0, -1.0, "m/s2", "specific force at the centre of gravity, positive left" },
-  { "yaw_rate", 'r', (int32_t)offsetof(tse_sim_output, row.yaw_rate), 0.0, 1.0, -1.0, "rad/s", "yaw rate, positive left (counter-clockwise from above)" },
-  { "true_vel_x", 'r', (int32_t)offsetof(tse_sim_output, vel_x), 0.0, 1.0, -1.0, "m/s", "longitudinal velocity of the centre of gravity" },
-  { "true_vel_y", 'r', (int32_t)offsetof(tse_sim_output, vel_y), 0.0, 1.0, -1.0, "m/s", "lateral velocity of the centre of gravity" },
-  { "true_yaw_rate", 'r', (int32_t)offsetof(tse_sim_output, yaw_rate), 0.0, 1.0, -1.0, "rad/s", "yaw rate" },
-  { "true_accel_x", 'r', (int32_t)offsetof(tse_sim_output, accel_x), 0.0, 1.0, -1.0, "m/s2", "specific force without noise and bias" },
-  { "true_accel_y", 'r', (int32_t)offsetof(tse_sim_output, accel_y), 0.0, 1.0, -1.0, "m/s2", "specific force without noise and bias" },
-  { "true_wheel_speed_front", 'r', (int32_t)offsetof(tse_sim_output, wheel_speed_front), 0.0, 1.0, -1.0, "rad/s", "rotation rate of the front wheels" },
-  { "true_wheel_speed_rear", 'r', (int32_t)offsetof(tse_sim_output, wheel_speed_rear), 0.0, 1.0, -1.0, "rad/s", "rotation rate of the rear wheels" },
-  { "true_cx_front", 'r', (int32_t)offsetof(tse_sim_output, stiffness[0]), 0.0, 1.0, -1.0, "1", "mean longitudinal stiffness, front, relative to nominal" },
-  { "true_cy_front", 'r', (int32_t)offsetof(tse_sim_output, stiffness[1]), 0.0, 1.0, -1.0, "1", "mean cornering stiffness, front, relative to nominal" },
-  { "true_cy_rear", 'r', (int32_t)offsetof(tse_sim_output, stiffness[2]), 0.0, 1.0, -1.0, "1", "mean cornering stiffness, rear, relative to nominal" },
-  { "drawn_cx_front", 'r', (int32_t)offsetof(tse_sim_output, drawn[0]), 0.0, 1.0, -1.0, "1", "longitudinal stiffness, front, drawn for this row, relative to nominal" },
-  { "drawn_cy_front", 'r', (int32_t)offsetof(tse_sim_output, drawn[1]), 0.0, 1.0, -1.0, "1", "cornering stiffness, front, drawn for this row, relative to nominal" },
-  { "drawn_cy_rear", 'r', (int32_t)offsetof(tse_sim_output, drawn[2]), 0.0, 1.0, -1.0, "1", "cornering stiffness, rear, drawn for this row, relative to nominal" },
-  { "true_bias_accel_x", 'r', (int32_t)offsetof(tse_sim_output, bias[0]), 0.0, 1.0, -1.0, "m/s2", "bias of accel_x" },
-  { "true_bias_accel_y", 'r', (int32_t)offsetof(tse_sim_output, bias[1]), 0.0, 1.0, -1.0, "m/s2", "bias of accel_y" },
-  { "true_bias_yaw_rate", 'r', (int32_t)offsetof(tse_sim_output, bias[2]), 0.0, 1.0, -1.0, "rad/s", "bias of yaw_rate" },
-  /* end of table */
-};
+#undef FIELD_ROW
+#define FIELD_ROW(name, drives, lo, hi, unit, text) FIELD(tse_sim_output, #name, 'r', row.name, unit, text)
+#define FIELD_NUMBER(group, name, member, unit, text) FIELD(tse_sim_output, #group "_" #name, 'r', member, unit, text)
+#define FIELD_STIFFNESS(group, name, member, si, unit, text) FIELD(tse_sim_output, #group "_" #name, 'r', member, "1", text ", relative to nominal")
+static const tse_field sim_output_fields[] = { CHANNELS(FIELD_ROW) TRUTHS(FIELD_NUMBER, FIELD_STIFFNESS) };
+#undef FIELD_ROW
+#undef FIELD_NUMBER
+#undef FIELD_STIFFNESS
 
 static const tse_field replay_log_fields[] = {
   /* table: replay_log_described */
