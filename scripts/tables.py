@@ -111,15 +111,6 @@ def field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, sa
     return f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, {text(says)} }},"
 
 
-def described(of: str, rows: dict[str, Row], real: str) -> list[str]:
-    """Return rows of tse_describe() for members with a default and a range."""
-    return [
-        field(of, n, "i" if r.get("whole") else real, n,
-              f"{start(r)}, {c(r['least'])}, {c(r['most'])}", "1" if r.get("whole") else r["unit"], r["text"])
-        for n, r in rows.items()
-    ]  # fmt: skip
-
-
 def fmu_name(group: str, name: str, row: Row) -> str:
     """Return the name of a setting among the parameters of an FMU."""
     if group == "effects":
@@ -531,16 +522,9 @@ def columns() -> Iterator[str]:
     yield f"#define REASONS {text(why + ' see documentation')}"
 
 
-def estimator_codes() -> list[str]:
-    """Return code, enumeration type, name and meaning of all codes that an output may have."""
-    table, rows = read("status"), read("input")
-    faults = [r for kind in ("channel", "velocity") for r in rows[kind]]
-    codes = [(r["code"], "Status", n, r["text"]) for n, r in table["status"].items() if r["code"] >= 0]
-    codes += [(r["code"], "Reason", r["word"], r["text"]) for r in table["reason"].values()]
-    codes += [(r["code"], "ChangeKind", r["word"], r["text"]) for r in read("output")["change"].values()]
-    codes += [(0, "FaultChannel", "none", "no channel is likely at fault, none is implausible")]
-    codes += [(i, "FaultChannel", r["name"], r["text"]) for i, r in enumerate(faults, 1)]
-    return [f"{{ {code}, {text(of)}, {text(name)}, {text(means)} }}," for code, of, name, means in codes]
+def changes() -> list[str]:
+    """Return word and meaning of what may have changed, by their codes."""
+    return [f"{{ {text(r['word'])}, {text(r['text'])} }}," for r in read("output")["change"].values()]
 
 
 def filled(source: str) -> str:

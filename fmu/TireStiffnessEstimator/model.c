@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "fmu_model.h"
+#include "tse/describe.h"
 
 #define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 #include "variables.h"
@@ -49,53 +50,35 @@ const fmu_info fmu_about = {
   10.0, 0.01, 1e-4
 };
 
+/* Codes that the library describes: those of a step that was done. */
+static void described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
+{
+  int32_t count;
+  const tse_field *const code = tse_describe(which, &count, NULL);
+  for (int32_t i = 0; i < count; i++)
+    if (code[i].offset >= 0) row(to, type, code[i].offset, code[i].name, code[i].text);
+}
+
 void model_codes(fmu_code_row *row, void *to)
 {
-  static const struct {
-    int32_t code;
-    const char *type, *name, *text;
-  } rows[] = {
-    /* table: estimator_codes */
-    { 0, "Status", "TSE_OK", "ok" },
-    { 1, "Status", "TSE_W_NOT_VALID", "at least one stiffness is not valid; its reason says why" },
-    { 2, "Status", "TSE_W_STARTING", "too little seen since the start; spread and validity are not settled" },
-    { 3, "Status", "TSE_W_MISSING_CHANNEL", "a measurement was missing; the others were used" },
-    { 4, "Status", "TSE_W_HELD", "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness" },
-    { 5, "Status", "TSE_W_PREDICTED", "no measurement, or inputs missing: predicted only" },
-    { 6, "Status", "TSE_W_GAP", "time step too long to bridge: states restarted from the sensors, what was learnt is kept" },
-    { 7, "Status", "TSE_W_RECOVERED", "the state was no finite number, by a fault of the memory or an overflow: started over" },
-    { 8, "Status", "TSE_W_WAITING", "no step: channels that are logged later are awaited; estimates of the last step, or of the start" },
-    { 9, "Status", "TSE_W_RANGE", "a number reached the end of the range of the number format: it stops there, or the sample was dropped" },
-    { 10, "Status", "TSE_W_IMPLAUSIBLE", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is" },
-    { 0, "Reason", "valid", "usable" },
-    { 1, "Reason", "starting", "too little seen since the start" },
-    { 2, "Reason", "not excited", "the recent inputs do not show this stiffness" },
-    { 3, "Reason", "uncertain", "excited, but the sd of the mean is above the limit" },
-    { 4, "Reason", "diverging", "a channel is probably at fault" },
-    { 5, "Reason", "held", "standstill, low speed, reverse, large steering angle or sliding wheels: value from before" },
-    { 6, "Reason", "input invalid", "inputs or measurements are missing" },
-    { 7, "Reason", "parameters uncertain", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better" },
-    { 8, "Reason", "does not fit", "the sensors say what the model does not explain: calibrate, or look for what is missing" },
-    { 9, "Reason", "implausible", "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)" },
-    { 0, "ChangeKind", "none", "none yet" },
-    { 1, "ChangeKind", "road", "all tyres: another road" },
-    { 2, "ChangeKind", "front axle", "the tyres of the front axle" },
-    { 3, "ChangeKind", "rear axle", "the tyres of the rear axle" },
-    { 4, "ChangeKind", "started over", "all was started over" },
-    { 0, "FaultChannel", "none", "no channel is likely at fault, none is implausible" },
-    { 1, "FaultChannel", "steer_angle", "mean road-wheel angle of the front axle, positive left" },
-    { 2, "FaultChannel", "wheel_speed_front", "mean rotation rate of the front wheels, positive forward" },
-    { 3, "FaultChannel", "wheel_speed_rear", "mean rotation rate of the rear wheels, positive forward" },
-    { 4, "FaultChannel", "accel_x", "specific force at the centre of gravity, positive forward" },
-    { 5, "FaultChannel", "accel_y", "specific force at the centre of gravity, positive left" },
-    { 6, "FaultChannel", "yaw_rate", "yaw rate, positive left (counter-clockwise from above)" },
-    { 7, "FaultChannel", "ins_vel_x", "velocity along the car, of an INS or an optical sensor" },
-    { 8, "FaultChannel", "ins_vel_y", "velocity across the car, positive left" },
-    { 9, "FaultChannel", "gnss_speed", "speed over ground" },
-    { 10, "FaultChannel", "gnss_course", "direction over ground, positive left (against the clock from above), from any zero" },
+  static const char *const changes[][2] = {
+    /* table: changes */
+    { "none", "none yet" },
+    { "road", "all tyres: another road" },
+    { "front axle", "the tyres of the front axle" },
+    { "rear axle", "the tyres of the rear axle" },
+    { "started over", "all was started over" },
     /* end of table */
   };
-  for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) row(to, rows[i].type, rows[i].code, rows[i].name, rows[i].text);
+#define FAULT(name, drives, lo, hi, unit, text) { #name, text },
+  static const char *const faults[][2] = {
+    { "none", "no channel is likely at fault, none is implausible" },
+    CHANNELS(FAULT) VELOCITIES(FAULT)
+  };
+  described_codes(row, to, "Status", TSE_STRUCT_STATUS);
+  described_codes(row, to, "Reason", TSE_STRUCT_REASON);
+  for (int32_t i = 0; i < (int32_t)(sizeof changes / sizeof changes[0]); i++) row(to, "ChangeKind", i, changes[i][0], changes[i][1]);
+  for (int32_t i = 0; i < (int32_t)(sizeof faults / sizeof faults[0]); i++) row(to, "FaultChannel", i, faults[i][0], faults[i][1]);
 }
 
 void model_init(model *m) { tse_config_default(&m->config); }
