@@ -5,7 +5,7 @@
 static tse_real own_variance_of(const tse_kalman *k, int i)
 {
   tse_real var = ud_variance(&k->p, i);
-  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_long(k->doubt[q][i]));
+  for (int q = 0; q < TSE_DOUBTS; q++) var += r_mul_short(k->doubt[q][i], k->doubt[q][i]);
   return var;
 }
 

@@ -78,7 +78,7 @@ tse_real ud_common(const tse_ud *p, int i, int k)
 {
   const int low = i < k ? i : k, high = i < k ? k : i;
   tse_real sum = low == high ? p->d[low] : r_mul(r_long(p->u[ud_column(high) + low]), p->d[high]);
-  for (int j = high + 1; j < STATES; j++) sum += r_mul(r_mul(r_long(p->u[ud_column(j) + low]), r_long(p->u[ud_column(j) + high])), p->d[j]);
+  for (int j = high + 1; j < STATES; j++) sum += r_mul(r_mul_short(p->u[ud_column(j) + low], p->u[ud_column(j) + high]), p->d[j]);
   return sum;
 }
 

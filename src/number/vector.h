@@ -7,6 +7,7 @@
  *                 (r_row, r_sparse). Quotients by one number share its reciprocal (r_divisor): 2^-29 of the quotient off at most.
  *
  *   r_short r_long      to a tse_short, nearest and stopped; back
+ *   r_mul_short(a, b)   r_mul() of two of them
  *   r_factor(x, up)     x 2^up to multiply rows by (2^up: only where rows are scaled, in fixed)
  *   r_quotient(x, d, up)  x/d 2^up, the same
  *   r_short_of(a, x, up)  r_short_scaled(x, up), where a is r_factor(x, up)
@@ -47,6 +48,7 @@ typedef tse_real r_factored;
 
 static inline tse_short r_short(tse_real x) { return x; }
 static inline tse_real r_long(tse_short x) { return x; }
+static inline tse_real r_mul_short(tse_short a, tse_short b) { return r_mul(a, b); }
 static inline r_factored r_factor(tse_real x, int up) { return (void)up, x; }
 static inline r_divided r_divisor(tse_real d) { return d; }
 static inline tse_real r_by(tse_real x, r_divided d) { return r_div(x, d); }
@@ -186,6 +188,7 @@ static inline int r_near_end(const tse_short *x, int n)
 }
 static inline tse_real r_long_scaled(tse_short x, int up) { return fixed_shifted(x, SHORT_BITS - FIXED_BITS + up); }
 static inline tse_real r_long(tse_short x) { return (tse_real)x * ((tse_real)1 << (FIXED_BITS - SHORT_BITS)); }
+static inline tse_real r_mul_short(tse_short a, tse_short b) { return (fixed_product(a, b) + (1 << (2 * SHORT_BITS - FIXED_BITS - 1))) >> (2 * SHORT_BITS - FIXED_BITS); }
 
 static inline r_factored factor_limited(int32_t m, int right)
 {

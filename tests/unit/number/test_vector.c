@@ -169,6 +169,16 @@ static void test_slopes_are_brought_into_units_and_multiply_rows(void)
   }
 }
 
+static void test_the_product_of_two_of_rows_is_that_of_their_numbers(void)
+{
+  uint32_t seed = 12;
+  for (int n = 0; n < 2000; n++) {
+    const tse_short a = short_of(next_between(&seed, -250, 250) * (n % 3 ? 0.001 : 1)), b = short_of(next_between(&seed, -250, 250) * (n % 2 ? 0.01 : 1));
+    const tse_real product = r_mul_short(a, b), same = r_mul(r_long(a), r_long(b));
+    TEST_ASSERT_EQUAL_MEMORY(&same, &product, sizeof same);
+  }
+}
+
 static void test_a_factor_knows_its_number(void)
 {
   uint32_t seed = 9;
@@ -212,6 +222,7 @@ int main(void)
   RUN_TEST(test_a_sum_of_products_is_rounded_once);
   RUN_TEST(test_quotients_by_one_number_share_its_reciprocal);
   RUN_TEST(test_slopes_are_brought_into_units_and_multiply_rows);
+  RUN_TEST(test_the_product_of_two_of_rows_is_that_of_their_numbers);
   RUN_TEST(test_a_factor_knows_its_number);
   RUN_TEST(test_sums_element_by_element);
   return UNITY_END();
