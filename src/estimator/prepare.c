@@ -21,8 +21,10 @@
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
-/* Set every setting to its default. */
-static void as_in_the_tables(tse_config *c) { set_defaults(c, reals, REALS, wholes, WHOLES); }
+void tse_config_default(tse_config *c)
+{
+  if (c) set_defaults(c, reals, REALS, wholes, WHOLES);
+}
 
 void tse_config_uncalibrated(tse_config *c)
 {
@@ -36,16 +38,10 @@ void tse_config_uncalibrated(tse_config *c)
   c->longitudinal_stiffness_rear = r_mul(TSE_S(CLASS_LONGITUDINAL), r_mul(weight, c->lf));
 }
 
-void tse_config_default(tse_config *c)
-{
-  if (!c) return;
-  as_in_the_tables(c);
-}
-
 void tse_config_paper(tse_config *c)
 {
   if (!c) return;
-  as_in_the_tables(c);
+  tse_config_default(c);
   c->form = 1;
   c->exact_kinematics_share = TSE_S(0); /* of who simulates the paper's car: (1)-(4) */
   c->initial_spread = TSE_S(0.3); /* one reading of "30 %": of the mean and from sample to sample */
@@ -57,7 +53,7 @@ void tse_config_paper(tse_config *c)
 void tse_config_robust(tse_config *c)
 {
   if (!c) return;
-  as_in_the_tables(c);
+  tse_config_default(c);
   c->form = 1;
   c->exact_kinematics_share = TSE_S(0);
   c->integration = 1;
@@ -101,9 +97,7 @@ static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
 {
   for (int k = 0; k < TSE_FORMULA_OPS; k++) code[k] = (uint8_t)(((uint32_t)whole_at(c, &wholes[FIRST_WHOLE_FORMULA + 1 + k / 3]) >> (8 * (k % 3))) & 0xffu);
 }
-#endif
 
-#if !defined(TSE_NO_EFFECTS)
 /* Return whether a formula that is on ends with one value, and never takes more than there is or holds more than there is room
  * for. */
 static int formula_fits(const tse_config *c)
@@ -198,10 +192,11 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
     if (wrong) *wrong = name;
     return TSE_E_CONFIG;
   }
+  const int has_formula = (int)(effects_on(c) >> TSE_BIT_FORMULA & 1u);
 #if defined(TSE_NO_EFFECTS)
-  const int formula_fine = !(effects_on(c) >> TSE_BIT_FORMULA & 1u); /* such a build knows none */
+  const int formula_fine = !has_formula; /* such a build knows none */
 #else
-  const int formula_fine = !(effects_on(c) >> TSE_BIT_FORMULA & 1u) || formula_fits(c);
+  const int formula_fine = !has_formula || formula_fits(c);
 #endif
   if (!formula_fine) {
     if (wrong) *wrong = "formula_code_1";
