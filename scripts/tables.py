@@ -215,27 +215,11 @@ def reason_codes() -> list[str]:
     return codes("reason")
 
 
-def status_texts() -> list[str]:
-    return [f"case {n}: return {text(r['text'])};" for n, r in read("status")["status"].items()]
-
-
-def reason_texts() -> list[str]:
-    return [f"case {n}: return {text(r['text'])};" for n, r in read("status")["reason"].items()]
-
-
 def coded(rows: dict[str, Row]) -> list[str]:
     return [
         f"{{ {text(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {text(r.get('unit', ''))}, {text(r['text'])} }},"
         for n, r in rows.items()
     ]
-
-
-def status_described() -> list[str]:
-    return coded(read("status")["status"])
-
-
-def reason_described() -> list[str]:
-    return coded(read("status")["reason"])
 
 
 # ---- settings
@@ -518,6 +502,9 @@ def columns() -> Iterator[str]:
         "OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)", (output_row(n, r) for n, r in outputs().items())
     )
     yield from listed("TRUTHS(NUMBER, STIFFNESS)", (truth_row(*x) for x in truths()))
+    for name, codes_of in (("STATUSES", "status"), ("REASON_CODES", "reason")):
+        rows = read("status")[codes_of].items()
+        yield from listed(f"{name}(ROW)", (f"ROW({n}, {text(r.get('word', n))}, {text(r['text'])})" for n, r in rows))
     why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values())
     yield f"#define REASONS {text(why + ' see documentation')}"
 

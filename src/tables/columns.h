@@ -1,8 +1,10 @@
-/* tables/columns.h - every channel and output once: lists that range checks (input.h, sim.h), tse_describe() and the FMUs make their rows of.
+/* tables/columns.h - every channel, output, status and reason once: lists that range checks (input.h, sim.h), texts, tse_describe() and the
+ * FMUs make their rows of.
  *   CHANNELS, VELOCITIES, PEDALS   ROW(name, 1 if it drives, least, most, unit, text)
  *   DRIVER                         ROW(name, default, least, most, unit, text): what the simulator's driver does
  *   OUTPUTS    NUMBER(name, member, unit, text), FLAG(name, member, text), CODE(name, member, its enumeration, text);
  *              STIFFNESS(name, member, its place in N or N/rad in an FMU, that unit, text); REASON(name, member, place of "valid", of what)
+ *   STATUSES, REASON_CODES         ROW(name, word, text)
  *   TRUTHS     NUMBER, STIFFNESS, after the group of a column of the simulator
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
@@ -120,6 +122,41 @@
   NUMBER(true, bias_accel_x, bias[0], "m/s2", "bias of accel_x") \
   NUMBER(true, bias_accel_y, bias[1], "m/s2", "bias of accel_y") \
   NUMBER(true, bias_yaw_rate, bias[2], "rad/s", "bias of yaw_rate")
+#define STATUSES(ROW) \
+  ROW(TSE_E_BUILD, "TSE_E_BUILD", "this build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math") \
+  ROW(TSE_E_FORMAT, "TSE_E_FORMAT", "a setting leads to numbers that do not fit the fixed-point format of this build; double and float hold them") \
+  ROW(TSE_E_OLD, "TSE_E_OLD", "the learnt state was written by an older version of this library; learn anew") \
+  ROW(TSE_E_VEHICLE, "TSE_E_VEHICLE", "the learnt state belongs to another vehicle") \
+  ROW(TSE_E_VERSION, "TSE_E_VERSION", "the learnt state was written by a newer version of this library") \
+  ROW(TSE_E_LEARNT, "TSE_E_LEARNT", "not a learnt state of this library, or damaged") \
+  ROW(TSE_E_SIZE, "TSE_E_SIZE", "the filter's memory has another size than the library expects (other capacity or format)") \
+  ROW(TSE_E_STATE, "TSE_E_STATE", "the filter was not reset with these parameters, or is not a filter of this library") \
+  ROW(TSE_E_TIME, "TSE_E_TIME", "time step not finite, not positive, or too long") \
+  ROW(TSE_E_INPUT, "TSE_E_INPUT", "an input that drives the model is outside its range") \
+  ROW(TSE_E_CONFIG, "TSE_E_CONFIG", "a setting is outside its range") \
+  ROW(TSE_E_NULL, "TSE_E_NULL", "a required argument is NULL") \
+  ROW(TSE_OK, "TSE_OK", "ok") \
+  ROW(TSE_W_NOT_VALID, "TSE_W_NOT_VALID", "at least one stiffness is not valid; its reason says why") \
+  ROW(TSE_W_STARTING, "TSE_W_STARTING", "too little seen since the start; spread and validity are not settled") \
+  ROW(TSE_W_MISSING_CHANNEL, "TSE_W_MISSING_CHANNEL", "a measurement was missing; the others were used") \
+  ROW(TSE_W_HELD, "TSE_W_HELD", "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
+  ROW(TSE_W_PREDICTED, "TSE_W_PREDICTED", "no measurement, or inputs missing: predicted only") \
+  ROW(TSE_W_GAP, "TSE_W_GAP", "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
+  ROW(TSE_W_RECOVERED, "TSE_W_RECOVERED", "the state was no finite number, by a fault of the memory or an overflow: started over") \
+  ROW(TSE_W_WAITING, "TSE_W_WAITING", "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
+  ROW(TSE_W_RANGE, "TSE_W_RANGE", "a number reached the end of the range of the number format: it stops there, or the sample was dropped") \
+  ROW(TSE_W_IMPLAUSIBLE, "TSE_W_IMPLAUSIBLE", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is")
+#define REASON_CODES(ROW) \
+  ROW(TSE_VALID, "valid", "usable") \
+  ROW(TSE_STARTING, "starting", "too little seen since the start") \
+  ROW(TSE_NOT_EXCITED, "not excited", "the recent inputs do not show this stiffness") \
+  ROW(TSE_UNCERTAIN, "uncertain", "excited, but the sd of the mean is above the limit") \
+  ROW(TSE_DIVERGING, "diverging", "a channel is probably at fault") \
+  ROW(TSE_HELD, "held", "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
+  ROW(TSE_INPUT_INVALID, "input invalid", "inputs or measurements are missing") \
+  ROW(TSE_PARAMETERS_UNCERTAIN, "parameters uncertain", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better") \
+  ROW(TSE_MISFIT, "does not fit", "the sensors say what the model does not explain: calibrate, or look for what is missing") \
+  ROW(TSE_IMPLAUSIBLE, "implausible", "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)")
 #define REASONS "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 diverging, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 /* end of table */
 

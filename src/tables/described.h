@@ -32,48 +32,11 @@ static const tse_field output_fields[] = { OUTPUTS(FIELD_NUMBER, FIELD_FLAG, FIE
 #undef FIELD_STIFFNESS
 #undef FIELD_REASON
 
-static const tse_field status_fields[] = {
-  /* table: status_described */
-  { "TSE_E_BUILD", 'c', -12, 0.0, 1.0, -1.0, "", "this build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math" },
-  { "TSE_E_FORMAT", 'c', -11, 0.0, 1.0, -1.0, "", "a setting leads to numbers that do not fit the fixed-point format of this build; double and float hold them" },
-  { "TSE_E_OLD", 'c', -10, 0.0, 1.0, -1.0, "", "the learnt state was written by an older version of this library; learn anew" },
-  { "TSE_E_VEHICLE", 'c', -9, 0.0, 1.0, -1.0, "", "the learnt state belongs to another vehicle" },
-  { "TSE_E_VERSION", 'c', -8, 0.0, 1.0, -1.0, "", "the learnt state was written by a newer version of this library" },
-  { "TSE_E_LEARNT", 'c', -7, 0.0, 1.0, -1.0, "", "not a learnt state of this library, or damaged" },
-  { "TSE_E_SIZE", 'c', -6, 0.0, 1.0, -1.0, "", "the filter's memory has another size than the library expects (other capacity or format)" },
-  { "TSE_E_STATE", 'c', -5, 0.0, 1.0, -1.0, "", "the filter was not reset with these parameters, or is not a filter of this library" },
-  { "TSE_E_TIME", 'c', -4, 0.0, 1.0, -1.0, "", "time step not finite, not positive, or too long" },
-  { "TSE_E_INPUT", 'c', -3, 0.0, 1.0, -1.0, "", "an input that drives the model is outside its range" },
-  { "TSE_E_CONFIG", 'c', -2, 0.0, 1.0, -1.0, "", "a setting is outside its range" },
-  { "TSE_E_NULL", 'c', -1, 0.0, 1.0, -1.0, "", "a required argument is NULL" },
-  { "TSE_OK", 'c', 0, 0.0, 1.0, -1.0, "", "ok" },
-  { "TSE_W_NOT_VALID", 'c', 1, 0.0, 1.0, -1.0, "", "at least one stiffness is not valid; its reason says why" },
-  { "TSE_W_STARTING", 'c', 2, 0.0, 1.0, -1.0, "", "too little seen since the start; spread and validity are not settled" },
-  { "TSE_W_MISSING_CHANNEL", 'c', 3, 0.0, 1.0, -1.0, "", "a measurement was missing; the others were used" },
-  { "TSE_W_HELD", 'c', 4, 0.0, 1.0, -1.0, "", "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness" },
-  { "TSE_W_PREDICTED", 'c', 5, 0.0, 1.0, -1.0, "", "no measurement, or inputs missing: predicted only" },
-  { "TSE_W_GAP", 'c', 6, 0.0, 1.0, -1.0, "", "time step too long to bridge: states restarted from the sensors, what was learnt is kept" },
-  { "TSE_W_RECOVERED", 'c', 7, 0.0, 1.0, -1.0, "", "the state was no finite number, by a fault of the memory or an overflow: started over" },
-  { "TSE_W_WAITING", 'c', 8, 0.0, 1.0, -1.0, "", "no step: channels that are logged later are awaited; estimates of the last step, or of the start" },
-  { "TSE_W_RANGE", 'c', 9, 0.0, 1.0, -1.0, "", "a number reached the end of the range of the number format: it stops there, or the sample was dropped" },
-  { "TSE_W_IMPLAUSIBLE", 'c', 10, 0.0, 1.0, -1.0, "", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is" },
-  /* end of table */
-};
+#define CODED(name, word, text) { word, 'c', (int32_t)(name), 0.0, 1.0, -1.0, "", text },
+static const tse_field status_fields[] = { STATUSES(CODED) };
 
-static const tse_field reason_fields[] = {
-  /* table: reason_described */
-  { "valid", 'c', 0, 0.0, 1.0, -1.0, "", "usable" },
-  { "starting", 'c', 1, 0.0, 1.0, -1.0, "", "too little seen since the start" },
-  { "not excited", 'c', 2, 0.0, 1.0, -1.0, "", "the recent inputs do not show this stiffness" },
-  { "uncertain", 'c', 3, 0.0, 1.0, -1.0, "", "excited, but the sd of the mean is above the limit" },
-  { "diverging", 'c', 4, 0.0, 1.0, -1.0, "", "a channel is probably at fault" },
-  { "held", 'c', 5, 0.0, 1.0, -1.0, "", "standstill, low speed, reverse, large steering angle or sliding wheels: value from before" },
-  { "input invalid", 'c', 6, 0.0, 1.0, -1.0, "", "inputs or measurements are missing" },
-  { "parameters uncertain", 'c', 7, 0.0, 1.0, -1.0, "", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better" },
-  { "does not fit", 'c', 8, 0.0, 1.0, -1.0, "", "the sensors say what the model does not explain: calibrate, or look for what is missing" },
-  { "implausible", 'c', 9, 0.0, 1.0, -1.0, "", "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)" },
-  /* end of table */
-};
+static const tse_field reason_fields[] = { REASON_CODES(CODED) };
+#undef CODED
 
 #if !defined(TSE_NO_EFFECTS)
 #define FIELD_REAL(fmu, name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
