@@ -413,26 +413,10 @@ def replay_out_members() -> list[str]:
     return [member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30) for n, r in read("replay")["out"].items()]
 
 
-def replay_start_defaults() -> list[str]:
-    return [f"s->{n} = TSE_R({c(r['default'])});" for n, r in read("replay")["start"].items()]
-
-
-def replay_start_values() -> list[str]:
-    *lines, last = packed(f"s->{n}," for n in read("replay")["start"])
-    return [*lines, last.rstrip(",")]  # a comma behind the last would be a line for each to clang-format
-
-
 def replay_log_described() -> list[str]:
     return [
         field("tse_replay_log", n, "p" if r["needed"] else "o", n, NO_RANGE, r["unit"], r["text"])
         for n, r in read("replay")["log"].items()
-    ]
-
-
-def replay_start_described() -> list[str]:
-    return [
-        field("tse_replay_start", n, "r", n, f"{c(r['default'])}, 1.0, -1.0", r["unit"], r["text"])
-        for n, r in read("replay")["start"].items()
     ]
 
 
@@ -505,6 +489,11 @@ def columns() -> Iterator[str]:
     for name, codes_of in (("STATUSES", "status"), ("REASON_CODES", "reason")):
         rows = read("status")[codes_of].items()
         yield from listed(f"{name}(ROW)", (f"ROW({n}, {text(r.get('word', n))}, {text(r['text'])})" for n, r in rows))
+    start_rows = read("replay")["start"].items()
+    yield from listed(
+        "REPLAY_START(ROW)",
+        (f"ROW({n}, {c(r['default'])}, {text(r['unit'])}, {text(r['text'])})" for n, r in start_rows),
+    )
     why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values())
     yield f"#define REASONS {text(why + ' see documentation')}"
 

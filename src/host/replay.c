@@ -6,25 +6,11 @@
 
 #define BIT_GIVEN 63           /* of the mask: no effect, but something is given that only the model with effects knows */
 
+#define DEFAULT(name, def, unit, text) s->name = TSE_R(def);
 void tse_replay_start_default(tse_replay_start *s)
 {
   if (!s) return;
-  /* table: replay_start_defaults */
-  s->cx_front = TSE_R(1.0);
-  s->cy_front = TSE_R(1.0);
-  s->cy_rear = TSE_R(1.0);
-  s->bias_accel_x = TSE_R(0.0);
-  s->bias_accel_y = TSE_R(0.0);
-  s->bias_yaw_rate = TSE_R(0.0);
-  s->vel_x_from_wheels = TSE_R(1.0);
-  s->vel_x = TSE_R(0.0);
-  s->vel_y = TSE_R(0.0);
-  s->yaw_rate = TSE_R(0.0);
-  s->time = TSE_R(0.0);
-  s->heading = TSE_R(0.0);
-  s->wheel_inertia_front = TSE_R(2.4);
-  s->wheel_inertia_rear = TSE_R(2.4);
-  /* end of table */
+  REPLAY_START(DEFAULT)
 }
 
 static tse_real value(const tse_real *array, int32_t i) { return array ? array[i] : TSE_R(0); }
@@ -65,14 +51,10 @@ static tse_status check_row(const tse_replay_log *log, int32_t i)
   return TSE_OK;
 }
 
+#define VALUE(name, def, unit, text) s->name,
 static int finite_start(const tse_replay_start *s)
 {
-  const tse_real x[] = {
-    /* table: replay_start_values */
-    s->cx_front, s->cy_front, s->cy_rear, s->bias_accel_x, s->bias_accel_y, s->bias_yaw_rate, s->vel_x_from_wheels, s->vel_x,
-    s->vel_y, s->yaw_rate, s->time, s->heading, s->wheel_inertia_front, s->wheel_inertia_rear
-    /* end of table */
-  };
+  const tse_real x[] = { REPLAY_START(VALUE) };
   int fine = 1;
   for (int i = 0; i < (int)(sizeof x / sizeof x[0]); i++) fine = fine && r_is_finite(x[i]);
   return fine;

@@ -5,6 +5,7 @@
  *   OUTPUTS    NUMBER(name, member, unit, text), FLAG(name, member, text), CODE(name, member, its enumeration, text);
  *              STIFFNESS(name, member, its place in N or N/rad in an FMU, that unit, text); REASON(name, member, place of "valid", of what)
  *   STATUSES, REASON_CODES         ROW(name, word, text)
+ *   REPLAY_START                   ROW(name, default, unit, text)
  *   TRUTHS     NUMBER, STIFFNESS, after the group of a column of the simulator
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
@@ -157,6 +158,21 @@
   ROW(TSE_PARAMETERS_UNCERTAIN, "parameters uncertain", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better") \
   ROW(TSE_MISFIT, "does not fit", "the sensors say what the model does not explain: calibrate, or look for what is missing") \
   ROW(TSE_IMPLAUSIBLE, "implausible", "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)")
+#define REPLAY_START(ROW) \
+  ROW(cx_front, 1.0, "1", "longitudinal stiffness, share of nominal (rear follows as the settings say)") \
+  ROW(cy_front, 1.0, "1", "front cornering stiffness, share of nominal") \
+  ROW(cy_rear, 1.0, "1", "rear cornering stiffness, share of nominal") \
+  ROW(bias_accel_x, 0.0, "m/s2", "bias of accel_x") \
+  ROW(bias_accel_y, 0.0, "m/s2", "bias of accel_y") \
+  ROW(bias_yaw_rate, 0.0, "rad/s", "bias of yaw_rate") \
+  ROW(vel_x_from_wheels, 1.0, "1", "not 0: vel_x starts at the mean of the wheel speeds") \
+  ROW(vel_x, 0.0, "m/s", "start of vel_x, when not from the wheels") \
+  ROW(vel_y, 0.0, "m/s", "start of vel_y") \
+  ROW(yaw_rate, 0.0, "rad/s", "start of the yaw rate") \
+  ROW(time, 0.0, "s", "clock of stiffness_drift at the first row") \
+  ROW(heading, 0.0, "rad", "heading at the first row, for crosswind") \
+  ROW(wheel_inertia_front, 2.4, "kg m2", "rotational inertia of both front wheels, for wheel_torque_front") \
+  ROW(wheel_inertia_rear, 2.4, "kg m2", "rotational inertia of both rear wheels, for wheel_torque_rear")
 #define REASONS "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 diverging, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 /* end of table */
 

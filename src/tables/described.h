@@ -76,24 +76,9 @@ static const tse_field replay_log_fields[] = {
   /* end of table */
 };
 
-static const tse_field replay_start_fields[] = {
-  /* table: replay_start_described */
-  { "cx_front", 'r', (int32_t)offsetof(tse_replay_start, cx_front), 1.0, 1.0, -1.0, "1", "longitudinal stiffness, share of nominal (rear follows as the settings say)" },
-  { "cy_front", 'r', (int32_t)offsetof(tse_replay_start, cy_front), 1.0, 1.0, -1.0, "1", "front cornering stiffness, share of nominal" },
-  { "cy_rear", 'r', (int32_t)offsetof(tse_replay_start, cy_rear), 1.0, 1.0, -1.0, "1", "rear cornering stiffness, share of nominal" },
-  { "bias_accel_x", 'r', (int32_t)offsetof(tse_replay_start, bias_accel_x), 0.0, 1.0, -1.0, "m/s2", "bias of accel_x" },
-  { "bias_accel_y", 'r', (int32_t)offsetof(tse_replay_start, bias_accel_y), 0.0, 1.0, -1.0, "m/s2", "bias of accel_y" },
-  { "bias_yaw_rate", 'r', (int32_t)offsetof(tse_replay_start, bias_yaw_rate), 0.0, 1.0, -1.0, "rad/s", "bias of yaw_rate" },
-  { "vel_x_from_wheels", 'r', (int32_t)offsetof(tse_replay_start, vel_x_from_wheels), 1.0, 1.0, -1.0, "1", "not 0: vel_x starts at the mean of the wheel speeds" },
-  { "vel_x", 'r', (int32_t)offsetof(tse_replay_start, vel_x), 0.0, 1.0, -1.0, "m/s", "start of vel_x, when not from the wheels" },
-  { "vel_y", 'r', (int32_t)offsetof(tse_replay_start, vel_y), 0.0, 1.0, -1.0, "m/s", "start of vel_y" },
-  { "yaw_rate", 'r', (int32_t)offsetof(tse_replay_start, yaw_rate), 0.0, 1.0, -1.0, "rad/s", "start of the yaw rate" },
-  { "time", 'r', (int32_t)offsetof(tse_replay_start, time), 0.0, 1.0, -1.0, "s", "clock of stiffness_drift at the first row" },
-  { "heading", 'r', (int32_t)offsetof(tse_replay_start, heading), 0.0, 1.0, -1.0, "rad", "heading at the first row, for crosswind" },
-  { "wheel_inertia_front", 'r', (int32_t)offsetof(tse_replay_start, wheel_inertia_front), 2.4, 1.0, -1.0, "kg m2", "rotational inertia of both front wheels, for wheel_torque_front" },
-  { "wheel_inertia_rear", 'r', (int32_t)offsetof(tse_replay_start, wheel_inertia_rear), 2.4, 1.0, -1.0, "kg m2", "rotational inertia of both rear wheels, for wheel_torque_rear" },
-  /* end of table */
-};
+#define FIELD_ROW(name, def, unit, text) { #name, 'r', (int32_t)offsetof(tse_replay_start, name), def, 1.0, -1.0, unit, text },
+static const tse_field replay_start_fields[] = { REPLAY_START(FIELD_ROW) };
+#undef FIELD_ROW
 
 static const tse_field replay_out_fields[] = {
   /* table: replay_out_described */
