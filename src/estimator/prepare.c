@@ -402,7 +402,7 @@ static void prepare_body(const tse_config *c, tse_params *p)
   car->pull_rear = real_of(r_mul(c->conicity_rear, over));
   car->compliance = real_of(r_mul(r_mul(c->steering_compliance_angle_per_moment, c->steering_compliance_trail), c->mass));
   car->roll_gain = real_of(rolls ? c->body_roll_gain : c->rear_roll_steer_roll);
-  car->roll_rate = real_of(r_mul(TSE_S(6.2831853071795865), rolls ? c->body_roll_frequency : c->rear_roll_steer_frequency));
+  car->roll_omega = real_of(r_mul(TSE_S(6.2831853071795865), rolls ? c->body_roll_frequency : c->rear_roll_steer_frequency));
   car->roll_damping = real_of(rolls ? c->body_roll_damping : c->rear_roll_steer_damping);
   car->roll_leak = real_of(rolls ? STANDARD_GRAVITY : 0);
   car->roll_height = real_of(rolls ? c->body_roll_height : 0);

@@ -130,7 +130,7 @@ static kinematic kinematic_of(tse_real side, tse_real vx)
 /* Return phi''. */
 static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real ay)
 {
-  return mode_swing(x[PHI], x[DPHI], c->roll_rate, c->roll_damping, r_mul(c->roll_gain, ay));
+  return mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
 /* Whether the motion has a slope over it: biases and the front radius are of the sensors. */
@@ -142,7 +142,7 @@ static void add_to(tse_short *x, tse_real more) { *x = r_short_sum(*x, r_short_s
 static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real h, tse_short M[MOTION][COLUMNS])
 {
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
-  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
+  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]), y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx), across = r_coef(vy), turn = r_coef(r);
@@ -228,7 +228,7 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_short M[MOTI
 void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS])
 {
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN];
-  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
+  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const tse_real swing = roll_swing(c, x, f->y);
   const tse_real own = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
   rate[0] = f->x + r_mul(vy, r) - x[GX];
@@ -262,7 +262,7 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
 static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
 {
   const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
-  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
+  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const planar there = force_at(f->x, f->y, lx, ly, r, f->yaw);
   const tse_real here_x = there.x + pitch;
   const tse_real here_y = there.y + r_mul(c->roll_leak, x[PHI]) - r_mul(c->roll_height, roll_swing(c, x, f->y));

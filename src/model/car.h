@@ -20,7 +20,7 @@
  *            a_y = Y + Y_r + pull_front + pull_rear
  *            yaw = jf (Y + pull_front) - jr (Y_r + pull_rear) - trail (Y_f + Y_r)
  * Motion     v_x' = a_x + v_y r - g_x      v_y' = a_y - (1 - lean) v_x r + g_y + roll_coupling phi''      r' = yaw
- *            phi'' = roll_rate^2 (roll_gain a_y - phi) - 2 roll_damping roll_rate phi'
+ *            phi'' = roll_omega^2 (roll_gain a_y - phi) - 2 roll_damping roll_omega phi'
  * Slip angle relaxation a_f' = v (d - atan((v_y + lf r)/v) - a_f)      v = max(|v_x|, 1 m/s)
  *            relaxation a_r' = v (-atan((v_y - lr r)/v) + roll_steer phi - a_r)
  * Pitch      p'' = w^2 (a_x - p) - 2 pitch_damping w p', w = 2 pi pitch_frequency      read: pitch_leak p - pitch_height p''

@@ -75,7 +75,7 @@ typedef struct tse_car {
   tse_real lf, lr, jf, jr, m_inertia, trail;     /* [m] [m] [1/m] m lf/I, m lr/I; [1/m2] m/I; [1/m]       */
   tse_real drag, rolling, pull_front, pull_rear; /* [1/m] [m/s2]                                          */
   tse_real relaxation, compliance, roll_steer, roll_coupling; /* [m] [rad s2/m] [1] [m]                    */
-  tse_real roll_gain, roll_rate, roll_damping, roll_leak, roll_height; /* [rad s2/m] [rad/s] [1] [m/s2] [m] */
+  tse_real roll_gain, roll_omega, roll_damping, roll_leak, roll_height; /* [rad s2/m] [rad/s] natural frequency [1] [m/s2] [m] */
   tse_real pitch_leak, pitch_height, pitch_frequency, pitch_damping; /* [1] [rad s2] [Hz] [1]              */
   tse_real lever_x, lever_y, mount_cos, mount_sin, scale_x, scale_y, scale_r; /* IMU                      */
   tse_real free_front, free_rear;                /* [1] slip of an axle that rolls freely                 */

@@ -4,7 +4,7 @@
  * centre of gravity above the roll axis, over m. Typical gain 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
-  return mode_swing(x, speed, pt->p->car.roll_rate, pt->p->car.roll_damping, pt->force.y);
+  return mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
 }
 
 static inline void body_roll_body(point *pt)

@@ -401,7 +401,7 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   expect_relative(9.81 * 0.012, k->rolling, "rolling");
   expect_relative(0.5, k->relaxation, "relaxation");
   expect_relative(0.005, k->roll_gain, "roll_gain");
-  expect_relative(2 * acos(-1.0) * 1.5, k->roll_rate, "roll_rate");
+  expect_relative(2 * acos(-1.0) * 1.5, k->roll_omega, "roll_omega");
   expect_relative(9.81, k->roll_leak, "roll_leak");
   expect_relative(0.2, k->roll_height, "roll_height");
   expect_near(cos(0.05), number(k->mount_cos), BY_FORMAT(1e-12, 1e-6), "mount_cos", 0);

@@ -423,7 +423,7 @@ static void test_the_body_rolls_as_a_spring_and_a_damper(void)
   tse_car c = plain_car();
   tse_real x[STATES];
   c.roll_gain = real(0.006);
-  c.roll_rate = real(2 * pi * 1.5);
+  c.roll_omega = real(2 * pi * 1.5);
   c.roll_damping = real(0.2);
   c.ky_front = c.ky_rear = TSE_R(0);
   for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
