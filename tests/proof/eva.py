@@ -42,7 +42,7 @@ REFUSE = [
     "latencies_fit",
 ]
 FOLLOWED = {  # functions in which so many cases are kept apart: refused or not, each early return
-    "step_row": 8, "step_row_0": 8, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
+    "tse_step_row_*": 8, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
     "tse_config_check_*": 2000, "latencies_fit": 8, "tse_prepare_*": 8, "prove_prepare": 8,
 }  # fmt: skip
 # TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same result.
