@@ -20,7 +20,7 @@ from conftest import Result, tselab, tselab_here
 from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
-from tse.impl.calibrate import output, workflow
+from tse.impl.calibrate import workflow
 from tse.impl.calibrate.along import APART_SD, MODEL_SD, slips
 from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
@@ -30,6 +30,7 @@ from tse.impl.identify.discrepancy import Discrepancy
 from tse.impl.identify.fit import Fit
 from tse.impl.identify.problem import SPEED_BLOCKS, UNLIKE_SD
 from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of
+from tse.impl.identify.vehicle_file import unexplained
 from tse.impl.logs.log import read_frame
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle, ordinary_car, read_vehicle
@@ -111,7 +112,7 @@ def test_what_the_model_does_not_explain_is_as_white_noise_of_the_same_power() -
     size, v = np.array([0.1, 0.3]), 20.0
     problem = SimpleNamespace(
         groups=[(0, "accel_y"), (0, "yaw_rate")],
-        mean_speed=lambda g: np.full(2, v),
+        one_at_speed=lambda g: np.full(2, 1.0 / v),
         piece=lambda g, residual: SimpleNamespace(size=size),
     )
     fit = SimpleNamespace(noise={"yaw_rate": d}, residuals=[None, None])
@@ -121,9 +122,9 @@ def test_what_the_model_does_not_explain_is_as_white_noise_of_the_same_power() -
     t = np.linspace(0.0, 60.0, 600_001)
     slow = np.exp(-t / 1.5) * (np.cos(t / 1.5) + np.sin(t / 1.5))
     power = trapezoid(0.1**2 * np.exp(-t / 0.4) + 0.03**2 / happens * slow, t)
-    assert output.unexplained(SimpleNamespace(problem=problem, fit=fit)) == pytest.approx(np.sqrt(power), rel=1e-5)
+    assert unexplained(problem, fit) == pytest.approx(np.sqrt(power), rel=1e-5)
     problem.groups = [(0, "accel_y")]
-    assert output.unexplained(SimpleNamespace(problem=problem, fit=fit)) == 0.0
+    assert unexplained(problem, fit) == 0.0
 
 
 def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:

@@ -18,6 +18,7 @@ from tse.impl.gap.problem import Problem
 from tse.impl.gap.run import add, workflow
 from tse.impl.gap.run.posterior import UNCERTAIN, posterior
 from tse.impl.identify.data import prepare
+from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.unknowns import prior_of
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
@@ -65,6 +66,16 @@ def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
     for key in NOMINAL:
         k = start.names.index(key)
         assert start.mean[k] == 0.0 and start.sd[k] == pytest.approx(wide.sd(key) / found.values[key], rel=1e-6)
+
+
+def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
+    """As calibration has it: nothing more than a car that is fitted, of a log that is explained; of another more."""
+    _, vehicle, problem, _, improved = case
+    car = read_vehicle(vehicle)
+    assert read_vehicle(improved).values["model_sd"] == UNLIKE_SD
+    path = write_log(tmp_path / "late.csv", vehicle, "sweep", {"steering_lag_time": 0.1}, 5, 20.0)
+    other = problem.of([prepare(read_log(path), problem.config)])
+    assert posterior(other, fit(other, PARAMETERS, {}), car, {}).model_sd > 1.5 * UNLIKE_SD
 
 
 def test_an_exactly_known_car_stays_so(case):

@@ -15,14 +15,13 @@ from tse.impl.calibrate.result import Result
 from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.formula import write_formula
-from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.unknowns import LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, of_log
+from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.identify.vehicle_file import toml as vehicle_toml
 from tse.impl.results import plain
 from tse.impl.vehicle import GRAVITY, calibration_toml, sensor_settings, unknown_car
 
 ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
-LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
 
 
 def values(result: Result) -> dict[str, float]:
@@ -49,19 +48,6 @@ def latencies(result: Result) -> dict[str, float]:
     return {LATENCIES[f.name]: f.value for f in result.findings if f.name in LATENCIES}
 
 
-def unexplained(result: Result) -> float:
-    """Return the share of what happens that the model does not explain and that lasts 1 s, as the filter counts it: by the
-    discrepancy of yaw_rate, in which no road stands; 0 without a gyro."""
-    problem, fit = result.problem, result.fit
-    own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
-    if not own:
-        return 0.0
-    sizes = [problem.piece(g, fit.residuals[g]).size ** 2 + (LEAST_ACROSS / problem.mean_speed(g)) ** 2 for g in own]
-    d = fit.noise["yaw_rate"]
-    slow = d.slow**2 / float(np.mean(np.concatenate(sizes)))
-    return float(np.sqrt(d.share**2 * d.time[0] + slow * d.time[1]))  # white noise of the same power at low frequencies
-
-
 def uncertainty(result: Result) -> dict[str, float]:
     """Return how well the car is known now, as settings (src/tables/uncertainty.toml); what logs cannot show stays as it was."""
     names, cov = result.problem.names, result.fit.covariance
@@ -75,7 +61,9 @@ def uncertainty(result: Result) -> dict[str, float]:
 
     found = {key: result.vehicle.values.get(key, sd) for key, sd in unknown_car().items()}
     found |= {
-        "model_sd": max(found["model_sd"] if result.own else min(found["model_sd"], UNLIKE_SD), unexplained(result)),
+        "model_sd": max(
+            found["model_sd"] if result.own else 0.0, model_sd(result.problem, result.fit, found["model_sd"])
+        ),
         "yaw_inertia_sd": sd(yaw_inertia=1.0 / at["yaw_inertia"]),
         "cg_sd": sd(cg_shift_distance=1.0),
         "steer_ratio_sd": sd(steering_ratio_change=1.0),

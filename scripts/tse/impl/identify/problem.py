@@ -209,6 +209,10 @@ class Problem:
         """m/s, of each value that is compared of group g; not below LEAST_SPEED."""
         return np.maximum(self._speed[g][self._together[g]].mean(axis=1), LEAST_SPEED)
 
+    def one_at_speed(self, g: int) -> np.ndarray:
+        """rad/s: yaw rate of 1 m/s2 across."""
+        return 1.0 / self.mean_speed(g)
+
     def slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
         """d(residuals)/dx by differences, a matrix per group. What is of one log acts on it alone, so one simulation serves one
         number of each log; the car's stiffness acts as that of all logs together; shares of SHAPES need no simulation."""

@@ -6,7 +6,11 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from tse.impl.core import Config, library
+from tse.impl.identify.fit import Fit, Problem
+from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.vehicle import (
     HINT_ONLY,
     Vehicle,
@@ -16,6 +20,25 @@ from tse.impl.vehicle import (
     sensor_settings,
     vehicle_settings,
 )
+
+LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
+
+
+def model_sd(problem: Problem, fit: Fit, before: float) -> float:
+    """Return what the filter counts of the model: that of a car that logs have been fitted to, or more where they leave more."""
+    return max(min(before, UNLIKE_SD), unexplained(problem, fit))
+
+
+def unexplained(problem: Problem, fit: Fit) -> float:
+    """Return the share of what happens that the model does not explain and that lasts 1 s, as the filter counts it: by the
+    discrepancy of yaw_rate, in which no road stands; 0 without a gyro."""
+    own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
+    if not own:
+        return 0.0
+    sizes = [problem.piece(g, fit.residuals[g]).size ** 2 + (LEAST_ACROSS * problem.one_at_speed(g)) ** 2 for g in own]
+    d = fit.noise["yaw_rate"]
+    slow = d.slow**2 / float(np.mean(np.concatenate(sizes)))
+    return float(np.sqrt(d.share**2 * d.time[0] + slow * d.time[1]))  # white noise of the same power at low frequencies
 
 
 def toml(

@@ -16,7 +16,7 @@ from tse.impl.gap.infer import forms, noise
 from tse.impl.gap.infer.forms import AXLES
 from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior
 from tse.impl.gap.problem import STIFFNESS, Problem
-from tse.impl.identify.data import BLOCK, CHANNELS
+from tse.impl.identify.data import BLOCK, CHANNELS, SLOWEST
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.noise import smooth
 
@@ -151,6 +151,12 @@ class Space:
 
     def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]:
         return [self.piece(g, residuals[g]) for g, (_, c) in enumerate(self.groups) if c == channel]
+
+    def one_at_speed(self, g: int) -> np.ndarray:
+        """Yaw rate of 1 m/s2 across, in units of the noise of a block."""
+        problem, rows = self.problem, self.layout.rows[g]
+        speed = problem.config.wheel_radius_rear * problem.quantity("wheel_speed_rear")[rows]
+        return problem.weight[rows] / np.maximum(speed, SLOWEST)
 
     def knows(self, found: Mapping[str, Discrepancy], residuals: list[np.ndarray]) -> None:
         """Discrepancies that are the most probable ones of such residuals."""

@@ -20,8 +20,8 @@ from tse.impl.gap.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
 from tse.impl.gap.infer.space import Layout, Space
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.identify import fit as engine
-from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.unknowns import LEAST_SD, UNKNOWNS
+from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.vehicle import GRAVITY, Vehicle, uncertainty_settings
 
 ROLL = "body_roll_gain"  # by which accel_y reads more, as by its scale
@@ -34,6 +34,7 @@ class Posterior:
     names: tuple[Key, ...]
     values: np.ndarray
     covariance: np.ndarray
+    model_sd: float
 
     def sd(self, name: str) -> float:
         """Of a parameter; of the scale of accel_y with what roll adds to it."""
@@ -46,7 +47,7 @@ class Posterior:
         v = {key: vehicle.values[key] for key in uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
             return v  # known exactly
-        v["model_sd"] = min(v["model_sd"], UNLIKE_SD)
+        v["model_sd"] = self.model_sd
         return v | {key: max(self.sd(name), min(LEAST_SD.get(key, 0.0), v[key])) for key, name in UNCERTAIN.items()}
 
     def calibration(self) -> dict[str, Any]:
@@ -77,6 +78,7 @@ def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[st
         [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
     )
     space.mean, space.information = at, np.diag(space.sd**-2)
-    covariance = engine.fit(space, at, most=0).covariance
+    found = engine.fit(space, at, most=0)
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
-    return Posterior(tuple(space.names[k] for k in car), at[car], covariance[np.ix_(car, car)])
+    left = model_sd(space, found, vehicle.values.get("model_sd", 0.0))
+    return Posterior(tuple(space.names[k] for k in car), at[car], found.covariance[np.ix_(car, car)], left)
