@@ -21,7 +21,6 @@ from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
 from tse.impl.calibrate import workflow
-from tse.impl.calibrate.along import APART_SD, MODEL_SD, slips
 from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula
@@ -29,6 +28,7 @@ from tse.impl.identify.data import BLOCK
 from tse.impl.identify.discrepancy import Discrepancy
 from tse.impl.identify.fit import Fit
 from tse.impl.identify.problem import SPEED_BLOCKS, UNLIKE_SD
+from tse.impl.identify.slip import APART_SD, MODEL_SD, slips
 from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of
 from tse.impl.identify.vehicle_file import unexplained
 from tse.impl.logs.log import read_frame

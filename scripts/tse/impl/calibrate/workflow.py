@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.impl.calibrate import along
 from tse.impl.calibrate.findings import findings, groups, known_before
 from tse.impl.calibrate.result import Proof, Result
 from tse.impl.core import Config
@@ -17,6 +16,7 @@ from tse.impl.identify.data import BLOCK, Prepared, prepare
 from tse.impl.identify.discrepancy import cost
 from tse.impl.identify.fit import Fit, fit
 from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
+from tse.impl.identify.slip import slips
 from tse.impl.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tse.impl.logs.agree import check_car
 from tse.impl.logs.log import read_log
@@ -99,7 +99,7 @@ def _result(
 ) -> Result:
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
-    result = along.slips(problem, result, logs, vehicle)
+    result = slips(problem, result, logs, vehicle)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result, logs)

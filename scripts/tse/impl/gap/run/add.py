@@ -18,6 +18,7 @@ from tse.impl.formula import c_header, write_formula
 from tse.impl.gap.infer.naming import settings
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.gap.run.posterior import posterior
+from tse.impl.gap.run.table import FIT
 from tse.impl.gap.run.workflow import Found
 from tse.impl.identify.vehicle_file import toml
 from tse.impl.vehicle import (
@@ -62,11 +63,12 @@ def formula_files(out: Path, improved: Path) -> list[Path]:
 def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     """The vehicle file with fitted stiffness and what was named. `vehicle`: as the user wrote it, sensors not filled in."""
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
-    values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, fit.values)}
-    known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {})
+    logs = [log for part, log in result.read if part == FIT]
+    known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {}, logs)
+    values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, known.stiffness)}
     bands = {"longitudinal_stiffness_rear": ", follows the front one"}
     for k, (_, low, high) in known_stiffness(replace(vehicle, values=values, calibration=known.calibration())).items():
-        bands[NOMINAL[k]] = f", fitted, 95 %: {low:.4g} .. {high:.4g}"
+        bands[NOMINAL[k]] = f", 95 %: {low:.4g} .. {high:.4g}"
     notes: dict[str, list[str]] = {}
     for i, n in named.items():
         bands |= {str(k): f", 95 %: {low:.3g} .. {high:.3g}" for k, (low, high) in n.ci95.items()}
@@ -76,10 +78,10 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
         if i in PROFILES:
             notes[i] = ["a profile over the distance, of the road and not of the car: not written"]
     source = vehicle.path.name if vehicle.path else "the built-in car"
-    logs = ", ".join(log.path.name for log in problem.logs)
+    names = ", ".join(log.path.name for log in problem.logs)
     added = [*(i for i in named if i not in PROFILES), *(["a formula"] if result.formula else [])]
     what = f"# Fitted together: {', '.join(['stiffness', *added])}." if added else "# Stiffness fitted, nothing added."
-    title = [f"# {source}, improved by tselab gap {__version__} from {logs}", what]
+    title = [f"# {source}, improved by tselab gap {__version__} from {names}", what]
     return toml(
         title,
         vehicle,

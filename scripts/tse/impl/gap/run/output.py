@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.gap.infer import show
 from tse.impl.gap.run import add, gain, pictures, report, table
@@ -50,6 +51,7 @@ def write_all(
         changes[table.HELD_OUT] = result.held_out
 
     old, new = read_vehicle(vehicle_path), read_vehicle(improved)
+    stiffness = {k: new.values[setting] / getattr(problem.config, setting) for k, setting in NOMINAL.items()}
     read = [(part, log.path.stem, log) for part, log in result.read]
     for vehicle in (old, new):  # the same sensors on both sides: those of the first log where the file is silent
         fill_sensors(vehicle, read[0][2])
@@ -57,10 +59,12 @@ def write_all(
 
     say("report")
     named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
-    shown = report.Shown(result, named, rows, changes, gained, [*old.filled])
+    shown = report.Shown(result, named, rows, changes, gained, stiffness, [*old.filled])
     report.write_report(out / REPORT, shown)
     with atomic(out / VERDICT) as file:
-        json.dump(plain(result.as_json() | {"estimator": gained}), file, indent=1, allow_nan=False)
+        json.dump(
+            plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}), file, indent=1, allow_nan=False
+        )
         file.write("\n")
     files = [out / VERDICT, improved, header, *add.formula_files(out, improved), out / REPORT, out / RESIDUALS]
     if importlib.util.find_spec("matplotlib") is not None:

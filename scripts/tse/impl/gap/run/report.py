@@ -38,6 +38,7 @@ class Shown:
     table: pd.DataFrame
     parts: Mapping[str, Mapping[str, Change]]
     gain: Mapping[str, Any]
+    stiffness: Mapping[str, float]  # over the vehicle file's, as it is written
     notes: list[str] = field(default_factory=list)
 
 
@@ -98,7 +99,7 @@ def known(spread: float) -> str:
 
 def facts(shown: Shown) -> list[tuple[str, str]]:
     problem, held = shown.result.problem, shown.result.held
-    final, baseline = shown.result.final.values, shown.result.naming.baseline.values
+    baseline = shown.result.naming.baseline.values
     rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]
     if held is not None:
         rows.append(("Logs held out", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in held.logs)))
@@ -106,5 +107,7 @@ def facts(shown: Shown) -> list[tuple[str, str]]:
     said = [f"{c} {np.median(x):.3g} {CHANNEL_UNITS[c]}" for c, x in noise.items() if x]
     rows.append(("Sensor noise of one row, from the logs", ", ".join(said)))
     for key in STIFFNESS:
-        rows.append((f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {final[key]:.3f} after"))
+        rows.append(
+            (f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {shown.stiffness[key]:.3f} after")
+        )
     return rows

@@ -23,7 +23,7 @@ from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery
 from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
-from tse.impl.gap.problem import PROFILES, STIFFNESS, Problem
+from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.identify.data import prepare_all
 from tse.impl.logs.agree import check_units
 from tse.impl.logs.log import read_log
@@ -44,6 +44,7 @@ class Found:
     naming: name.Naming
     discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
     rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
+    read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
 
     @property
     def formula(self) -> Formula | None:
@@ -79,7 +80,6 @@ class Result(Found):
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
     held: Problem | None = None  # what was not
-    read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
@@ -121,7 +121,6 @@ class Result(Found):
                 }
                 for d in self.undetectable
             ],
-            "stiffness": {p.name: self.final.values[p.name] for p in STIFFNESS},
             "words": self.words,
             "notes": self.notes,
             "version": __version__,
@@ -240,14 +239,14 @@ def run(
     if not found.naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
     left = remainder.remainder(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
-    read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
+    found.read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
     verdict, exit_code, words = judge(found, entries, left, elsewhere)
     alike = {i for n in found.naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     return Result(
         **vars(found), verdict=verdict, exit_code=exit_code, words=words, problem=problem, conditions=conditions, entries=entries,
         remainders=left, fit_before=gap(problem, found.naming.baseline.residuals), fit_after=gap(problem, found.final.residuals),
         held_out=changes, undetectable=[d for d in seen if not d.visible and d.id not in alike], detectable=seen, notes=notes,
-        held=held, read=read,
+        held=held,
     )  # fmt: skip
 
 
