@@ -205,10 +205,10 @@ def check(
     tselab gap check log_*.csv --vehicle car.toml
 
     For every effect the smallest size that would be named, its typical size, and how much of it the fitted stiffness takes up;
-    then which manoeuvres are missing.
+    then what those that would not be named show in.
 
-    Exit code: 0 usable: every manoeuvre is there that naming an effect wants; 3 usable in part; 4 nothing usable: no effect would
-    be named at its typical size; 2 bad input. --json says it for programs, --table writes a row for each effect.
+    Exit code: 0 usable: every effect would be named at its typical size; 3 usable in part: some would; 4 nothing usable: none
+    would; 2 bad input. --json says it for programs, --table writes a row for each effect.
     """
     from tse.impl import results
     from tse.impl.files import check_distinct, check_writable

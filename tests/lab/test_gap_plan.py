@@ -15,6 +15,7 @@ from tse.impl.gap.problem import Problem
 from tse.impl.gap.run import plan as planning
 from tse.impl.gap.run.check import check
 from tse.impl.logs.log import read_log
+from tse.impl.results import IN_PART
 from tse.impl.rows import average
 from tse.impl.vehicle import read_vehicle
 
@@ -106,21 +107,13 @@ def test_check_sees_what_quick_steering_shows_and_names_what_is_missing(folder, 
     assert effects["relaxation"].visible and effects["imu_delay"].visible
     assert not effects["rolling_resistance"].visible and not effects["combined_slip"].visible
     assert effects["steering_compliance"].absorbed > 0.9 > effects["imu_lever_arm"].absorbed
-    enough = {e.title: e.enough for e in found.excitation}
-    assert enough == {"steering to 3 Hz": True, "lateral acceleration of 5-6 m/s2": False, "braking in a turn": False,
-                      "steering at two speeds": False, "steps of brake and throttle": False}  # fmt: skip
-
-
-def test_check_is_content_with_braking_in_turns(folder, vehicle):
-    logs = [write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("brakes", "steps"), 1)]
-    enough = {e.title: e.enough for e in check(logs, vehicle).excitation}
-    assert enough["braking in a turn"] and enough["steps of brake and throttle"] and enough["steering at two speeds"]
+    assert found.code == IN_PART
 
 
 def test_check_prints_a_table(folder, vehicle):
     log = write_log(folder / "print.csv", vehicle, "sweep", {}, 1, seconds=12.0)
     done = tselab_here("gap", "check", log, "--vehicle", vehicle)
-    assert done.code == 3 and "smallest that shows" in done.out and "Drive also: braking" in done.out, done.err
+    assert done.code == 3 and "smallest that shows" in done.out and "would show in" in done.out, done.err
 
 
 # ---- optional columns

@@ -13,8 +13,7 @@ from tse.impl.errors import UserError
 from tse.impl.gap.catalogue import catalogue
 from tse.impl.gap.fit import fit, gap
 from tse.impl.gap.infer import detect
-from tse.impl.gap.infer.excitation import Excitation, excitation
-from tse.impl.gap.infer.hypotheses import threshold
+from tse.impl.gap.infer.hypotheses import ABSORBED, threshold
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.run import workflow
 from tse.impl.identify.data import prepare_all
@@ -29,7 +28,6 @@ class Check:
     """What was found."""
 
     effects: list[detect.Detectable]
-    excitation: list[Excitation]
     gap: dict[str, float]
     notes: list[str]
 
@@ -38,13 +36,12 @@ class Check:
         """Of the command: can what is in these logs be named?"""
         if not any(d.visible for d in self.effects):
             return NOTHING
-        return USABLE if all(e.enough for e in self.excitation) else IN_PART
+        return USABLE if all(d.visible for d in self.effects if d.id not in ABSORBED) else IN_PART
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""
         return {
             "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
-            "manoeuvres": [asdict(e) for e in self.excitation],
             "gap": self.gap,
             "usable": CODES[self.code],
             "notes": self.notes,
@@ -67,11 +64,6 @@ class Check:
         if hidden := [d for d in order if not d.visible]:
             lines.append("The others would show in:")
             lines += [f"  {d.id}: {catalogue()[d.id].channels}" for d in hidden]
-        lines += ["", "Manoeuvres:"]
-        lines += [f"  {'ok     ' if e.enough else 'missing'}  {e.title}: {e.found}" for e in self.excitation]
-        for e in self.excitation:
-            if not e.enough:
-                lines.append(f"Drive also: {e.advice}.")
         parts = ", ".join(f"{c} {x:.2f}" for c, x in self.gap.items())
         lines.append(f"Gap with fitted stiffness, residual over sensor noise: {parts}; 1 is noise alone.")
         return "\n".join(lines + [f"note: {n}" for n in self.notes])
@@ -98,7 +90,6 @@ def check(
     found = detect.detectable(problem, baseline, list(catalogue().values()))
     return Check(
         found,
-        excitation(problem, baseline.values),
         gap(problem, baseline.residuals),
         [*(n for log in read for n in log.notes), *notes],
     )
