@@ -14,8 +14,9 @@ ROWS = 3000
 
 def problem():
     """One log, accel_y alone."""
-    rows = SimpleNamespace(channel=np.ones(ROWS, int), group=np.zeros(ROWS, int))
-    return SimpleNamespace(rows=rows, weight=np.ones(ROWS), noise_energy=np.ones(ROWS), jobs=1)
+    every = np.ones(ROWS, bool)
+    rows = SimpleNamespace(of=lambda channel: every, group=np.zeros(ROWS, int))
+    return SimpleNamespace(rows=rows, used=lambda: [("accel_y", every)], noise_energy=np.ones(ROWS), jobs=1)
 
 
 def fit(rms):

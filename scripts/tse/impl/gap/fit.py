@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from tse.impl.gap.catalogue import Key, Parameter
 from tse.impl.gap.problem import Problem
-from tse.impl.identify.data import BLOCK, CHANNELS
+from tse.impl.identify.data import BLOCK
 
 MOST_LAG = 4.0  # s: of autocorrelation that are looked at
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
@@ -67,12 +67,12 @@ def fit(
     return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
 
 
-def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:
+def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Per channel: how many blocks of residual say as much as one independent one (integrated autocorrelation, at least 1)."""
     found = {}
-    for channel in np.unique(problem.rows.channel):
+    for channel, _ in problem.used():
         top = bottom = None
-        for group in np.unique(problem.rows.group[problem.rows.channel == channel]):
+        for group in np.unique(problem.rows.group[problem.rows.of(channel)]):
             x = residuals[problem.rows.group == group]
             n = min(len(x) - 1, int(MOST_LAG / BLOCK))
             size = 1 << (2 * len(x) - 1).bit_length()
@@ -83,24 +83,19 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:
         rho = top[1:] / max(bottom, 1e-300)
         pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)  # Geyer's initial positive sequence
         end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-        found[int(channel)] = max(1.0, 1.0 + 2.0 * float(pairs[:end].sum()))
+        found[channel] = max(1.0, 1.0 + 2.0 * float(pairs[:end].sum()))
     return found
 
 
 def gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Per channel: rms of the residual over what the sensor's noise would leave; 1: nothing but noise."""
-    found = {}
-    for channel in np.unique(problem.rows.channel):
-        rows = (problem.rows.channel == channel) & (problem.weight > 0)
-        found[CHANNELS[channel]] = float(np.sqrt(np.mean(residuals[rows] ** 2)))
-    return found
+    return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
 
 def excess(problem: Problem, residuals: np.ndarray) -> float:
     """Energy above the sensors' noise, all channels. A floor under the noise is no reason to see less of a gap."""
     total = 0.0
-    for channel in np.unique(problem.rows.channel):
-        rows = (problem.rows.channel == channel) & (problem.weight > 0)
+    for _, rows in problem.used():
         total += max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
     return total
 
@@ -112,7 +107,7 @@ def covariance(problem: Problem, f: Fit) -> np.ndarray:
     length = lengths(problem, f.residuals)
     scale = np.zeros(len(f.residuals))
     for channel, t in length.items():
-        rows = problem.rows.channel == channel
+        rows = problem.rows.of(channel)
         scale[rows] = t * np.mean(f.residuals[rows] ** 2)
     prior = np.diag([1.0 / p.prior**2 if p.prior else 0.0 for p in f.parameters])
     bread = np.linalg.pinv(f.jacobian.T @ f.jacobian + prior)

@@ -8,7 +8,7 @@ them: a perfect model has residuals of size one.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -148,6 +148,11 @@ class Problem:
         """Of each entry, what the noise that was found leaves of its square: 1, less where a floor raised the noise."""
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
+
+    def used(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Each channel that there is, and which entries of the residual vector are measured values of it."""
+        for c in np.unique(self.rows.channel):
+            yield CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
 
     @property
     def measured(self) -> np.ndarray:

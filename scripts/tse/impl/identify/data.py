@@ -68,10 +68,14 @@ class Prepared:
         return [c for c in CHANNELS if c in self.measured]
 
     @property
+    def step(self) -> float:
+        """s, of a row."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
     def seconds(self) -> float:
         """Time that is compared."""
-        step = float(np.median(np.diff(self.time)))
-        return step * sum(int(s.used.sum()) for s in self.stretches)
+        return self.step * sum(int(s.used.sum()) for s in self.stretches)
 
     def later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
         """An input as it was read `by` later, s: what it was when its row says, if it is logged so late."""

@@ -19,7 +19,7 @@ CURVE_LENGTH = 12.0  # m: sd of the smoothing: over which a road goes from level
 def calm(log: Prepared) -> Prepared:
     """The log with wheel speeds and accel_x smoothed alike, which leaves what is between them as it was. An uneven road moves the
     wheels without the body; what the simulation makes of that would count as error of the car."""
-    rows = CALM / _step(log)
+    rows = CALM / log.step
     wheels = {n: gaussian_filter1d(x, rows) if n.startswith("wheel") else x for n, x in log.inputs.items()}
     along = log.measured["accel_x"]
     there = np.isfinite(along)
@@ -58,7 +58,3 @@ def together(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
     index = np.flatnonzero(used)
     runs = np.split(index, np.flatnonzero((np.diff(index) > 1) | (np.diff(time[index]) > 1.5 * BLOCK)) + 1)
     return np.concatenate([r[: len(r) // count * count].reshape(-1, count) for r in runs])
-
-
-def _step(log: Prepared) -> float:
-    return float(np.median(np.diff(log.time)))

@@ -45,7 +45,7 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
     length = lengths(problem, current.residuals)
     weight = np.zeros(len(current.residuals))
     for channel, t in length.items():
-        rows = problem.rows.channel == channel
+        rows = problem.rows.of(channel)
         weight[rows] = 1.0 / (t * max(float(np.mean(current.residuals[rows] ** 2)), 1e-12))
     found, k = [], 0
     for e in effects:

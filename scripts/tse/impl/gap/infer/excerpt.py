@@ -48,7 +48,7 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
             mine = table[(rows.log == i) & (rows.time >= first) & (rows.time <= last)]
             pieces.append((i, piece))
             says.append(mine.T @ mine / ENTRY_SD**2)
-    chosen = best(says, [piece.used.sum() * _step(problem.logs[i]) for i, piece in pieces], MOST_SECONDS)
+    chosen = best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MOST_SECONDS)
     logs = []
     for i, log in enumerate(problem.logs):
         mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]
@@ -70,15 +70,11 @@ def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> l
     return chosen
 
 
-def _step(log: Prepared) -> float:
-    return float(np.median(np.diff(log.time)))
-
-
 def _pieces(log: Prepared) -> list[Stretch]:
     """Stretches cut to PIECE; each begins anew, and its first second is not compared."""
     found = []
-    length = round(PIECE / _step(log)) // log.rows_per_block * log.rows_per_block
-    ahead = -(-round(BURN_IN / _step(log)) // log.rows_per_block) * log.rows_per_block
+    length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
+    ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block
     for s in log.stretches:
         for first in range(s.first, s.last, length):
             last = min(first + length, s.last)

@@ -65,7 +65,7 @@ class Frame:
     balanced: Problem  # each channel's residual is of size one before: none drowns another
     last: Fit
     values: dict[str, float]
-    length: dict[int, float]
+    length: dict[str, float]
     at: list[dict[str, np.ndarray]]
     full: float  # energy above the noise, of all channels
 
@@ -73,8 +73,7 @@ class Frame:
     def of(cls, problem: Problem, last: Fit) -> Frame:
         balanced = copy.copy(problem)
         balanced.weight = problem.weight.copy()
-        for c in np.unique(problem.rows.channel):
-            mine = (problem.rows.channel == c) & (problem.weight > 0)
+        for _, mine in problem.used():
             balanced.weight[mine] /= max(1.0, float(np.sqrt(np.mean(last.residuals[mine] ** 2))))
         values = dict(last.values)
         return cls(
@@ -91,13 +90,12 @@ class Frame:
         return worth(self.problem, self.last.residuals, residuals, self.length)
 
 
-def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[int, float]) -> float:
+def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]) -> float:
     """Nats by which residuals have fallen. `length`: of each channel, blocks that say as much as one independent one."""
     total = 0.0
-    for c, blocks in length.items():
-        mine = (problem.rows.channel == c) & (problem.weight > 0)
+    for c, mine in problem.used():
         one, two = (float(r[mine] @ r[mine]) for r in (before, after))
-        total += 0.5 * mine.sum() / blocks * np.log(max(one, 1e-300) / max(two, 1e-300))
+        total += 0.5 * mine.sum() / length[c] * np.log(max(one, 1e-300) / max(two, 1e-300))
     return float(total)
 
 
@@ -170,11 +168,10 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tupl
     power = np.sum(a * a, axis=0)
     x = np.where(power > 1e-9, -(a.T @ target) / np.maximum(power, 1e-9), 0.0)
     nats = np.zeros(a.shape[1])
-    for c, length in frame.length.items():
-        mine = (problem.rows.channel == c) & (problem.weight > 0)
+    for c, mine in problem.used():
         before = float(target[mine] @ target[mine])
         after = np.sum((target[mine, None] + a[mine] * x) ** 2, axis=0)
-        nats += 0.5 * mine.sum() / length * np.log(max(before, 1e-300) / np.maximum(after, 1e-300))
+        nats += 0.5 * mine.sum() / frame.length[c] * np.log(max(before, 1e-300) / np.maximum(after, 1e-300))
     return [(float(n), float(v)) for n, v in zip(nats, x / size, strict=True)]
 
 

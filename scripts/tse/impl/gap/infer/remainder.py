@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from tse.impl.gap.infer.where import conditions
 from tse.impl.gap.problem import Problem
-from tse.impl.identify.data import BLOCK, CHANNELS
+from tse.impl.identify.data import BLOCK
 
 LOCAL = 0.15  # of the time: half of the energy in less is localised
 WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}  # m/s2, rad/s per root s: how far MEMS biases walk
@@ -33,9 +33,8 @@ def remainder(problem: Problem, residuals: np.ndarray, values: dict[str, float],
     """Every channel. `values`: of the fit; `limit`: rms over noise up to which nothing is left."""
     large = {c.channel: c.condition for c in reversed(conditions(problem, residuals, values))}  # the strongest
     found = []
-    for c in np.unique(problem.rows.channel):
-        mine = (problem.rows.channel == c) & (problem.weight > 0)
-        e, log, channel = residuals[mine], problem.rows.log[mine], CHANNELS[c]
+    for channel, mine in problem.used():
+        e, log = residuals[mine], problem.rows.log[mine]
         steady = without_walk(without_spikes(e, log), log, walk(problem, mine, channel))
         size, own = (float(np.sqrt(np.mean(x**2))) for x in (e, steady))
         where = localised(e, log, problem.rows.time[mine])

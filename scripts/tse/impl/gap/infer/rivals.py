@@ -34,9 +34,8 @@ from tse.impl.identify.data import BLOCK, CHANNELS
 
 LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
-INSTEAD = (
-    "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
-)
+# why what the search named has no name in the end
+INSTEAD = "a formula explains about as much or more for what it costs"
 
 
 @dataclass
@@ -72,19 +71,17 @@ class Worlds:
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
         """One more. `last`: of the names; `discovery`: with a formula."""
-        price = sum((price_of(n.effect.id) for n in naming.named), 0.0)
-        if discovery is None:
-            residuals = self._residuals(last, last.values)
-        else:
+        price, values = sum((price_of(n.effect.id) for n in naming.named), 0.0), last.values
+        if discovery is not None:
             assert discovery.fit is not None
             price += discovery.price - ln_odds(OUTSIDE)
-            residuals = self._residuals(discovery.fit, discovery.values)
-        self.known.append(World(naming, discovery, price, residuals))
+            last, values = discovery.fit, discovery.values
+        self.known.append(World(naming, discovery, price, self._residuals(last, values)))
 
     def weigh(self) -> None:
         """The probability of each."""
         value = np.array([-w.price for w in self.known], float)
-        for c in range(len(CHANNELS)):
+        for c in CHANNELS:
             before, count, episodes = self._energy(self.plain, c)
             if not count:
                 continue
@@ -102,25 +99,24 @@ class Worlds:
 
     def best(self) -> World:
         """The likeliest of those whose names all stand."""
-        return max(
-            (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names)), key=lambda w: w.probability
-        )
+        standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
+        return max(standing, key=lambda w: w.probability)
 
     def _residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
-        if self.held is None:
-            return [last.residuals]
-        return [last.residuals, self.held.residuals(show.of_the_car(self.held, values))]
+        held = self.held
+        return [last.residuals] + ([] if held is None else [held.residuals(show.of_the_car(held, values))])
 
     def _parts(self, residuals: Sequence[np.ndarray]) -> list[tuple[Problem, np.ndarray]]:
         return list(zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True))
 
-    def _energy(self, residuals: Sequence[np.ndarray], channel: int) -> tuple[float, float, float]:
+    def _energy(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, float, float]:
         """Mean square in units of the noise, as how many independent values it counts, and how many episodes long it is."""
         total = rows = count = 0.0
         for (p, r), length in zip(self._parts(residuals), self._lengths, strict=True):
-            mine = (p.rows.channel == channel) & (p.weight > 0)
-            total, rows = total + float(r[mine] @ r[mine]), rows + int(mine.sum())
-            count += int(mine.sum()) / length.get(channel, 1.0)
+            mine = dict(p.used()).get(channel)
+            if mine is not None:
+                total, rows = total + float(r[mine] @ r[mine]), rows + int(mine.sum())
+                count += int(mine.sum()) / length[channel]
         return total / max(rows, 1.0), count, rows * BLOCK / EPISODE
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from tse.impl.gap import catalogue
 from tse.impl.gap.fit import fit
 from tse.impl.gap.problem import Problem
-from tse.impl.identify.data import CHANNELS
 
 BLOCK = 2.0  # s: of residuals that are resampled together
 DRAWS = 1000  # of the bootstrap
@@ -35,8 +34,7 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
     """Per channel, from whitened residuals of the same logs under both models. Seeded."""
     rng = np.random.default_rng(SEED)
     found = {}
-    for c in np.unique(problem.rows.channel):
-        mine = (problem.rows.channel == c) & (problem.weight > 0)
+    for c, mine in problem.used():
         key = problem.rows.log[mine] * 10_000_000 + (problem.rows.time[mine] // BLOCK).astype(np.int64)
         _, index = np.unique(key, return_inverse=True)
         count = np.bincount(index).astype(float)
@@ -44,7 +42,7 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
         draws = rng.integers(0, len(count), (DRAWS, len(count)))
         n0, n1 = e0[draws].sum(axis=1), e1[draws].sum(axis=1)
         ratio = np.sqrt(n1 / np.maximum(n0, 1e-300)) - 1.0
-        found[CHANNELS[c]] = Change(
+        found[c] = Change(
             float(np.sqrt(e0.sum() / count.sum())),
             float(np.sqrt(e1.sum() / count.sum())),
             float(np.sqrt(e1.sum() / max(e0.sum(), 1e-300)) - 1.0),

@@ -12,7 +12,7 @@ from tse.impl.core import library
 from tse.impl.gap.fit import Fit
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.respond import ROAD, responses, signals
-from tse.impl.identify.data import BLOCK, CHANNELS
+from tse.impl.identify.data import BLOCK
 
 WINDOW = 1.0  # s: over which the energy of a residual is taken
 FALSE_DISCOVERIES = 0.01  # share of the conditions that may be there by chance (Benjamini-Hochberg)
@@ -69,8 +69,7 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
     """Where the residual is large, strongest first; none that chance explains (Spearman; Benjamini-Hochberg)."""
     rows, found, p = problem.rows, [], []
     at = features(problem, values)
-    for c in np.unique(rows.channel):
-        mine = (rows.channel == c) & (problem.weight > 0)
+    for c, mine in problem.used():
         key = rows.log[mine] * 10_000_000 + (rows.time[mine] // WINDOW).astype(np.int64)
         _, index, count = np.unique(key, return_inverse=True, return_counts=True)
         enough = count >= 0.5 * count.max(initial=0)
@@ -81,7 +80,7 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
         for name, x in zip(at, table, strict=True):
             if np.ptp(x) > 1e-9 * (1 + np.abs(x).max()):
                 rho, chance = spearmanr(x, energy)
-                found.append(Condition(CHANNELS[c], f"{'high' if rho > 0 else 'low'} {name}", float(rho)))
+                found.append(Condition(c, f"{'high' if rho > 0 else 'low'} {name}", float(rho)))
                 p.append(max(float(chance), 1e-300))
     kept = false_discovery_control(p) < FALSE_DISCOVERIES if p else ()
     found = [c for c, k in zip(found, kept, strict=True) if k and abs(c.strength) >= LEAST_CORRELATION]
