@@ -81,17 +81,14 @@ def test_verdict_has_all_that_was_agreed_and_no_number_that_json_lacks(case):
         assert case.verdict["stiffness"][key] == pytest.approx(true, rel=0.02)
 
 
-def test_estimates_agree_from_log_to_log_with_the_improved_vehicle(case):
+def test_the_estimator_is_valid_as_long_and_foresees_rows_as_well_with_the_improved_vehicle(case):
     estimator = case.verdict["estimator"]
-    spread = estimator["stiffness_sd_between_logs"]
     for key in ("cy_front", "cy_rear"):
-        # three estimates of sd 3.5 % differ by more than 1.73 of it once in twenty times: chi2 of 2 degrees of freedom
-        assert spread["after"][key] < 1.73 * 0.035
-        # no worse than before, where the filter finds how late the steering is: the same rows, moved by less than half an sd
-        assert spread["after"][key] < spread["before"][key] + 0.5 * 0.035
         assert estimator["valid"]["after"][key] > estimator["valid"]["before"][key] - 0.02  # lag_steer finds it untold
-    assert "differs between logs that show it by" in case.done.out
-    assert [d["part"] for d in case.verdict["estimator"]["logs"]] == ["fit", "fit", "held_out"]
+    assert "The estimator's front cornering stiffness: valid" in case.done.out
+    assert [d["part"] for d in estimator["logs"]] == ["fit", "fit", "held_out"]
+    # of a car that is known exactly but for its steering, which the filter follows: hardly worse with its size given
+    assert all(d["evidence"]["after"] > d["evidence"]["before"] - 0.1 for d in estimator["logs"])
 
 
 def test_improved_vehicle_is_the_users_with_stiffness_and_effect(case):

@@ -83,18 +83,10 @@ def gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows = [row("log evidence per row [nat], mean over all logs", gain["log_evidence_per_row"], "{:.3f}".format)]
     for key in STIFFNESS:
         rows.append(row(f"{NAMES[key]}: valid", gain["valid"], lambda v, k=key: f"{100 * v[k]:.0f} % of the time"))
-    for key in STIFFNESS:
-        rows.append(
-            row(f"{NAMES[key]}: sd from log to log", gain["stiffness_sd_between_logs"], lambda v, k=key: known(v[k]))
-        )
     for d in gain["logs"]:
         held = " (held out)" if d["part"] == "held_out" else ""
         rows.append(row(f"{d['log']}{held}: log evidence per row [nat]", d["evidence"], "{:.3f}".format))
     return rows
-
-
-def known(spread: float) -> str:
-    return f"{100 * spread:.1f} %" if np.isfinite(spread) else "too few logs know it"
 
 
 def facts(shown: Shown) -> list[tuple[str, str]]:
