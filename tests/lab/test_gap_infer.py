@@ -21,8 +21,8 @@ from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, late
 from tse.impl.gap.infer.naming import Named, Probability, settings
 from tse.impl.gap.infer.remainder import Remainder
 from tse.impl.gap.infer.search import Search, judge
-from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout, Space
-from tse.impl.gap.problem import Problem, Rows, profile_size
+from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout, Space, raw, slopes
+from tse.impl.gap.problem import STIFFNESS, Problem, Rows, profile_size
 from tse.impl.gap.run import workflow
 from tse.impl.identify.data import BLOCK, CHANNELS, prepare
 from tse.impl.identify.discrepancy import Discrepancy, Piece
@@ -382,6 +382,23 @@ def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
     kept = naming.without(problem, found, frozenset({"grade"}), "a reason")
     assert kept.named == [road] and kept.possible == []
     assert kept.final.values == found.final.values
+
+
+def test_an_axle_may_be_late_by_a_length(late: Problem) -> None:
+    """Half as long at twice the speed: what shapes say of a tyre's lateness over the rate of what it does."""
+    layout = Layout(late)
+    values = {"relaxation_length": 0.5}
+    before, after = (layout.split(raw(late, v)) for v in ({}, values))
+    layout.explains(before, after, values)
+    speed = late.channels({}, ("vel_x",))["vel_x"]
+    for k, p in enumerate(STIFFNESS):
+        whole = np.zeros(len(late.rows.log))
+        for rows, table in zip(layout.rows, slopes(layout, values, after, [p]), strict=True):
+            whole[rows] = table[:, 0]
+        rate = forms.rate(late, whole)
+        for rows, shapes in zip(layout.rows, layout.shapes, strict=True):
+            axle = shapes[:, np.flatnonzero(layout.shape_of == forms.AXLES)[k]]
+            np.testing.assert_allclose(axle * speed[rows], 2.0 * rate[rows], rtol=1e-9, atol=1e-9)  # 0.1 s at 20 m/s
 
 
 def test_a_road_is_told_by_the_size_of_its_profile() -> None:
