@@ -15,11 +15,11 @@ from tse.impl.calibrate.result import Result
 from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.formula import write_formula
-from tse.impl.identify.unknowns import LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, of_log
+from tse.impl.identify.unknowns import ALSO, LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, UNCERTAIN, of_log
 from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.identify.vehicle_file import toml as vehicle_toml
 from tse.impl.results import plain
-from tse.impl.vehicle import GRAVITY, calibration_toml, sensor_settings, unknown_car
+from tse.impl.vehicle import calibration_toml, sensor_settings, unknown_car
 
 ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
 
@@ -53,9 +53,9 @@ def uncertainty(result: Result) -> dict[str, float]:
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
 
-    def sd(**weights: float) -> float:
+    def sd(*weights: tuple[str, float]) -> float:
         w = np.zeros(len(names))
-        for name, weight in weights.items():
+        for name, weight in weights:
             w[names.index(name)] = weight
         return float(np.sqrt(w @ cov @ w))
 
@@ -64,20 +64,13 @@ def uncertainty(result: Result) -> dict[str, float]:
         "model_sd": max(
             found["model_sd"] if result.own else 0.0, model_sd(result.problem, result.fit, found["model_sd"])
         ),
-        "yaw_inertia_sd": sd(yaw_inertia=1.0 / at["yaw_inertia"]),
-        "cg_sd": sd(cg_shift_distance=1.0),
-        "steer_ratio_sd": sd(steering_ratio_change=1.0),
-        "steer_offset_sd": sd(steering_offset_angle=1.0),
-        "accel_y_scale_sd": sd(imu_scale_ay_error=1.0, body_roll_gain=GRAVITY),
-        "accel_delay_sd": sd(accel_y_latency=1.0),
-        "relaxation_sd": sd(relaxation_length=1.0),
+        **{key: sd((name, 1.0), *([ALSO[name]] if name in ALSO else [])) for key, name in UNCERTAIN.items()},
+        "yaw_inertia_sd": sd(("yaw_inertia", 1.0 / at["yaw_inertia"])),
         "wheel_radius_sd": sd(
-            wheel_radius_rear=1.0 / at["wheel_radius_rear"], wheel_radius_front=-1.0 / at["wheel_radius_front"]
+            *((f"wheel_radius_{a}", k / at[f"wheel_radius_{a}"]) for a, k in (("rear", 1.0), ("front", -1.0)))
         ),
+        "lean_sd": float(np.std(_superelevations(result))),
     }
-    found["lean_sd"] = float(np.std(_superelevations(result)))
-    found["trail_sd"] = sd(aligning_moment_trail=1.0)
-    found["gyro_scale_sd"] = sd(gyro_scale_error=1.0)
     found |= {key: max(found[key], least) for key, least in LEAST_SD.items()}
     found["roll_steer_sd"] = min(found["roll_steer_sd"], ROLL_STEER_SD)
     fields = result.config.fields

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tse.impl.core import NOMINAL, Config
-from tse.impl.vehicle import Vehicle
+from tse.impl.vehicle import GRAVITY, Vehicle
 
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
 LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
@@ -95,11 +95,13 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
 )  # fmt: skip
-# What the vehicle file's [uncertainty] says of an unknown is its prior.
-UNCERTAINTY = {
-    "cg_shift_distance": "cg_sd", "yaw_inertia": "yaw_inertia_sd", "steering_ratio_change": "steer_ratio_sd",
-    "steering_offset_angle": "steer_offset_sd", "relaxation_length": "relaxation_sd",
+# Settings of [uncertainty], and the parameters that they are the sd of: prior of a fit, and what is written of its posterior.
+UNCERTAIN = {
+    "cg_sd": "cg_shift_distance", "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle",
+    "accel_y_scale_sd": "imu_scale_ay_error", "accel_delay_sd": "accel_y_latency", "relaxation_sd": "relaxation_length",
+    "gyro_scale_sd": "gyro_scale_error", "trail_sd": "aligning_moment_trail",
 }  # fmt: skip
+ALSO = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}  # by which accel_y reads more, as by its scale
 STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's
 SUPERELEVATION = "superelevation"
 OWN = (*STIFFNESS, SUPERELEVATION)  # of each log, of_log(); OWN_MEAN, OWN_SD
@@ -139,9 +141,10 @@ def prior_of(vehicle: Vehicle, config: Config) -> Prior:
     names = tuple(u.name for u in UNKNOWNS) + STIFFNESS
     mean, sd, low, high = (np.zeros(len(names)) for _ in range(4))
     scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in UNKNOWNS]
+    stated = {name: key for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
+    stated |= {"yaw_inertia": "yaw_inertia_sd"} if "yaw_inertia_sd" in vehicle.given_uncertainty else {}
     for k, (u, by) in enumerate(zip(UNKNOWNS, scale, strict=True)):
-        stated = UNCERTAINTY.get(u.name, "")
-        own = max(vehicle.values[stated], 0.01 * u.sd) if stated in vehicle.given_uncertainty else u.sd
+        own = max(vehicle.values[stated[u.name]], 0.01 * u.sd) if u.name in stated and not u.message else u.sd
         mean[k], sd[k], low[k], high[k] = u.mean * by, own * by, u.low * by, u.high * by
         if not u.relative and u.name in vehicle.values:
             mean[k] = vehicle.values[u.name]

@@ -13,6 +13,7 @@ import numpy as np
 
 from tse.impl.gap.catalogue import Effect, Parameter, catalogue
 from tse.impl.gap.problem import SIGNED_DELAYS
+from tse.impl.identify import unknowns
 from tse.impl.vehicle import Vehicle
 
 SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "imu_misalignment", "imu_scale_ax", "imu_scale_ay",
@@ -36,12 +37,8 @@ SIZE_COST = 3.0  # nats: of a size that logs know to a percent of what is typica
 MOST_LATE = 0.1  # s: of a message behind or before another one
 # s: typical lateness of a message behind another one: bus cycles of 5 .. 20 ms, filters of 10 .. 30 Hz
 LATE = (0.003, 0.02)
-# Settings of [uncertainty], and the parameters that they are the sd of.
-UNCERTAIN = {
-    "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "cg_sd": "cg_shift_distance",
-    "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle", "accel_y_scale_sd": "imu_scale_ay_error",
-    "accel_delay_sd": "accel_y_latency", "relaxation_sd": "relaxation_length", "gyro_scale_sd": "gyro_scale_error",
-    "trail_sd": "aligning_moment_trail", "roll_steer_sd": "rear_roll_steer_gain",
+UNCERTAIN = unknowns.UNCERTAIN | {
+    "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "roll_steer_sd": "rear_roll_steer_gain",
 }  # fmt: skip
 OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
 

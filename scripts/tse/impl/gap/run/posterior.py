@@ -22,12 +22,10 @@ from tse.impl.gap.infer.space import Layout, Space
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.identify import fit as engine
 from tse.impl.identify.slip import STIFFNESS, longitudinal
-from tse.impl.identify.unknowns import LEAST_SD, UNKNOWNS
+from tse.impl.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
 from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.rows import Log
-from tse.impl.vehicle import GRAVITY, Vehicle, uncertainty_settings
-
-ROLL = "body_roll_gain"  # by which accel_y reads more, as by its scale
+from tse.impl.vehicle import Vehicle, uncertainty_settings
 
 
 @dataclass(frozen=True)
@@ -46,8 +44,8 @@ class Posterior:
 
     def sd(self, name: str) -> float:
         """Of a parameter; of the scale of accel_y with what roll adds to it."""
-        roll = GRAVITY if name == UNCERTAIN["accel_y_scale_sd"] else 0.0
-        w = np.array([1.0 if n == name else roll if n == ROLL else 0.0 for n in self.names])
+        weights = dict([(name, 1.0), *([ALSO[name]] if name in ALSO else [])])
+        w = np.array([weights.get(n, 0.0) for n in self.names])
         return float(np.sqrt(w @ self.covariance @ w))
 
     def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
