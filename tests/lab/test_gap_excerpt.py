@@ -129,7 +129,7 @@ class Clean:
 
     def named_when_hidden(self, effect: str, times: float) -> list[Named]:
         told = self.undetectable[effect]
-        size = {told["parameter"]: times * told["smallest_detectable"]}
+        size = {told["parameter"]: times * told["smallest"]}
         (log,), config, rng = self.problem.logs, self.problem.config, np.random.default_rng(HIDE_SEED)
         columns = {"time": log.time} | {k: self.log.data[k].to_numpy(float) for k in log.inputs}
         hidden = simulate(self.problem.model(size), log, MEASURES, self.problem.stiffness(size, 0), {})
@@ -159,17 +159,17 @@ def test_twice_the_smallest_size_is_named_and_half_of_it_is_not(clean, effect):
     """Nats go with the square of the size: 4 and 1/4 of what a name needs. With a quarter, a class of look-alikes may be above 90 %
     in one noise of ten, as in this one; none of them is by itself."""
     told = clean.undetectable[effect]
-    assert told["smallest_detectable"] > told["typical"]
+    assert told["smallest"] > told["typical"]
     half = clean.named_when_hidden(effect, 0.5)
     assert all(n.look_alikes and n.probability < NAME_AT and n.effect.id != effect for n in half)
     named = clean.named_when_hidden(effect, 2.0)
     assert [n.effect.id for n in named] == [effect]
-    assert named[0].values[told["parameter"]] == pytest.approx(2 * told["smallest_detectable"], rel=0.2)
+    assert named[0].values[told["parameter"]] == pytest.approx(2 * told["smallest"], rel=0.2)
 
 
 def test_no_size_is_told_that_the_model_does_not_take(clean):
     """A slope over zero says of the longitudinal relaxation 6.6 m; the limit is 2 m."""
-    assert clean.undetectable["longitudinal_relaxation"]["smallest_detectable"] is None
+    assert clean.undetectable["longitudinal_relaxation"]["smallest"] is None
     for e, told in clean.undetectable.items():
         p = next(p for p in catalogue()[e].parameters if p.name == told["parameter"])
-        assert told["smallest_detectable"] is None or told["smallest_detectable"] <= max(p.high, -p.low), e
+        assert told["smallest"] is None or told["smallest"] <= max(p.high, -p.low), e

@@ -8,7 +8,7 @@ file says of it in [uncertainty], or its class."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from tse.impl.gap.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
 from tse.impl.gap.infer.space import Layout, Space
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.identify import fit as engine
+from tse.impl.identify.discrepancy import found as likeliest
 from tse.impl.identify.slip import STIFFNESS, longitudinal
 from tse.impl.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
 from tse.impl.identify.vehicle_file import model_sd
@@ -92,7 +93,11 @@ def posterior(
     space.mean, space.information = at, np.diag(space.sd**-2)
     found = engine.fit(space, at, most=0)
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
-    left = model_sd(space, found, vehicle.values.get("model_sd", 0.0))
+    # the discrepancy as calibration has it: that of the search has other limits, for residuals that are nearly noise
+    yaw = space.pieces(found.residuals, "yaw_rate")
+    left = model_sd(
+        space, replace(found, noise={"yaw_rate": likeliest(yaw)} if yaw else {}), vehicle.values.get("model_sd", 0.0)
+    )
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
     if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
         k = [space.names[k] for k in car].index(STIFFNESS)

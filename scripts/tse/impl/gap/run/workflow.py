@@ -91,36 +91,18 @@ class Result(Found):
             "sets": self.naming.sets,
             "formula": self._formula_as_json(),
             "rivals": self.rivals,
-            "where": [
-                {
-                    "channel": c.channel,
-                    "condition": c.condition,
-                    "entry_point": self._entry(c.channel),
-                    "strength": c.strength,
-                }
-                for c in self.conditions
-            ],
+            "where": [asdict(c) | {"entry_point": self._entry(c.channel)} for c in self.conditions],
             "entry_points": [asdict(e) for e in self.entries],
             "gap": {
                 "fit": {"before": self.fit_before, "after": self.fit_after},
                 "held_out": {
-                    "before": {k: c.before for k, c in self.held_out.items()},
-                    "after": {k: c.after for k, c in self.held_out.items()},
-                    "change_ci95": {k: list(c.ci95) for k, c in self.held_out.items()},
+                    w: {k: getattr(c, of) for k, c in self.held_out.items()}
+                    for w, of in (("before", "before"), ("after", "after"), ("change_ci95", "ci95"))
                 },
             },
             "closed": self.naming.closed,
             "remainder": [asdict(r) for r in self.remainders],
-            "undetectable": [
-                {
-                    "id": d.id,
-                    "parameter": d.parameter,
-                    "smallest_detectable": d.smallest,
-                    "typical": d.typical,
-                    "unit": d.unit,
-                }
-                for d in self.undetectable
-            ],
+            "undetectable": [asdict(d) for d in self.undetectable],
             "words": self.words,
             "notes": self.notes,
             "version": __version__,
