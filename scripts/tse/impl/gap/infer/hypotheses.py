@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.impl.gap.catalogue import Effect, Parameter, catalogue
-from tse.impl.gap.problem import SIGNED_DELAYS
+from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS
 from tse.impl.identify import unknowns
 from tse.impl.vehicle import Vehicle
 
@@ -117,14 +117,10 @@ def known_of(vehicle: Vehicle) -> list[Effect]:
 def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     """All that is asked, in the order of the catalogue."""
     known = list(catalogue().values() if effects is None else effects)
-    asked = [
-        replace(e, parameters=e.strengths[:1]) if e.id == "bank" else e
-        for e in known
-        if e.id not in ("grade", *ABSORBED)
-    ]
+    asked = [e for e in known if e.id not in (*PROFILES, *ABSORBED)]
     physics = [e for e in asked if e.id not in (*SENSORS, *EVERY_CAR)]
     share = EXPECTED / max(len(physics), 2)  # of a list of one, too, it may not be there
-    # a road that leans one way all along is asked for as bank; a grade of that kind is a bias of accel_x. Profiles: naming.py.
+    # profiles of roads: naming.py; what leans or climbs all along is a bias
     found, late = [], latencies()
     for e in (*asked, *late):
         sensor = e.id in SENSORS or e in late

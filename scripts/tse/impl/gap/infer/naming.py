@@ -103,9 +103,8 @@ def name(
         # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
         plain = judge(Layout(problem), final.effects, final.values, None)
         small = {h.id for h in final.effects if negligible(h.effect, plain.values)}
-        wander = _wander(problem, search, final, full)
-        if small | wander:
-            names = final.ids - small - wander
+        if small:
+            names = final.ids - small
             dropped |= dict.fromkeys(small, SMALL)
             continue
         last = as_fit(problem, plain) if final.effects else baseline
@@ -116,7 +115,7 @@ def name(
         names = final.ids - {idle.effect.id}
         dropped[idle.effect.id] = IDLE
     named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
-    roads = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
+    roads = [n.effect for n in named if n.effect.id in PROFILES]
     if roads:
         last = _with_roads(problem, last, roads)
     stated = {n.effect.id for n in named}
@@ -265,7 +264,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
     prior = np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY))
     for e in roads:
         channel = ROAD_CHANNEL[e.id]
-        if channel not in final.noise or e.id in final.ids:
+        if channel not in final.noise:
             continue
         gain = slow_nats(final, channel)
         if gain + prior < np.log(NAME_AT / (1.0 - NAME_AT)) or len(problem.strengths(e)) > MOST_KNOTS:
@@ -297,18 +296,6 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
             )
         )
     return found
-
-
-def _wander(problem: Problem, search: Search, final: Judged, full: float) -> set[str]:
-    """Of roads that lean one way all along (which a bias takes up) those that rather wander: named by their profile."""
-    level = {h.id for h in final.effects if h.id in PROFILES}
-    if not level:
-        return set()
-    flat = search.judge(final.ids - level, final.values, final)
-    last = (
-        as_fit(problem, judge(Layout(problem), flat.effects, flat.values, None)) if flat.effects else plain_car(problem)
-    )
-    return {n.effect.id for n in _roads(problem, flat, last, [catalogue()[i] for i in sorted(level)], full)}
 
 
 def _harms(problem: Problem, before: Fit, after: Fit, but: str) -> bool:

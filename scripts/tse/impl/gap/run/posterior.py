@@ -19,7 +19,7 @@ from tse.impl.gap.fit import Fit, gap
 from tse.impl.gap.infer.formula_search import NOISE_LIMIT
 from tse.impl.gap.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
 from tse.impl.gap.infer.space import Layout, Space
-from tse.impl.gap.problem import PROFILES, Problem
+from tse.impl.gap.problem import Problem
 from tse.impl.identify import fit as engine
 from tse.impl.identify.discrepancy import found as likeliest
 from tse.impl.identify.slip import STIFFNESS, longitudinal
@@ -78,11 +78,7 @@ def posterior(
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items()}
     fitted = {p.name for p in fit.parameters}
     asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0)]
-    effects = [
-        h
-        for h in asked
-        if h.id not in PROFILES and any(p.name in fitted or prior.get(p.name) for p in h.effect.strengths)
-    ]
+    effects = [h for h in asked if any(p.name in fitted or prior.get(p.name) for p in h.effect.strengths)]
     problem = problem.holding(dict(fit.values) | dict(settings))
     space = Space(Layout(problem), effects)
     start = problem.nominal | problem.fixed
