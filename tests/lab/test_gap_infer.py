@@ -96,6 +96,8 @@ class Linear:
     def predict_all(self, asked: list[dict[str, float]]) -> list[np.ndarray]:
         return [self.predict(a) for a in asked]
 
+    moved = Problem.moved
+
     def channels(self, values: dict[str, float], names: tuple[str, ...]) -> dict[str, np.ndarray]:
         return {n: np.zeros(N) for n in names}
 

@@ -251,29 +251,32 @@ class Problem:
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
         return difference - mean[self.rows.group]
 
-    def jacobian(
-        self, values: Mapping[Key, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
-    ) -> np.ndarray:
-        """Slopes of the whitened residuals, by finite differences of `reach` times the parameters' steps."""
+    def moved(
+        self, values: Mapping[Key, float], parameters: Sequence[Parameter], reach: float = 1.0
+    ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
+        """What the model says with parameters moved by `reach` times their steps: by how much which of them, and predict(). Profile
+        values of different logs act on different residuals: one simulation serves one of each log."""
 
         def shifted(p: Parameter) -> float:
             x, h = values.get(p.name, p.default), reach * p.step
             return h if p.low <= x + h <= p.high else -h
 
-        # Profile values of different logs act on different residuals: one simulation serves one of each log.
-        runs: dict[Key | tuple[str, int | None], list[int]] = {}
+        runs: dict[Key | tuple[str, int | None], dict[int, float]] = {}
         for j, p in enumerate(parameters):
-            runs.setdefault((p.name.of, p.name.knot) if isinstance(p.name, Own) else p.name, []).append(j)
+            key = (p.name.of, p.name.knot) if isinstance(p.name, Own) else p.name
+            runs.setdefault(key, {})[j] = shifted(p)
+        names = [(p.name, values.get(p.name, p.default)) for p in parameters]
+        asked = [dict(values) | {names[j][0]: names[j][1] + h for j, h in run.items()} for run in runs.values()]
+        yield from zip(runs.values(), self.predict_all(asked), strict=True)
+
+    def jacobian(
+        self, values: Mapping[Key, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
+    ) -> np.ndarray:
+        """Slopes of the whitened residuals, by finite differences."""
         slopes = np.zeros((len(base), len(parameters)))
-        steps = [{j: shifted(parameters[j]) for j in members} for members in runs.values()]
-        asked = [
-            dict(values)
-            | {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in step.items()}
-            for step in steps
-        ]
-        for step, predicted in zip(steps, self.predict_all(asked), strict=True):
+        for run, predicted in self.moved(values, parameters, reach):
             change = self.whiten(self._measured - predicted) - base
-            for j, h in step.items():
+            for j, h in run.items():
                 name = parameters[j].name
                 mine = self.rows.log == name.log if isinstance(name, Own) else slice(None)
                 slopes[mine, j] = change[mine] / h

@@ -217,14 +217,9 @@ def slopes(
     reach: float = 1.0,
 ) -> list[np.ndarray]:
     """Slopes of raw() over parameters by differences of `reach` times their steps."""
-    problem, steps, asked = layout.problem, [], []
-    for p in parameters:
-        at = values.get(p.name, p.default)
-        h = reach * p.step
-        steps.append(h if p.low <= at + h <= p.high else -h)
-        asked.append(dict(values) | {p.name: at + steps[-1]})
-    found = [np.zeros((len(b), len(parameters))) for b in base]
-    for k, (h, predicted) in enumerate(zip(steps, problem.predict_all(asked), strict=True)):
+    problem, found = layout.problem, [np.zeros((len(b), len(parameters))) for b in base]
+    for run, predicted in problem.moved(values, parameters, reach):
+        ((k, h),) = run.items()
         moved = layout.split(problem.weight * np.nan_to_num(problem.measured - predicted))
         for table, m, b in zip(found, moved, base, strict=True):
             table[:, k] = (m - b) / h
