@@ -13,11 +13,11 @@ from scipy.stats import multivariate_normal
 from tse.impl.core import Config, SimConfig, Simulator
 from tse.impl.identify import discrepancy
 from tse.impl.identify import ready as ready_rules
-from tse.impl.identify.data import Prepared, blocks, prepare
+from tse.impl.identify.data import Prepared, blocks, prepare, speed
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.identify.fit import fit, step
 from tse.impl.identify.problem import SPEED_TIME, Problem, shapes
-from tse.impl.identify.ready import calm, curves, speed, together
+from tse.impl.identify.ready import calm, curves, together
 from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import default_vehicle, read_vehicle
@@ -342,7 +342,7 @@ def test_wheels_and_accel_x_are_smoothed_alike_and_nothing_else(tmp_path: Path) 
 def test_the_curvature_of_the_road_is_that_of_the_path_at_any_speed(tmp_path: Path) -> None:
     """A clothoid: curvature by distance, whose smoothing by a symmetric kernel leaves it, driven at a changing speed."""
     log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
-    v = speed(log, Config())
+    v = speed(log.inputs, Config())
     log.measured["yaw_rate"] = 1e-4 * log.distance * v
     found = curves(log, Config())
     inner = (log.distance > 60) & (log.distance < log.distance[-1] - 60)

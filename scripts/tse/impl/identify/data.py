@@ -7,7 +7,7 @@ slope is a random walk; its smoothness is found by cross-validation, every secon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -94,10 +94,8 @@ def prepare(log: Log, config: Config) -> Prepared:
     measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
     inputs = {name: smoothed(log.time, x) for name, x in raw.items()}
-    speed = 0.5 * (
-        config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"]
-    )
-    good = (speed > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
+    v = speed(inputs, config)
+    good = (v > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
     for x in raw.values():
         good &= ~_hole(log.time, x)
     noise, quiet = {}, {}
@@ -108,7 +106,7 @@ def prepare(log: Log, config: Config) -> Prepared:
             quiet[name] = found.unraised / found.sd
     per_block = max(1, round(BLOCK / log.sample_time))
     stretches = _stretches(log.time, good, per_block)
-    distance = np.append(0.0, np.cumsum(np.maximum(speed[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
+    distance = np.append(0.0, np.cumsum(np.maximum(v[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
     absent = [name for name in MEASURES if name not in measured]
     notes = [f"{log.path.name}: without {', '.join(absent)}: what only that shows is not asked of it"] if absent else []
     if not stretches:
@@ -117,6 +115,11 @@ def prepare(log: Log, config: Config) -> Prepared:
         )
     held = {name: age for name in (*DRIVES, *MEASURES) if (age := _age(log.time, log.data[name].to_numpy(float))) > 0}
     return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held)
+
+
+def speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
+    """m/s by the wheels, of each row."""
+    return 0.5 * sum(getattr(config, f"wheel_radius_{a}") * inputs[f"wheel_speed_{a}"] for a in ("front", "rear"))
 
 
 def prepare_all(logs: Sequence[Log], config: Config) -> list[Prepared]:

@@ -25,9 +25,9 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from tse.impl.core import NOMINAL, Config
-from tse.impl.identify.data import BLOCK, Prepared, blocks
+from tse.impl.identify.data import BLOCK, Prepared, blocks, speed
 from tse.impl.identify.discrepancy import ACTIVE_TIME, Discrepancy, Piece, cost, found
-from tse.impl.identify.ready import calm, curves, inside, speed, together
+from tse.impl.identify.ready import calm, curves, inside, together
 from tse.impl.identify.simulate import simulate
 from tse.impl.identify.unknowns import (
     LATE,
@@ -104,7 +104,7 @@ class Problem:
             [] for _ in range(7)
         )
         for i, log in enumerate(self.logs):
-            time, v = (blocks(log, x)[0] for x in (log.time, speed(log, config)))
+            time, v = (blocks(log, x)[0] for x in (log.time, speed(log.inputs, config)))
             for c in MEASURED:
                 value, number = blocks(log, log.measured[c])
                 usual = float(np.median(number[number > 0])) if number.any() else 1.0

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tse.impl.core import Config
-from tse.impl.identify.data import BLOCK, SLOWEST, Prepared
+from tse.impl.identify.data import BLOCK, SLOWEST, Prepared, speed
 from tse.impl.identify.unknowns import MOST_LATENCY
 from tse.impl.noise import filled
 
@@ -28,16 +28,10 @@ def calm(log: Prepared) -> Prepared:
     return replace(log, inputs=wheels, measured=log.measured | {"accel_x": np.where(there, value, np.nan)})
 
 
-def speed(log: Prepared, config: Config) -> np.ndarray:
-    """m/s by the wheels, of each row."""
-    wheels = (config.wheel_radius_front, "wheel_speed_front"), (config.wheel_radius_rear, "wheel_speed_rear")
-    return sum(0.5 * radius * log.inputs[name] for radius, name in wheels)
-
-
 def curves(log: Prepared, config: Config) -> np.ndarray:
     """m/s2, square of the speed times the curvature of the road: what its lean into its curves goes by. The curvature is that of
     the car's path without what is shorter than roads are built in."""
-    rate, v = log.measured["yaw_rate"], np.maximum(speed(log, config), SLOWEST)
+    rate, v = log.measured["yaw_rate"], np.maximum(speed(log.inputs, config), SLOWEST)
     if not np.isfinite(rate).any():
         return np.zeros(len(rate))
     metres = np.arange(0.0, log.distance[-1] + 1.0)
