@@ -78,18 +78,14 @@ def check(
 ) -> Check:
     """Fit stiffness and biases, and look around."""
     say("reading the logs")
-    read, config = workflow.read(logs, read_vehicle(vehicle_path), reading)
-    prepared = prepare_all(read, config)
-    problem = Problem(prepared, config, jobs)
-    notes = [n for p in prepared for n in p.notes]
+    notes: list[str] = []
+    read, config = workflow.read(logs, read_vehicle(vehicle_path), reading, notes)
+    problem = Problem(prepare_all(read, config), config, jobs)
+    notes += problem.notes
     if not problem.logs:
         raise UserError("; ".join(notes) or "no log can be compared")
     say("fitting stiffness and biases")
     baseline = fit(problem, STIFFNESS, {})
     say("every effect")
     found = detect.detectable(problem, baseline, list(catalogue().values()))
-    return Check(
-        found,
-        gap(problem, baseline.residuals),
-        [*(n for log in read for n in log.notes), *notes],
-    )
+    return Check(found, gap(problem, baseline.residuals), [*(n for log in read for n in log.notes), *notes])

@@ -146,10 +146,11 @@ def read_logs_of(paths: Sequence[Path], notes: list[str], reading: Reading | Non
     return found
 
 
-def read(paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None) -> tuple[list[Log], Config]:
-    """Logs, and the settings of the vehicle with sensors filled in from the first."""
-    reading = replace(reading or Reading(), car=vehicle)
-    logs = [read_log(p, MEASURES, reading) for p in paths]
+def read(
+    paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None, notes: list[str] | None = None
+) -> tuple[list[Log], Config]:
+    """Logs that can be read, and the settings of the vehicle with sensors filled in from the first."""
+    logs = read_logs_of(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
     fill_sensors(vehicle, logs[0])
     return logs, Config(vehicle.values)
 
@@ -168,9 +169,8 @@ def run(
     say("reading the logs")
     vehicle, notes = read_vehicle(vehicle_path), []
     reading = replace(reading or Reading(), car=vehicle)
-    fitted, others = (read_logs_of(paths, notes, reading) if paths else [] for paths in (logs, hold_out))
-    fill_sensors(vehicle, fitted[0])
-    config = Config(vehicle.values)
+    fitted, config = read(logs, vehicle, reading, notes)
+    others = read_logs_of(hold_out, notes, reading)
     problem = Problem(prepare_all(fitted, config), config, jobs)
     held = Problem(prepare_all(others, config), config, jobs) if others else None
     said = [n for p in (problem, held) if p is not None for n in p.notes]
