@@ -17,14 +17,7 @@ if TYPE_CHECKING:
 NOT_CONVERGED = 12  # exit code
 
 
-class Calibrate(Run):
-    """--hold-out takes all files up to the next option."""
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        click.Command.format_epilog(self, ctx, formatter)
-
-
-@click.command(cls=Calibrate)
+@click.command(cls=Run)
 @LOGS
 @VEHICLE
 @click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,

@@ -25,10 +25,6 @@ class Fit:
     residuals: np.ndarray
     jacobian: np.ndarray
 
-    @property
-    def energy(self) -> float:
-        return float(self.residuals @ self.residuals)
-
 
 def fit(
     problem: Problem,
