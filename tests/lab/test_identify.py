@@ -147,6 +147,37 @@ def test_discrepancies_that_were_drawn_are_found() -> None:
     np.testing.assert_allclose(ratio[3], 1, atol=0.25)
 
 
+def test_far_from_a_fit_nothing_slow_follows_the_car() -> None:
+    """A residual of a model that does not fit: what it lacks of a car that turns this way and that, for a second or two."""
+    rng, time = np.random.default_rng(6), 0.04 * np.arange(2500)
+    p = Piece(time, np.full(2500, 4), 1 + 0.5 * np.sin(0.1 * time), np.ones(2500), np.zeros(2500))
+    p.residual = np.linalg.cholesky(dense(Discrepancy(0.05, 0.02, 0.7, (0.3, 1.2)), p)) @ rng.standard_normal(2500)
+    free, far = discrepancy.found([p]), discrepancy.found([p], far=True)
+    assert free.slow > 0.5 and free.time[1] < 2.0  # which explains it
+    assert far.time[1] == pytest.approx(discrepancy.TIMES[1], rel=1e-9)
+    assert far.share > 3 * free.share  # more of it is an error of the model, which grows with what the car does
+
+
+def test_a_search_is_free_to_explain_by_discrepancies_when_it_is_near(
+    found: tuple[Problem, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, ended = found
+    asked: list[bool] = []
+    inner = Problem.found
+
+    def recorded(self: Problem, pieces: list[Piece], start: Discrepancy | None, far: bool = False) -> Discrepancy:
+        asked.append(far)
+        return inner(self, pieces, start, far)
+
+    monkeypatch.setattr(Problem, "found", recorded)
+    fit(problem)
+    first = asked.index(False)
+    assert 0 < first < len(asked) and all(asked[:first]) and not any(asked[first:])
+    asked.clear()
+    fit(problem, ended.x, ended.noise)  # not from the prior
+    assert asked and not any(asked)
+
+
 def test_the_model_is_never_believed_better_than_its_least_share() -> None:
     p = piece(5, 500)
     p.residual *= 1e-6

@@ -109,8 +109,10 @@ def cost(d: Discrepancy, pieces: Sequence[Piece]) -> float:
     return total
 
 
-def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepancy:
-    """The likeliest discrepancy of a channel, with the prior of its share and times."""
+def found(pieces: Sequence[Piece], start: Discrepancy | None = None, far: bool = False) -> Discrepancy:
+    """The likeliest discrepancy of a channel, with the prior of its share and times. `far`: the residuals are those of a model that
+    does not fit yet; the slow part is as slow as its prior then. In a second it follows the car, explains a channel by itself - a
+    road that leans by 7 % from one second to the next - and a search that believes it stays where it is."""
     size = float(np.sqrt(np.mean(np.concatenate([p.residual - p.residual.mean() for p in pieces]) ** 2))) or 1e-9
     centre, sd = np.log([SHARE, *TIMES]), np.array([SHARE_SD, TIME_SD, TIME_SD])
 
@@ -118,7 +120,7 @@ def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepa
         return cost(Discrepancy.of(np.exp(h)), pieces) + 0.5 * float(np.sum(((h[[1, 3, 4]] - centre) / sd) ** 2))
 
     bound = (LEAST * size, 10 * size)
-    limits = np.log([bound, SHARES, bound, *RANGES])
+    limits = np.log([bound, SHARES, bound, RANGES[0], (TIMES[1], TIMES[1]) if far else RANGES[1]])
     first = start.numbers if start else Discrepancy(size, SHARE, 0.3 * size, TIMES).numbers
     first = np.maximum(
         first, [0.1 * size, 0.0, 0.1 * size, 0.0, 0.0]

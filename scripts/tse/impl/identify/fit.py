@@ -15,6 +15,7 @@ from tse.impl.identify.discrepancy import Discrepancy, Piece, without_bias
 
 MOST_STEPS = 40  # of a fit
 SETTLED = 0.1  # posterior sd: a step below it ends the search
+NEAR = 1.0  # posterior sd: from a step below it on the discrepancies are free
 SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
 MOST_REFITS = 12  # of the discrepancies
 WINDOW = 15.0  # s: pieces that are asked separately how far they contradict each other
@@ -46,7 +47,7 @@ class Problem(Protocol):
 
     def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]: ...
 
-    def found(self, pieces: Sequence[Piece], start: Discrepancy | None) -> Discrepancy: ...
+    def found(self, pieces: Sequence[Piece], start: Discrepancy | None, far: bool) -> Discrepancy: ...
 
     def cost(self, d: Discrepancy, pieces: Sequence[Piece]) -> float: ...
 
@@ -89,10 +90,10 @@ def half_square(problem: Problem, noise: dict[str, Discrepancy], x: np.ndarray, 
 
 
 def discrepancies(
-    problem: Problem, residuals: list[np.ndarray], before: dict[str, Discrepancy]
+    problem: Problem, residuals: list[np.ndarray], before: dict[str, Discrepancy], far: bool
 ) -> tuple[dict[str, Discrepancy], float]:
-    """Those of all channels, and by how much likelier [nats] they make the residuals than those before."""
-    now = {c: problem.found(problem.pieces(residuals, c), before.get(c)) for c in problem.channels}
+    """Those of all channels, and by how much likelier [nats] they make the residuals than those before. `far`: from a fit."""
+    now = {c: problem.found(problem.pieces(residuals, c), before.get(c), far) for c in problem.channels}
     if not before:
         return now, np.inf
     pieces = {c: problem.pieces(residuals, c) for c in now}
@@ -119,16 +120,16 @@ def fit(
 ) -> Fit:
     """Search from the prior, or from `x` and discrepancies `noise`. `most`: steps; None: MOST_STEPS. `chords`: slopes are simulated
     at the start and at the end, or where a step fails, and follow what the steps between have shown (Broyden 1965); else at every
-    step."""
+    step. A search from the prior begins with discrepancies that cannot follow the car (`far`): until it is near."""
     most = MOST_STEPS if most is None else most
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
-    noise, steps, refits, damping = dict(noise or {}), 0, 0, 1e-3
+    far, noise, steps, refits, damping = noise is None, dict(noise or {}), 0, 0, 1e-3
     residuals = problem.residuals(x)
     converged, moved, changed = False, np.inf, np.inf
     steep, exact = problem.slopes(x, residuals), True
     while True:
         if refits < MOST_REFITS and changed > SAME:
-            noise, changed = discrepancies(problem, residuals, noise)
+            noise, changed = discrepancies(problem, residuals, noise, far)
             refits += 1
         ends = converged or steps >= most
         if not exact and (ends or not chords):
@@ -151,8 +152,8 @@ def fit(
                 steep, exact = problem.slopes(x, residuals), True
                 damping = 1e-3
                 continue
-            converged = changed <= SAME or refits >= MOST_REFITS
-            changed = SAME if converged else np.inf
+            converged = not far and (changed <= SAME or refits >= MOST_REFITS)
+            far, changed = False, SAME if converged else np.inf
             steps += 1
             continue
         moved = float(np.max(np.abs(there - x) / sd))
@@ -160,9 +161,9 @@ def fit(
             steep = _followed(steep, residuals, new, (there - x) / problem.sd, problem.sd)
         exact = False
         x, residuals, steps, damping = there, new, steps + 1, max(damping / 10, 1e-6)
-        converged = moved < SETTLED and (changed <= SAME or refits >= MOST_REFITS)
-        if moved < SETTLED and not converged:
-            changed = np.inf
+        converged = not far and moved < SETTLED and (changed <= SAME or refits >= MOST_REFITS)
+        if moved < (NEAR if far else SETTLED) and not converged:
+            far, changed = False, np.inf
         say(f"step {steps}: the largest change is {moved:.2g} sd")
     return Fit(x, noise, covariance(problem, information, r, j), converged, steps, moved, residuals, j)
 

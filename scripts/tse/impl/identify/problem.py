@@ -248,8 +248,8 @@ class Problem:
     def piece(self, g: int, residual: np.ndarray) -> Piece:
         return Piece(self.time[g], *self._rest[g], residual)
 
-    def found(self, pieces: Sequence[Piece], start: Discrepancy | None) -> Discrepancy:
-        return found(pieces, start)
+    def found(self, pieces: Sequence[Piece], start: Discrepancy | None, far: bool = False) -> Discrepancy:
+        return found(pieces, start, far)
 
     def cost(self, d: Discrepancy, pieces: Sequence[Piece]) -> float:
         return cost(d, pieces)

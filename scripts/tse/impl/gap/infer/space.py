@@ -165,8 +165,9 @@ class Space:
         for c, d in found.items():
             self._found[c] = [r for r, (_, own) in zip(residuals, self.groups, strict=True) if own == c], d
 
-    def found(self, pieces: Sequence[Piece], start: Discrepancy | None) -> Discrepancy:
-        """The most probable discrepancy of a channel; as it was, while its residuals have hardly moved."""
+    def found(self, pieces: Sequence[Piece], start: Discrepancy | None, far: bool = False) -> Discrepancy:
+        """The most probable discrepancy of a channel; as it was, while its residuals have hardly moved. `far` is nothing here: the
+        prior of the slow part is proper."""
         channel = next((c for c, (_, d) in self._found.items() if d is start), None)
         if channel is None:
             return noise.found(pieces, start)
