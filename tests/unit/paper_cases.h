@@ -30,9 +30,10 @@ static inline double any(uint32_t *seed, double lo, double hi) { return single(n
 static inline paper_car any_car(uint32_t *seed)
 {
   static const double range[13][2] = { { 900, 3000 }, { 1, 1.6 }, { 1, 1.8 }, { 0.28, 0.36 }, { 0.28, 0.36 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 0, 1 }, { 0.05, 0.3 }, { 0.05, 0.3 }, { 0.002, 0.01 } };
+  double at[13];
   paper_car c;
-  double *const at = &c.mass;
   for (int k = 0; k < 13; k++) at[k] = any(seed, range[k][0], range[k][1]);
+  memcpy(&c, at, sizeof c);
   return c;
 }
 
@@ -94,7 +95,7 @@ typedef struct conditional {
 static inline conditional conditional_of(const paper_car *c, const paper_prior *prior, const paper_particle *q, const double u[3], const double y[3], int mask)
 {
   static const int upper[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
-  const double *const sd = &c->accel_x_sd, nut = prior->nu - 2;
+  const double sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd }, nut = prior->nu - 2;
   double h[3], d[3][3], A[3][3], B[3][3] = { { 0 } }, s[3][3] = { { 0 } }, z[3], e[3], G[3][3], t, q2 = 0;
   int use[3], n = 0;
   conditional r;
@@ -147,10 +148,11 @@ static inline conditional conditional_of(const paper_car *c, const paper_prior *
 /* Of a sample that its particle could have made, two of its sds off. */
 static inline void any_sample(uint32_t *seed, const paper_car *c, const paper_particle *q, const double u[3], double y[3])
 {
+  const double sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
   double h[3], d[3][3];
   regressors(c, q->x, u, h, d);
   for (int a = 0; a < 3; a++) {
-    y[a] = h[a] + q->bias[a] + 2 * (&c->accel_x_sd)[a] * next_normal(seed);
+    y[a] = h[a] + q->bias[a] + 2 * sd[a] * next_normal(seed);
     for (int b = 0; b < 3; b++) y[a] += d[a][b] * q->mu[b];
     y[a] = single(y[a]);
   }

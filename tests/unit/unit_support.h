@@ -134,7 +134,11 @@ static inline double next_normal(uint32_t *seed)
 }
 
 /* x with 24 bits: every format starts from the same number. */
-static inline double single(double x) { return (float)x; }
+static inline double single(double x)
+{
+  volatile float y = (float)x; /* gcc 12 leaves out some of several in a row with -O3 -mavx2 */
+  return y;
+}
 
 /* Lower triangle of Cholesky; l x = b. */
 static inline void cholesky(double l[3][3], int n)
