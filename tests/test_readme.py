@@ -50,7 +50,7 @@ def test_its_numbers_are_those_of_scripts_results():
     )
     own = "calibrated on the log itself: {} and {} % off, {} and {} % valid; {} and {} % off"
     assert own.format(*error, *valid, *off) in facts
-    valid, off = ([x.strip() for x in c.split("/")][0] for c in cells("cars-fresh.md", "all | calibrated |")[1:3])
+    valid, off = (c.partition("/")[0].strip() for c in cells("cars-fresh.md", "all | calibrated |")[1:3])
     assert f"of the 4 cars above {valid} % valid, {off} % of these > 10 % off" in README
     half, tenth = (c.split("/")[1].strip() for c in cells("cars-events.md", "ice |")[4].split(";")[:2])
     assert f"On ice valid rows are over 20 % off for {half} s, in one drive of ten {float(tenth):.0f} s" in README
