@@ -3,8 +3,9 @@
  * An event moves the state by an amplitude, N(0, 1), times what it opens. If it happened, the state of the filter, which does not know,
  * is off by the amplitude times v: v follows the filter's own transition and gains, and every innovation is shifted by h v. That gives the
  * amplitude's likelihood exactly (Willsky & Jones 1976), for a hundredth of the cost of a second filter. Each kind has places that are
- * opened in turn; an event whose posterior probability is high enough is believed: the state moves, and what it opens is uncertain. After a
- * change the tyres may be back where they were, a patch of ice or water behind: that amplitude is known, and what was known before comes back. */
+ * opened in turn; an event whose posterior probability is high enough is believed: the state moves, and what it opens is uncertain. One
+ * that is given up leaves that by its weight. After a change the tyres may be back where they were, a patch of ice or water behind: that
+ * amplitude is known, and what was known before comes back. */
 #include "filter/filter.h"
 
 /* State and sd that one amplitude of an event moves it by, SI; state -1: none. */
@@ -268,7 +269,7 @@ static void move_state(const tse_params *p, tse_kalman *k, tse_event *a, tse_rea
 }
 
 /* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
- * held.   Given: weight  of that */
+ * held.   Given: weight  1 if it has happened */
 static void widen(tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
   const kind *const what = kind_of(which);
@@ -288,18 +289,25 @@ static tse_real weight_left(const tse_kalman *k, int n)
   return weight < LEAST_WEIGHT ? TSE_R(0) : weight;
 }
 
-/* Give event n up: mean and variance become those of the two that the state may be in, with that weight and without the event. */
+/* Make mean and variance those of the two that the state may be in: with that weight what event a says, else as it is.
+ *   Updated: a  as in move_state() */
+static void mix(const tse_params *p, tse_kalman *k, tse_event *a, tse_real weight)
+{
+  tse_real var, was[4], moved[TSE_ALL];
+  for (int i = 0; i < 4; i++) was[i] = k->x[LCX + i];
+  const tse_real amplitude = event_amplitude(a, &var), spread = r_mul(weight, var + r_mul(TSE_R(1) - weight, r_sqr(amplitude)));
+  move_state(p, k, a, r_mul(weight, amplitude));
+  for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a->v[i]);
+  if (spread > TSE_R(0)) ud_add(&k->p, moved, STATES - 1, spread);
+  widen(k, a->kind, was, weight);
+}
+
+/* Give event n up. What was found of the slip stiffness before is as much less known. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = ud_variance(&k->p, LCX);
-  tse_real var, was[4], moved[TSE_ALL];
   tse_event a = k->event[n];
-  for (int i = 0; i < 4; i++) was[i] = k->x[LCX + i];
-  const tse_real amplitude = event_amplitude(&a, &var);
-  move_state(p, k, &a, r_mul(weight, amplitude));
-  for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a.v[i]);
-  ud_add(&k->p, moved, STATES - 1, r_mul(weight, var + r_mul(TSE_R(1) - weight, r_sqr(amplitude))));
-  widen(k, a.kind, was, weight);
+  mix(p, k, &a, weight);
   k->along.var += r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
@@ -380,7 +388,7 @@ static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
 static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS], int n)
 {
-  tse_real var, was[4], was_var[4], moved[TSE_ALL];
+  tse_real was[4], was_var[4];
   if (k->event[n].kind == EVENT_ALONG) {
     k->weight[n] = TSE_R(0);
     k->none[GOING] = TSE_R(1);
@@ -392,14 +400,8 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     was[i] = k->x[LCX + i];
     was_var[i] = ud_variance(&k->p, LCX + i);
   }
-  move_state(p, k, &a, event_amplitude(&a, &var));
-  if (a.kind == EVENT_BACK)
-    for (int i = LCX; i <= LMU; i++) recall(k, i);
-  else {
-    for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a.v[i]);
-    ud_add(&k->p, moved, STATES - 1, var);
-  }
-  widen(k, a.kind, was, TSE_R(1));
+  mix(p, k, &a, TSE_R(1));
+  for (int i = LCX; i <= LMU && a.kind == EVENT_BACK; i++) recall(k, i);
   if (a.kind >= EVENT_STEER) {
     k->fault = a.kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(a.kind - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);

@@ -453,7 +453,7 @@ static void test_a_road_that_shows_along_alone_is_believed(void)
 }
 
 /* The driver turned on the road before and goes straight on the new one: what was seen in those turns is not of this road. */
-static void test_turns_on_the_road_before_say_nothing_of_this_one(void)
+static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
 {
   static truth w;
   const tse_config c = a_car();
@@ -856,7 +856,7 @@ int main(void)
   RUN_TEST(test_a_change_soon_after_a_restart_is_one_of_its_own);
   RUN_TEST(test_readings_of_few_digits_are_not_frozen);
   RUN_TEST(test_a_road_that_shows_along_alone_is_believed);
-  RUN_TEST(test_turns_on_the_road_before_say_nothing_of_this_one);
+  RUN_TEST(test_turns_on_the_road_before_are_no_evidence_of_this_one);
   RUN_TEST(test_a_road_that_is_back_is_found_within_seconds);
   RUN_TEST(test_a_patch_of_water_is_no_more_than_two_changes);
   RUN_TEST(test_late_rows_leave_stiffness_in_its_interval);
