@@ -291,7 +291,7 @@ static tse_real weight_left(const tse_kalman *k, int n)
 
 /* Make mean and variance those of the two that the state may be in: with that weight what event a says, else as it is.
  *   Updated: a  as in move_state() */
-static void mix(const tse_params *p, tse_kalman *k, tse_event *a, tse_real weight)
+static void mix_in(const tse_params *p, tse_kalman *k, tse_event *a, tse_real weight)
 {
   tse_real var, was[4], moved[TSE_ALL];
   for (int i = 0; i < 4; i++) was[i] = k->x[LCX + i];
@@ -307,7 +307,7 @@ static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = ud_variance(&k->p, LCX);
   tse_event a = k->event[n];
-  mix(p, k, &a, weight);
+  mix_in(p, k, &a, weight);
   k->along.var += r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
@@ -400,7 +400,7 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     was[i] = k->x[LCX + i];
     was_var[i] = ud_variance(&k->p, LCX + i);
   }
-  mix(p, k, &a, TSE_R(1));
+  mix_in(p, k, &a, TSE_R(1));
   for (int i = LCX; i <= LMU && a.kind == EVENT_BACK; i++) recall(k, i);
   if (a.kind >= EVENT_STEER) {
     k->fault = a.kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(a.kind - EVENT_SENSOR);
