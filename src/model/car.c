@@ -2,7 +2,7 @@
 #include "model/car.h"
 #include "number/vector.h"
 
-#define LONGEST TSE_R(0.0055) /* s, numerics: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
+#define LONGEST TSE_R(0.011)  /* s, numerics: a substep; a row of 10 ms is one */
 #define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
 
 /* One direction of a tyre: force, its slopes over slip (or slip angle), the logarithms of stiffness and grip; force over slip; force
@@ -138,20 +138,26 @@ static int moves(int j) { return !(j >= BX && j <= BR) && j != RAD; }
 
 static void add_to(tse_short *x, tse_real more) { *x = r_short_sum(*x, r_short_scaled(more, ROW_UP)); }
 
-/* Move velocities and roll by a substep of h, and their slopes by the chain rule in the same order.   Given: f  forces in its middle */
-static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real h, tse_short M[MOTION][COLUMNS])
+/* Move velocities and roll by a substep of h, and their slopes by the chain rule in the same order: the yaw rate first, so that speeds
+ * turn with that of its middle. What slip angles follow of the velocities until then is not in f, which would make it of first order where
+ * they follow within a substep; it is added.
+ *   Given: f  forces in its middle      follow  [s/m] how far slip angles follow in half a substep, over the speed */
+static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real follow, tse_real h, tse_short M[MOTION][COLUMNS])
 {
-  const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
+  const tse_real half = r_mul(TSE_R(0.5), h), level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
+  const tse_real vx = x[VX], r = x[YAW] + r_mul(half, f->yaw), pull = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
+  const tse_real lag = r_mul(follow, half), front = r_mul(lag, pull + r_mul(c->lf, f->yaw)), rear = r_mul(lag, pull - r_mul(c->lr, f->yaw));
+  const tse_real across_rate = pull - r_mul(f->by_y[AF], front) - r_mul(f->by_y[AR], rear), vy = x[VY] + r_mul(half, across_rate);
   tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]), y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx), across = r_coef(vy), turn = r_coef(r);
   const r_coefficient flat = r_coef(level), stiff = r_coef(w2), damp = r_coef(drag), couple = r_coef(c->roll_coupling);
-  const r_factored lean = r_factor(c->roll_gain, ROW_UP), step = r_factor(h, ROW_UP), step_on = r_factor(h, 0);
+  const r_factored lean = r_factor(c->roll_gain, ROW_UP), step = r_factor(h, ROW_UP), half_step = r_factor(half, ROW_UP), step_on = r_factor(h, 0);
   const tse_short one = r_short_scaled(TSE_R(1), ROW_UP);
   x[VX] = vx + r_mul(h, f->x + r_mul(vy, r) - x[GX]);
-  x[VY] = vy + r_mul(h, f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
-  x[YAW] = r + r_mul(h, f->yaw);
+  x[VY] += r_mul(h, across_rate);
+  x[YAW] += r_mul(h, f->yaw - r_mul(f->by_yaw[AF], front) - r_mul(f->by_yaw[AR], rear));
   x[DPHI] += r_mul(h, swing);
   x[PHI] += r_mul(h, x[DPHI]);
   for (int j = 0; j < COLUMNS; j++) {
@@ -164,11 +170,12 @@ static void substep_velocities(const tse_car *c, tse_real x[STATES], const force
       gy = r_plus(gy, r_coef(f->by_y[j]), one);
       gr = r_plus(gr, r_coef(f->by_yaw[j]), one);
     }
-    const tse_short side = r_end_rate(gy), turned = r_end_rate(r_plus(r_product(ahead, mr[j]), turn, was));
+    const tse_short spun = r_end_rate(gr), middle = r_plus_times(mr[j], half_step, spun);
+    const tse_short side = r_end_rate(gy), turned = r_end_rate(r_plus(r_product(ahead, middle), turn, was));
     const tse_short swings = r_end_rate(r_minus(r_product(stiff, r_plus_times(-mp[j], lean, side)), damp, mq[j]));
-    mx[j] = r_plus_times(was, step, r_end_rate(r_plus(r_plus(gx, across, mr[j]), turn, my[j])));
+    mx[j] = r_plus_times(was, step, r_end_rate(r_plus(r_plus(gx, across, middle), turn, my[j])));
     my[j] = r_plus_times(my[j], step, r_end(r_plus(r_minus(r_start(side), flat, turned), couple, swings)));
-    mr[j] = r_plus_times(mr[j], step, r_end_rate(gr));
+    mr[j] = r_plus_times(mr[j], step, spun);
     mq[j] = r_plus_times(mq[j], step, swings);
     mp[j] = r_plus_times(mp[j], step_on, mq[j]);
   }
@@ -177,12 +184,15 @@ static void substep_velocities(const tse_car *c, tse_real x[STATES], const force
   add_to(&my[LEAN], r_mul(h, r_mul(vx, r)));
 }
 
-/* Move the slip angles by the substep, with the velocities and the roll behind it, and their slopes.   Given: steer  behind it, late */
-static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forces *f, tse_real steer, tse_real h, tse_short M[MOTION][COLUMNS])
+/* Move the slip angles by h, with velocities and roll in its middle, and their slopes; return [1] how far they follow.
+ *   Given: side  force of the front axle   from  steering angle at its start, late   rate  of it
+ * A ramp of the steering angle moves them as one angle of it does, in the middle, or, the shorter the relaxation, later: within 0.1 of h. */
+static tse_real substep_slip_angles(const tse_car *c, tse_real x[STATES], tse_real side, tse_real from, tse_real rate, tse_real h, tse_short M[MOTION][COLUMNS])
 {
   const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn), goes = TSE_R(1) - stays;
   const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, f->side);
+  const tse_real steer = from + r_mul(r_mul(h, rate), r_div(turn + TSE_R(3), turn + TSE_R(6)));
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, side);
   const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
   const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
   const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mp = M[PHI];
@@ -200,28 +210,36 @@ static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forc
   }
   add_to(&mf[OFF], goes);
   add_to(&mf[GAIN], r_mul(goes, steer));
-  add_to(&mf[LATE], -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), f->rate));
+  add_to(&mf[LATE], -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), rate));
   add_to(&mf[BY_CENTRE], r_mul(goes, r_mul(kf.by_side, x[YAW])));
   add_to(&mb[BY_CENTRE], r_mul(goes, r_mul(kr.by_side, x[YAW])));
   add_to(&mf[BY_LENGTH_FRONT], r_mul(by_length, to_front));
   add_to(&mb[BY_LENGTH_REAR], r_mul(by_length, to_rear));
   add_to(&mb[BY_ROLL_STEER], r_mul(goes, x[PHI]));
+  return goes;
 }
 
+/* Slip angles half a substep ahead, then velocities and slip angles in turn, slip angles half a substep at the end: each is moved about the
+ * middle of what moves the other, so that the error is of second order in the substep (Strang, SIAM J. Numer. Anal. 5 (1968) 506). */
 void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_short M[MOTION][COLUMNS])
 {
   int32_t steps = -r_floor_to_int(-r_div(u.dt, LONGEST));
   steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS
                                                : steps;
-  const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part);
+  const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part), half = r_mul(TSE_R(0.5), h);
+  const tse_real rate = r_div(u.to - u.from, u.dt);
   for (int i = 0; i < MOTION; i++)
     for (int j = 0; j < COLUMNS; j++) M[i][j] = r_short_scaled(i == j ? TSE_R(1) : TSE_R(0), ROW_UP);
-  for (int32_t n = 0; n < steps; n++) {
-    const tse_real from = r_mul(part, r_from_int(n));
+  tse_real steer = u.from - r_mul(x[LATE], rate), side = c->compliance > TSE_R(0) ? tyres_of(c, x).y_front.f : TSE_R(0), follow = TSE_R(0);
+  for (int32_t n = 0; n <= steps; n++) {
+    const tse_real length = n > 0 && n < steps ? h : half, follows = substep_slip_angles(c, x, side, steer, rate, length, M);
     forces f;
-    car_forces(c, x, u, from + r_mul(TSE_R(0.5), part), &f);
-    substep_velocities(c, x, &f, h, M);
-    substep_slip_angles(c, x, &f, u.from + r_mul(from + part, u.to - u.from) - r_mul(x[LATE], f.rate), h, M);
+    if (n == steps) break;
+    if (n == 0) follow = r_div(follows, rolling_speed(x[VX]));
+    car_forces(c, x, u, r_mul(part, r_from_int(n) + TSE_R(0.5)), &f);
+    substep_velocities(c, x, &f, follow, h, M);
+    side = f.side;
+    steer += r_mul(length, rate);
   }
 }
 

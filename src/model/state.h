@@ -54,7 +54,7 @@ typedef struct tse_particles {
 
 #define TSE_STATES 23   /* src/model/car.h */
 #define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
-#define TSE_SUBSTEPS 16
+#define TSE_SUBSTEPS 8
 #define TSE_DOUBTS 10   /* uncertain quantities that are no state */
 #if defined(TSE_NO_VELOCITY) /* a build that is 1.9 kB of RAM smaller in float; rows that give one are refused there */
 #define TSE_EXTRAS 1 /* not in use */

@@ -241,7 +241,7 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
     tse_short M[MOTION][COLUMNS];
     tse_real x[TSE_ALL], to[TSE_ALL], rate[3], by[3][COLUMNS], up[3], down[3], none[3][COLUMNS];
     any_motion(x, &seed);
-    const double h = BY_NUMBER(1e-6, 2e-3, 1e-3);
+    const double h = BY_NUMBER(2e-7, 1e-3, 1e-3);
     const tse_real angle = real(next_between(&seed, -0.03, 0.03));
     const steering still = { angle, angle, real(h) };
     rates(&p, x, still, rate, by);
