@@ -14,7 +14,9 @@ from scipy.optimize import lsq_linear
 from tse.impl.identify.discrepancy import Discrepancy, Piece, without_bias
 
 MOST_STEPS = 40  # of a fit
-SETTLED = 0.1  # posterior sd: a step below it ends the search
+SETTLED = 0.1  # posterior sd: a step below it ends the search,
+LITTLE = 0.1  # nats: or one that is expected to gain less
+LEAST_GAIN = 0.25  # of the gain that slopes predict: below it they are simulated anew, or the step is damped
 NEAR = 1.0  # posterior sd: from a step below it on the discrepancies are free
 SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
 MOST_REFITS = 12  # of the discrepancies
@@ -118,21 +120,23 @@ def fit(
     most: int | None = None,
     chords: bool = False,
 ) -> Fit:
-    """Search from the prior, or from `x` and discrepancies `noise`. `most`: steps; None: MOST_STEPS. `chords`: slopes are simulated
-    at the start and at the end, or where a step fails, and follow what the steps between have shown (Broyden 1965); else at every
-    step. A search from the prior begins with discrepancies that cannot follow the car (`far`): until it is near."""
+    """Search from the prior, or from `x` and discrepancies `noise`. `most`: steps; None: MOST_STEPS.
+
+    Slopes are simulated at the start, where a step gains much less than they predict, and where the search would end; between they
+    follow what the steps have shown (Broyden 1965). `chords`: where it would end they are only simulated for the covariance. A
+    search from the prior begins with discrepancies that cannot follow the car (`far`): until it is near."""
     most = MOST_STEPS if most is None else most
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
     far, noise, steps, refits, damping = noise is None, dict(noise or {}), 0, 0, 1e-3
     residuals = problem.residuals(x)
     converged, moved, changed = False, np.inf, np.inf
-    steep, exact = problem.slopes(x, residuals), True
+    steep, exact, due = problem.slopes(x, residuals), True, False
     while True:
         if refits < MOST_REFITS and changed > SAME:
             noise, changed = discrepancies(problem, residuals, noise, far)
             refits += 1
         ends = converged or steps >= most
-        if not exact and (ends or not chords):
+        if not exact and (due or ends):
             steep, exact = problem.slopes(x, residuals), True
         r, j = whitened(problem, noise, residuals, steep)
         information = sum(a.T @ a for a in j) + problem.information
@@ -140,29 +144,30 @@ def fit(
             break
         gradient = sum(a.T @ b for a, b in zip(j, r, strict=True)) + problem.information @ (x - problem.mean)
         here = half_square(problem, noise, x, residuals)
-        sd = np.sqrt(np.diag(np.linalg.inv(information)))
         for _ in range(10):
             there = step(information, gradient, damping, x, problem)
             new = problem.residuals(there)
-            if half_square(problem, noise, there, new) < here:
+            gain = here - half_square(problem, noise, there, new)
+            if gain > 0 or not exact:
                 break
             damping = max(10 * damping, 1e-3)
-        else:  # nowhere to go
-            if not exact:
-                steep, exact = problem.slopes(x, residuals), True
-                damping = 1e-3
-                continue
-            converged = not far and (changed <= SAME or refits >= MOST_REFITS)
-            far, changed = False, SAME if converged else np.inf
-            steps += 1
+        if not gain > 0:
+            due = not exact
+            if not due:  # nowhere to go
+                converged = not far and (changed <= SAME or refits >= MOST_REFITS)
+                far, changed, steps = False, SAME if converged else np.inf, steps + 1
             continue
-        moved = float(np.max(np.abs(there - x) / sd))
-        if chords:
-            steep = _followed(steep, residuals, new, (there - x) / problem.sd, problem.sd)
-        exact = False
-        x, residuals, steps, damping = there, new, steps + 1, max(damping / 10, 1e-6)
-        converged = not far and moved < SETTLED and (changed <= SAME or refits >= MOST_REFITS)
-        if moved < (NEAR if far else SETTLED) and not converged:
+        by = there - x
+        moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(information)))))
+        expected = -float(gradient @ by + 0.5 * by @ information @ by)
+        good, settled = gain > LEAST_GAIN * expected, moved < SETTLED or expected < LITTLE
+        if good or exact:
+            damping = max(damping / 10, 1e-6) if good else max(10 * damping, 1e-2)
+        due = not exact and (not good or (settled and not chords))
+        steep, exact = _followed(steep, residuals, new, by / problem.sd, problem.sd), exact and settled
+        x, residuals, steps = there, new, steps + 1
+        converged = settled and not (far or due) and (changed <= SAME or refits >= MOST_REFITS)
+        if (moved < NEAR if far else settled and not due) and not converged:
             far, changed = False, np.inf
         say(f"step {steps}: the largest change is {moved:.2g} sd")
     return Fit(x, noise, covariance(problem, information, r, j), converged, steps, moved, residuals, j)
