@@ -15,7 +15,7 @@ from tse.impl.identify import discrepancy
 from tse.impl.identify import ready as ready_rules
 from tse.impl.identify.data import Prepared, blocks, prepare, speed
 from tse.impl.identify.discrepancy import Discrepancy, Piece
-from tse.impl.identify.fit import fit, step
+from tse.impl.identify.fit import LITTLE, fit, step, whitened
 from tse.impl.identify.problem import SPEED_TIME, Problem, shapes
 from tse.impl.identify.ready import calm, curves, together
 from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
@@ -176,6 +176,28 @@ def test_a_search_is_free_to_explain_by_discrepancies_when_it_is_near(
     asked.clear()
     fit(problem, ended.x, ended.noise)  # not from the prior
     assert asked and not any(asked)
+
+
+def test_a_search_simulates_few_slopes_and_ends_where_those_there_predict_little_gain(
+    found: tuple[Problem, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = found[0]
+    asked: list[np.ndarray] = []
+    inner = Problem.slopes
+
+    def recorded(self: Problem, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+        asked.append(x)
+        return inner(self, x, base)
+
+    monkeypatch.setattr(Problem, "slopes", recorded)
+    ended = fit(problem)
+    assert ended.converged and 2 <= len(asked) <= 0.6 * ended.steps
+    r, j = whitened(problem, ended.noise, ended.residuals, inner(problem, ended.x, ended.residuals))
+    gradient = sum(a.T @ b for a, b in zip(j, r, strict=True)) + problem.information @ (ended.x - problem.mean)
+    information = sum(a.T @ a for a in j) + problem.information
+    inside = (ended.x > problem.low + 1e-9) & (ended.x < problem.high - 1e-9)
+    by = np.linalg.solve(information[np.ix_(inside, inside)], gradient[inside])
+    assert 0.5 * float(gradient[inside] @ by) < 5 * LITTLE
 
 
 def test_the_model_is_never_believed_better_than_its_least_share() -> None:
