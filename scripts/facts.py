@@ -67,7 +67,8 @@ def fmu_variables(model: str, folder: Path) -> str:
     """The main variables of an FMU as modelDescription.xml has them. What the three stiffnesses share word for word is one row."""
     rows: dict[tuple[str, str, str], list[ET.Element]] = {}
     others: dict[tuple[str, str], list[str]] = {}
-    for v in ET.parse(folder / model / "modelDescription.xml").iter("ScalarVariable"):
+    description = ET.parse(folder / model / "modelDescription.xml").getroot()
+    for v in description.iter("ScalarVariable"):
         name, role = v.attrib["name"], v.attrib["causality"]
         if re.fullmatch(MAIN[model], name):
             rows.setdefault((role, re.sub("c[xy]_(front|rear)", "", name), v.attrib["description"]), []).append(v)
@@ -82,6 +83,7 @@ def fmu_variables(model: str, folder: Path) -> str:
     for (role, group), names in others.items():
         more = f"{len(names)}: {', '.join(names[:4])}{' ...' if len(names) > 4 else ''}"
         lines.append(f"| `{group}.*` | {role}s | | {more} |")
+    lines.append(f"| GUID | | | `{description.attrib['guid']}`: a hash of the whole description |")
     return "\n".join(lines)
 
 

@@ -156,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
   2. the texts of its row in src/tables/effects.toml: title, channels that show it, look-alikes
   3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with
      cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}
-  4. the row in src/EQUATIONS.md, python3 tests/fmu/update.py""")
+  4. the row in src/EQUATIONS.md, .venv/bin/python scripts/facts.py --fmu""")
     return 0
 
 

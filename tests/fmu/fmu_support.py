@@ -24,7 +24,6 @@ from tse.impl.files import alone
 from tselab.fmu_build import FMI, PLATFORMS, compile_for, lock_of, native, version_of, zig
 
 ROOT = Path(__file__).resolve().parents[2]
-GOLDEN = Path(__file__).with_name("golden")
 ESTIMATOR, VEHICLE = "TireStiffnessEstimator", "SingleTrackVehicle"
 MODELS = (ESTIMATOR, VEHICLE)
 CHANNELS = [f.name for f in library().channels]
