@@ -604,7 +604,7 @@ def _robust(lines, text):
 
 
 def _peers(lines, text):
-    for name in ("tse", "ekf", "ukf"):
+    for name in ("tse", "ekf", "known"):
         line = lines.loc["nominal", name]
         assert line["cx_front_rms"] < 10 and (line[[f"{s}_rms" for s in STIFFNESS[1:]]] < 8).all()
     assert lines.loc["road-change", "ekf"]["cy_front_settle_1"] < 10

@@ -10,7 +10,7 @@ STUDIES = {  # name: (usual number of runs, title)
     "accuracy": (24, "Accuracy in the paper's set-up (Sec. IV-A)"),
     "paper": (200, "The paper's figures: its filter as printed, the same made robust, and the default filter"),
     "robust": (16, "What keeps the paper's filter from diverging, and what else was tried"),
-    "peers": (100, "tse beside EKF and UKF with the true covariances"),
+    "peers": (100, "tse beside an EKF with the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),
     "regimes": (100, "Changes of the road: detected, followed, no false alarms"),
     "false-alarms": (

@@ -32,12 +32,11 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "no-limit": ("the spread has no limit", {"spread_max": 2.0}),
     "small-start": ("starts with a spread of 5 %, not 15 %", {"initial_spread": 0.05}),
 }
-PEERS = ("ekf", "ukf", "known")
+PEERS = ("ekf", "known")
 FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # and the form that each is of
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}  # where Sec. IV-A starts; Euler
 TEXTS = {
     "ekf": "EKF on the augmented state, true covariances",
-    "ukf": "UKF on the augmented state, true covariances",
     "known": "EKF that never forgets, with the true covariances and the times of changes",
     "tse": "tse as it comes",
     "robust": "the paper's filter with settings that keep it from diverging",

@@ -405,10 +405,10 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
             "s to 10 % after the change", "µs a step", "over EKF"]  # fmt: skip
     text = (
         "RMS over 15 .. 30 s, ratios on the same data with paired bootstrap intervals (95 %). After the change: until the "
-        "slowest stiffness is within 10 % for 1 s, median run (longest). EKF and UKF are Python here; what they would cost in C "
-        "is not in this table. " + "; ".join(f"{e}: {TEXTS[e]}" for e in ("ekf", "ukf")) + "."
+        "slowest stiffness is within 10 % for 1 s, median run (longest). ekf and known are Python here; what they would cost in C "
+        f"is not in this table. ekf: {TEXTS['ekf']}; known: {TEXTS['known']}."
     )
-    return [Table("Against EKF and UKF", head, rows, 2, text)]
+    return [Table("Against an EKF", head, rows, 2, text)]
 
 
 # ---- regimes
