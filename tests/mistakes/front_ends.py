@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +30,12 @@ from tests.mistakes.drives import AXLES, CAR, CHANNELS, STEP, Drive, LogOf, vehi
 from tse.impl.core import library  # noqa: E402
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
+COLUMNS = (
+    "status",
+    *(f"{s}_reason" for s in STIFFNESS),
+    "fault_channel",
+    "fault_factor",
+)  # what rows.c writes of a row
 HERE = Path(__file__).parent
 
 
@@ -61,9 +67,11 @@ def _named(codes: np.ndarray) -> list[str | None]:
     return [names[int(c)] for c in codes]
 
 
-def _of_rows(rows: np.ndarray) -> Said:
-    status = rows[:, 0].astype(int)
-    return Said(status, (rows[:, 1:4] == 0) & (status >= 0)[:, None], _named(rows[:, 4]), rows[:, 5])
+def _of_rows(columns: Mapping[str, object], words: Sequence[str] = (), usable: bool = True) -> Said:
+    """Columns of a front end by the names of the library's outputs: a stiffness is valid where its reason is 0."""
+    c = {name: np.asarray(x, float) for name, x in columns.items()}
+    valid = (np.column_stack([c[f"{s}_reason"] for s in STIFFNESS]) == 0) & (c["status"] >= 0)[:, None]
+    return Said(c["status"].astype(int), valid, _named(c["fault_channel"]), c["fault_factor"], tuple(words), usable)
 
 
 def _frame(log: LogOf) -> pd.DataFrame:
@@ -86,29 +94,18 @@ def scratch() -> Path:
 @functools.cache
 def _program() -> Path:
     """rows.c and the library as two files."""
-    two = scratch() / "two"
+    two, program = scratch() / "two", scratch() / "rows"
     _call(sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", two / "tse")
-    _call(
-        "cc",
-        "-O2",
-        "-ffp-contract=off",
-        f"-I{two}",
-        HERE / "rows.c",
-        two / "tse" / "tse.c",
-        "-lm",
-        "-o",
-        scratch() / "rows",
-    )
-    return scratch() / "rows"
+    _call("cc", "-O2", "-ffp-contract=off", f"-I{two}", HERE / "rows.c", two / "tse" / "tse.c", "-lm", "-o", program)
+    return program
 
 
 def through_c(drive: Drive, log: LogOf) -> Said:
     """A program of C."""
     car = [repr(drive.car[k]) for k in CAR]
-    out = _call(
-        _program(), int(drive.known), *car, AXLES[drive.driven], input=_frame(log).to_csv(index=False, na_rep="nan")
-    )
-    return _of_rows(np.loadtxt(io.StringIO(out)))
+    text = _frame(log).to_csv(index=False, na_rep="nan")
+    out = _call(_program(), int(drive.known), *car, AXLES[drive.driven], input=text)
+    return _of_rows(dict(zip(COLUMNS, np.loadtxt(io.StringIO(out)).T, strict=True)))
 
 
 def _through_fmu(drive: Drive, log: LogOf, fmi: str) -> Said:
@@ -117,12 +114,7 @@ def _through_fmu(drive: Drive, log: LogOf, fmi: str) -> Said:
 
     parameters = {f"vehicle.{k}": drive.car[k] for k in CAR} | {"filter.driven_axle": AXLES[drive.driven]}
     parameters["vehicle.calibrated"] = drive.known
-    wanted = [
-        "estimate.status",
-        *(f"estimate.{s}_reason" for s in STIFFNESS),
-        "estimate.fault_channel",
-        "estimate.fault_factor",
-    ]
+    wanted = [f"estimate.{c}" for c in COLUMNS]
     time, values = log["time"], np.column_stack([log[c] for c in CHANNELS])
     rows = np.empty((len(time), len(wanted)))
     with Instance(unit(ESTIMATOR)) if fmi == "2" else Instance3(unit(f"{ESTIMATOR}-fmi3")) as one:
@@ -139,29 +131,13 @@ def _through_fmu(drive: Drive, log: LogOf, fmi: str) -> Said:
             else:
                 one.slave.doStep(currentCommunicationPoint=float(t), communicationStepSize=STEP)
             rows[i] = [f([reference])[0] for f, reference in get]
-    return _of_rows(rows)
+    return _of_rows(dict(zip(COLUMNS, rows.T, strict=True)))
 
 
-def through_fmi2(drive: Drive, log: LogOf) -> Said:
-    """The FMU of FMI 2.0, through FMPy."""
-    return _through_fmu(drive, log, "2")
-
-
-def through_fmi3(drive: Drive, log: LogOf) -> Said:
-    """The FMU of FMI 3.0, through FMPy."""
-    return _through_fmu(drive, log, "3")
-
-
-def _of_table(table: pd.DataFrame, words: tuple[str, ...], usable: bool) -> Said:
-    valid = table[[f"{s}_valid" for s in STIFFNESS]].to_numpy(bool)
-    return Said(
-        table["status"].to_numpy(int),
-        valid,
-        _named(table["fault_channel"]),
-        table["fault_factor"].to_numpy(float),
-        words,
-        usable,
-    )
+def _of_table(table: pd.DataFrame, words: Sequence[str]) -> Said:
+    """What Python and the command give: validity in place of a reason."""
+    reasons = {f"{s}_reason": 1 - table[f"{s}_valid"] for s in STIFFNESS}
+    return _of_rows({c: table[c] for c in COLUMNS if c not in reasons} | reasons, words, not words)
 
 
 def _vehicle(drive: Drive) -> Path:
@@ -178,7 +154,7 @@ def through_python(drive: Drive, log: LogOf) -> Said:
             result = tse.estimate(_frame(log), _vehicle(drive), calibrate=False)
         except tse.Error as error:
             return _refused(log, str(error))
-    return _of_table(result.table, result.warnings, not result.warnings)
+    return _of_table(result.table, result.warnings)
 
 
 def through_command(drive: Drive, log: LogOf) -> Said:
@@ -206,14 +182,13 @@ def through_command(drive: Drive, log: LogOf) -> Said:
     words = tuple(line for line in done.stderr.splitlines() if line.startswith("warning: check"))
     table = pd.read_csv(found)
     shutil.rmtree(folder)
-    return _of_table(table, words, not words)
+    return _of_table(table, words)
 
 
 def _refused(log: LogOf, text: str) -> Said:
     n = len(log["time"])
-    return Said(
-        np.full(n, library().status("TSE_E_INPUT")), np.zeros((n, 3), bool), [None] * n, np.zeros(n), (text,), False
-    )
+    refused = np.full(n, library().status("TSE_E_INPUT"))
+    return Said(refused, np.zeros((n, 3), bool), [None] * n, np.zeros(n), (text,), False)
 
 
 @functools.cache
@@ -233,19 +208,14 @@ def through_page(drive: Drive, log: LogOf) -> Said:
     file = scratch() / "job.json"
     file.write_text(json.dumps(job), encoding="utf-8")
     found = json.loads(_call("node", HERE / "page.mjs", file))
-    c = {
-        name: np.array([np.nan if x is None else x for x in column], float) for name, column in found["columns"].items()
-    }
-    said = _of_rows(
-        np.column_stack([c["status"], *(c[f"{s}_reason"] for s in STIFFNESS), c["fault_channel"], c["fault_factor"]])
-    )
-    return Said(said.status, said.valid, said.channel, said.factor, tuple(found["said"]), not found["said"])
+    columns = {c: [np.nan if x is None else x for x in found["columns"][c]] for c in COLUMNS}
+    return _of_rows(columns, found["said"], not found["said"])
 
 
 FRONT_ENDS: dict[str, Callable[[Drive, LogOf], Said]] = {
     "C": through_c,
-    "FMI 2.0": through_fmi2,
-    "FMI 3.0": through_fmi3,
+    "FMI 2.0": functools.partial(_through_fmu, fmi="2"),  # through FMPy
+    "FMI 3.0": functools.partial(_through_fmu, fmi="3"),
     "Python": through_python,
     "command": through_command,
     "page": through_page,
