@@ -80,7 +80,7 @@ def montecarlo(
     NAME+ekf runs another estimator beside the study's, on the same data; so does a function of yours, NAME+module.function, which
     takes the log and the settings and returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
 
-    Writes NAME.csv, NAME.md, runs.csv and, with matplotlib, NAME.png.
+    Writes NAME.csv, NAME.md and runs.csv.
     """
     from tse.impl.core import Config, SimConfig
 

@@ -1,10 +1,9 @@
-"""Pictures by matplotlib: of the demonstration and the accuracy study, for README, and of each study; what a study leaves in its
-directory."""
+"""Pictures by matplotlib, of the demonstration and of the paper's figures; what a study leaves in its directory."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,7 @@ from tse.impl.core import STIFFNESS, library
 from tse.impl.errors import UserError
 from tse.impl.estimate import write_table
 from tse.impl.files import atomic
-from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
+from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE
 from tse.impl.verdict import NAMES, UNITS
 from tselab.montecarlo import summary
 from tselab.montecarlo.case import Drive
@@ -96,10 +95,9 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
     plt.close(figure)
 
 
-# ---- the picture of a study
+# ---- the paper's figures
 
 
-COLOURS = (BLUE, ORANGE, GREEN, PURPLE, "#b8860b", "#5a9bd4", "#8b1a4a", "#3d5a3d")
 RED, EDGE = "#c0392b", "#c8ced4"  # red as the paper's figures
 TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
 STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
@@ -110,8 +108,8 @@ STYLE = {"font.size": 10, "font.family": "DejaVu Sans", "axes.edgecolor": EDGE, 
          "axes.titleweight": "bold", "lines.linewidth": 1.6, "legend.frameon": False}  # fmt: skip
 
 
-def draw(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame, path: Path) -> bool:
-    """Draw the picture of the study; False without matplotlib."""
+def draw(plan: Plan, runs: pd.DataFrame, path: Path) -> bool:
+    """Draw the paper's figures; False without matplotlib."""
     try:
         import matplotlib
     except ImportError:
@@ -120,29 +118,24 @@ def draw(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame, path: Path) -> b
     import matplotlib.pyplot as plt
 
     with plt.rc_context(STYLE):
-        figure = _paper(plan, runs) if plan.study.base == "paper" else _dots(plan, summary)
+        figure = _paper(plan, runs)
         named = {n: h for axis in figure.axes for h, n in zip(*axis.get_legend_handles_labels(), strict=True)}
-        if named:
-            columns = max(1, min(len(named), int(14 * figure.get_figwidth() / (max(map(len, named)) + 8))))
-            figure.legend(named.values(), named.keys(), loc="outside upper right", ncols=columns)
+        columns = max(1, min(len(named), int(14 * figure.get_figwidth() / (max(map(len, named)) + 8))))
+        figure.legend(named.values(), named.keys(), loc="outside upper right", ncols=columns)
         with atomic(path, "wb") as file:
             figure.savefig(file, format="png", metadata={"Software": None})
         plt.close(figure)
     return True
 
 
-def _figure(rows: int, columns: int, height: float, **more: Any) -> tuple[Figure, np.ndarray]:
-    import matplotlib.pyplot as plt
-
-    size = (max(8.0, 3.6 * columns), rows * height + 0.6)
-    return plt.subplots(rows, columns, figsize=size, dpi=130, layout="constrained", squeeze=False, **more)
-
-
 def _paper(plan: Plan, runs: pd.DataFrame) -> Figure:
     """The paper's Fig. 1 .. 4, a column per filter."""
+    import matplotlib.pyplot as plt
+
     cases = {c.name: c for c in plan.study.cases}
     waves, lanes = cases.get("iv-a"), cases.get("iv-b-20")
-    figure, axes = _figure(2 * bool(waves) + 5 * bool(lanes), 3, 2.8)
+    rows = 2 * bool(waves) + 5 * bool(lanes)
+    figure, axes = plt.subplots(rows, 3, figsize=(10.8, 2.8 * rows + 0.6), dpi=130, layout="constrained", squeeze=False)
     for column in range(3):
         row = iter(axes[:, column])
         if waves:
@@ -196,29 +189,7 @@ def _fig3(axis: Axes, key: str, name: str, d: Drive, y: np.ndarray) -> None:
     axis.set(title=f"Fig. 3, {TITLES[name]}: {HEADS[key]}", xlabel="time, s", ylabel="normalised", ylim=(0.5, 1.5))
 
 
-def _dots(plan: Plan, summary: pd.DataFrame) -> Figure:
-    """A line per case, a dot per estimator: RMS error of each stiffness, and divergence."""
-    cases = [c.name for c in plan.study.cases]
-    names = list(dict.fromkeys(summary["estimator"]))
-    figure, axes = _figure(1, 4, max(200, (16 + 8 * len(names)) * len(cases) + 60) / 90, sharey=True)
-    for axis, key in zip(axes[0], (*STIFFNESS, None), strict=True):
-        for i, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
-            lines = summary[summary["estimator"] == name]
-            at = np.array([cases.index(c) for c in lines["case"]]) + 0.6 * ((i + 0.5) / len(names) - 0.5)
-            what = f"{key}_rms" if key else "diverged"
-            value = (lines[what] if key else 100 * lines[what] / lines["runs"]).to_numpy(float)
-            ends = value - lines[f"{what}_low"].to_numpy(float), lines[f"{what}_high"].to_numpy(float) - value
-            error = np.nan_to_num(np.abs(np.stack(ends)))
-            label = name if len(names) > 1 else None
-            axis.errorbar(value, at, xerr=error, color=colour, fmt="o", ms=4, lw=1.2, label=label)
-        axis.set(title=f"RMS error: {HEADS[key]}" if key else "Diverged", xlabel=ERROR if key else "% of runs")
-        axis.set_xscale("log" if key else "linear")
-    axes[0, 0].set_yticks(range(len(cases)), cases)
-    axes[0, 0].set_ylim(len(cases) - 0.5, -0.5)
-    return figure
-
-
-# ---- NAME.csv, NAME.md and, with matplotlib, NAME.png
+# ---- NAME.csv, NAME.md and, of the paper, with matplotlib, NAME.png
 
 
 def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
@@ -233,7 +204,7 @@ def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
     write_table(lines, path["csv"])
     with atomic(path["md"]) as file:
         file.write(text)
-    if not draw(plan, runs, lines, path["png"]):
+    if plan.study.base != "paper" or not draw(plan, runs, path["png"]):
         del path["png"]
     return text, list(path.values())
 
