@@ -21,7 +21,7 @@ from tse.impl.files import atomic
 from tse.impl.results import run_facts
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle
-from tse.impl.verdict import findings
+from tse.impl.verdict import Finding, findings
 
 MOST_CARDS = 6  # stretches of road that have cards; the table has all
 MOST_EVENTS = 200  # in the table
@@ -37,14 +37,17 @@ def write_report(
     notes: list[str],
     data: plots.Data | None = None,
     contradictions: Sequence[str] = (),
+    judged: tuple[list[regimes.Change], list[Finding]] | None = None,
 ) -> None:
-    """Write the report of a run. `contradictions`: see verdict.findings. `data`: what was drawn of it on the way; else it is drawn
-    from the table of `est`."""
+    """Write the report of a run. `contradictions`: see verdict.findings. `data`, `judged`: what was drawn of it on the way, and its
+    changes and findings; else they are made from the table of `est`."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
-    changes, spells = regimes.changes(est.table), regimes.spells(est.table)
-    found = findings(est.table, config, changes, contradictions, est.uncertainty_sd)
+    if judged is None:
+        changes = regimes.changes(est.table)
+        judged = changes, findings(est.table, config, changes, contradictions, est.uncertainty_sd)
+    (changes, found), spells = judged, regimes.spells(est.table)
     sections = [
         ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
          "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),

@@ -157,12 +157,14 @@ def run(
     if contradicts(prepared, est.table):
         est, drawn = once()
     notes = notes_of(prepared, est)
+    changes = regimes.changes(est.table)
+    found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
     if report is not None and len(est):
         from tse.impl.report import write_report
 
-        write_report(report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn, prepared.warnings)
-    changes = regimes.changes(est.table)
-    found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
+        write_report(
+            report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn, judged=(changes, found)
+        )
     return Run(est, changes, found, notes, report is not None and len(est) > 0)
 
 
