@@ -11,22 +11,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import shutil
 import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 import pandas as pd
+from measured import ENV, TSELAB, measured
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "scripts"))
 RESULT = ROOT / "scripts" / "results" / "fleet.md"
-TSELAB = [sys.executable, "-m", "tselab"]
-PATHS = os.pathsep.join([str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")])
-ENV = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": PATHS}
 
 
 def write_drive(path: Path, minutes: float, seed: int, rate: float = 100.0) -> None:
@@ -39,20 +33,6 @@ def write_drive(path: Path, minutes: float, seed: int, rate: float = 100.0) -> N
     path.parent.mkdir(parents=True, exist_ok=True)
     plan = maneuvers.build("double-lane-change", Config(), sample_time=1.0 / rate, duration=60.0 * minutes)
     write_table(simulate(plan, Config(), SimConfig({"seed": seed})).log, path)
-
-
-def timed(*command: object, codes: tuple[int, ...] = (0, 3)) -> tuple[float, float, float]:
-    """Wall s, processor s of it and all its children, and its own greatest memory, MB."""
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    process = subprocess.Popen(
-        [*map(str, command)], env=ENV, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    )
-    _, said = process.communicate()
-    wall = time.monotonic() - start
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if process.returncode not in codes:
-        raise SystemExit(f"{command}: exit code {process.returncode}\n{said}")
-    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, after.ru_maxrss / 1024
 
 
 def main() -> None:
@@ -82,13 +62,13 @@ def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
     half = asked.logs // 2
     wall = busy = 0.0
     for i in range(half):
-        more = timed(
+        more = measured(
             *TSELAB, "estimate", logs[i], "--vehicle", car, "--out", folder / "e.parquet", "--report", folder / "r.html"
         )
-        wall, busy = wall + more[0], busy + more[1]
+        wall, busy = wall + more.clock, busy + more.busy
     fleet = [*TSELAB, "fleet", folder / "logs", "--vehicle", car]
-    fleet_wall, fleet_busy, _ = timed(*fleet, "--out", folder / "one", "--jobs", asked.jobs, "--estimates")
-    again, *_ = timed(*fleet, "--out", folder / "one", "--jobs", asked.jobs, "--estimates")
+    _, fleet_wall, fleet_busy, _ = measured(*fleet, "--out", folder / "one", "--jobs", asked.jobs, "--estimates")
+    again = measured(*fleet, "--out", folder / "one", "--jobs", asked.jobs, "--estimates").clock
     table = pd.read_parquet(folder / "one" / "fleet.parquet")
     if table["log"].nunique() != asked.logs or table["error"].notna().any():
         raise SystemExit("a log is missing")

@@ -11,7 +11,6 @@ the writers of short logs in tests/lab. One format at a time, in a temporary fol
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import subprocess
 import sys
@@ -22,10 +21,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "long_logs.md"
-TSELAB = [sys.executable, "-m", "tselab"]
-ENV = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
-                    "PYTHONPATH": os.pathsep.join([str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")])}  # fmt: skip
 PART = 600.0  # s of the drive that is repeated
+
+from measured import ENV, TSELAB, measured  # noqa: E402
 
 import log_formats as one  # noqa: E402  (the writers of short logs, in the tests)
 
@@ -47,21 +45,13 @@ def size(path: Path) -> float:
     return sum(p.stat().st_size for p in ([path] if path.is_file() else path.rglob("*"))) / 1e6
 
 
-def measured(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
+def estimated(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
     """Greatest memory in MB of 2**20 bytes, processor seconds, rows of the estimates."""
     words = [*TSELAB, "estimate", log, "--vehicle", car, "--out", folder / "e.parquet", "--report", folder / "r.html"]
-    done = subprocess.run(
-        [sys.executable, "-c", "import resource, subprocess, sys; c = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL)"
-         ".returncode; u = resource.getrusage(resource.RUSAGE_CHILDREN); print(c, u.ru_maxrss, u.ru_utime + u.ru_stime)",
-         *map(str, words)], env=ENV, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    code, memory, busy = done.stdout.split()
-    if int(code) not in (0, 3):
-        raise SystemExit(f"{log.name}: exit code {code}\n{done.stderr}")
+    _, _, busy, memory = measured(*words)
     import pyarrow.parquet as pq
 
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    return float(memory) / unit, float(busy), pq.read_metadata(folder / "e.parquet").num_rows
+    return memory / 2**20, busy, pq.read_metadata(folder / "e.parquet").num_rows
 
 
 def main() -> None:
@@ -86,7 +76,7 @@ def main() -> None:
                 begin = time.monotonic()
                 log = FORMATS[name](Path(own), one.repeated(parts, times, PART))
                 written = time.monotonic() - begin
-                memory, busy, count = measured(Path(own), log, car)
+                memory, busy, count = estimated(Path(own), log, car)
                 rows[name] = f"| {name} | {size(log):.0f} MB | {count} | {memory:.0f} MB | {busy:.0f} s |"
                 print(rows[name], f"written in {written:.0f} s", flush=True)
             write(rows, command, asked.hours)

@@ -13,13 +13,13 @@ import argparse
 import json
 import multiprocessing
 import os
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from measured import TSELAB, measured
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "scripts" / "results" / "gap-scale.md"
@@ -68,19 +68,6 @@ def many_logs(folder: Path, duration: float) -> None:
 CASES: dict[str, Callable[[Path, float], None]] = {"long": long_logs, "many": many_logs}
 
 
-def measured(command: Sequence[str | Path]) -> tuple[int, float, float]:
-    """Exit code, seconds and the most memory of a process, GB. RuntimeError: it was stopped."""
-    start = time.perf_counter()
-    process = subprocess.Popen([str(c) for c in command], cwd=ROOT, stdout=subprocess.DEVNULL)
-    # of this process alone: getrusage() has the largest of all that ever ended
-    _, status, usage = os.wait4(process.pid, 0)
-    seconds = time.perf_counter() - start
-    process.returncode = code = os.waitstatus_to_exitcode(status)
-    if code < 0:
-        raise RuntimeError(f"stopped by signal {-code}")
-    return code, seconds, usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e9
-
-
 def run(case: str, duration: float, jobs: int) -> Row:
     """Make the logs of a case and run the command on them."""
     with tempfile.TemporaryDirectory() as name:
@@ -92,17 +79,15 @@ def run(case: str, duration: float, jobs: int) -> Row:
         if maker.exitcode:
             raise RuntimeError(f"{case}: no logs were made")
         logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
-        command = [sys.executable, "-m", "tselab", "gap", "run", *logs, "--vehicle", folder / "car.toml", "--out", out]
+        command = [*TSELAB, "gap", "run", *logs, "--vehicle", folder / "car.toml", "--out", out]
         for path in held:
             command += ["--hold-out", path]
-        code, seconds, gigabytes = measured([*command, "--jobs", str(jobs)])
-        if code not in VERDICTS:
-            raise RuntimeError(f"{case}: exit code {code}")
+        _, seconds, _, memory = measured(*command, "--jobs", jobs, codes=VERDICTS, env=os.environ)
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
         names = ", ".join(e["id"] for e in verdict["effects"])
         of = f"{len(logs)}, and {len(held)} held out" if held else f"{len(logs)}"
         fitted, held_out = (sum(map(minutes, paths)) for paths in (logs, held))
-    return Row(case, of, fitted, held_out, seconds, gigabytes, verdict["verdict"] + (f": {names}" if names else ""))
+    return Row(case, of, fitted, held_out, seconds, memory / 1e9, verdict["verdict"] + (f": {names}" if names else ""))
 
 
 def minutes(path: Path) -> float:
