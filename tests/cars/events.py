@@ -21,9 +21,9 @@ import pandas as pd
 from tqdm import tqdm
 
 from tests.cars import SCENARIOS, make_cars, make_logs
-from tests.cars.study import RESULTS, TRUTH, estimated, truth_of
+from tests.cars.study import RESULTS, driven, estimated
 from tse.impl.core import NOMINAL, STIFFNESS, Library
-from tse.impl.logs.log import read_log
+from tse.impl.tables import markdown_table
 
 EVENTS = [s for s in SCENARIOS if s != "dry"]
 ON = ("highway", "mountain")
@@ -38,9 +38,7 @@ def share(of: np.ndarray, among: np.ndarray) -> float:
 def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> list[dict[str, Any]]:
     """A car on a road with an event; `lib`: another build of the filter."""
     folder, road, scenario, car, began = job
-    log = read_log(folder / f"{scenario}_{road}" / f"car{car}" / f"log_{road}.csv")
-    reference = pd.read_csv(folder / f"{scenario}_{road}" / f"car{car}" / f"reference_{road}.csv")
-    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, SMOOTH)
+    log, _, truth = driven(folder / f"{scenario}_{road}" / f"car{car}", road, SMOOTH)
     out, config = estimated(folder / f"car{car}" / "calibrated.toml", log, lib=lib)
     time = log.time - log.time[0]
     of = time - out["estimate_age"]  # the time of which the estimates are
@@ -94,7 +92,7 @@ def table(found: pd.DataFrame) -> list[str]:
         wrong,
         "reported within 5 s [%]",
     )
-    lines = ["| " + " | ".join(heads) + " |", "|---" + "|---:" * (len(heads) - 1) + "|"]
+    rows = []
     for scenario, group in found.groupby("scenario", sort=False):
         by = [group[group["stiffness"] == key] for key in STIFFNESS]
 
@@ -104,10 +102,8 @@ def table(found: pd.DataFrame) -> list[str]:
         seconds = "; ".join(" / ".join(f"{float(g['wrong'].quantile(q)):.1f}" for g in by) for q in (0.5, 0.9, 1.0))
         moved = " / ".join(f"{float(g['moved'].median()):.2f}" for g in by)
         told = f"{100 * float(by[0]['told'].mean()):.0f}"
-        lines.append(
-            f"| {scenario} | {len(by[0])} | {moved} | {three('valid before')} | {three('valid after')} | {seconds} | {told} |"
-        )
-    return lines
+        rows.append([scenario, f"{len(by[0])}", moved, three("valid before"), three("valid after"), seconds, told])
+    return markdown_table(heads, rows)
 
 
 def main(arguments: list[str]) -> int:

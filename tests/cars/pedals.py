@@ -20,8 +20,8 @@ import pandas as pd
 
 from tests.cars.logs import PEDALS
 from tests.cars.sensors import pedals_of
-from tests.cars.study import RESULTS, ROADS, TRUTH, estimated, score, truth_of
-from tse.impl.logs.log import read_log
+from tests.cars.study import RESULTS, ROADS, driven, estimated, score, shares
+from tse.impl.tables import markdown_table
 from tse.impl.vehicle import read_vehicle
 
 WAYS = {"none": (), "brake switch": PEDALS[:1], "wheel torques": PEDALS[1:], "both": PEDALS}
@@ -32,30 +32,25 @@ def runs(car: Path) -> list[dict[str, Any]]:
     """Return the scores of a calibrated car on its test drives, a line for each road and way."""
     truth, found = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")), []
     for n, road in enumerate(ROADS):
-        log = read_log(car / "test" / f"log_{road}.csv")
-        table = pd.read_csv(car / "test" / f"reference_{road}.csv")
+        log, table, true = driven(car / "test", road)
         reference = {c: table[c].to_numpy(float) for c in table}
-        true = truth_of({c: reference[c] for c in TRUTH.values()})
         logged = pedals_of(truth["sensors"], reference, np.random.default_rng(n))
         axle = truth["driven_axle"]
-        for driven in (axle,) if axle == "both" else (axle, "not said"):
-            options = {"driven_axle": 0} if driven == "not said" else None
+        for said in (axle,) if axle == "both" else (axle, "not said"):
+            options = {"driven_axle": 0} if said == "not said" else None
             for way, names in WAYS.items():
                 out, config = estimated(car / "calibrated.toml", log, {c: logged[c] for c in names}, options)
-                found.append({"driven": driven, "road": road, "way": way, **score(out, config, log, true)})
+                found.append({"driven": said, "road": road, "way": way, **score(out, config, log, true)})
     return found
 
 
-def line(name: list[str], group: pd.DataFrame) -> str:
+def line(name: list[str], group: pd.DataFrame) -> list[str]:
     """Return a group of runs as a row of the table."""
-
-    def share(what: str, of: str) -> str:
-        total = group[f"{KEY} {of}"].sum()
-        return f"{100 * group[f'{KEY} {what}'].sum() / total:.0f}" if total else "-"
-
-    cells = [*name, str(len(group)), f"{100 * np.nanmedian(group[f'{KEY} error']):.1f}", share("valid", "rows"),
-             share("off", "valid"), share("held", "rows"), f"{group['changes'].sum():.0f}"]  # fmt: skip
-    return "| " + " | ".join(cells) + " |"
+    parts = [
+        shares(group, what, of, keys=[KEY]) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+    ]
+    error = f"{100 * np.nanmedian(group[f'{KEY} error']):.1f}"
+    return [*name, str(len(group)), error, *parts, f"{group['changes'].sum():.0f}"]
 
 
 def main(arguments: list[str]) -> int:
@@ -66,11 +61,13 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     cars = sorted(p for p in given.drives.glob("car*") if (p / "found.json").is_file())
     table = pd.DataFrame([r for car in cars if int(car.name[3:]) >= given.first for r in runs(car)])
-    heads = ("driven axle", "road", "given", "drives", "median error [%]", "valid [%]", "of these > 10 % off [%]")
-    lines = ["| " + " | ".join((*heads, "95 % interval holds [%]", "changes")) + " |", "|---" * 9 + "|"]
-    for parts in (table.assign(road="all"), table):
-        for key, group in parts.groupby(["driven", "road", "way"], sort=False):
-            lines.append(line(list(key), group))
+    head = "driven axle|road|given|drives|median error [%]|valid [%]|of these > 10 % off [%]|95 % interval holds [%]|changes"
+    rows = [
+        line(list(key), group)
+        for parts in (table.assign(road="all"), table)
+        for key, group in parts.groupby(["driven", "road", "way"], sort=False)
+    ]
+    lines = markdown_table(head.split("|"), rows, 3)
     who = read_vehicle(cars[0] / "fit" / "car.toml").name
     text = f"""# Longitudinal stiffness with brake switch and wheel torques
 

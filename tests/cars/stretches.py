@@ -25,6 +25,7 @@ from tse.impl import regimes
 from tse.impl.config import make_config
 from tse.impl.core import STIFFNESS, Config
 from tse.impl.estimate import Estimate, estimate
+from tse.impl.tables import markdown_table
 from tse.impl.vehicle import read_vehicle
 from tse.impl.verdict import findings
 
@@ -79,7 +80,7 @@ def table(found: pd.DataFrame) -> list[str]:
     """Return a line per estimator."""
     columns = ("stretches", "median error [%]", "rms error [%]", "95 % interval holds [%]", "median sd [%]", "valid [%]",
                "valid and off [%]")  # fmt: skip
-    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    lines = []
     for who in (CONSTANT, LAST, MEAN, SHOWN, SMOOTHED):
         by = [found[(found["who"] == who) & (found["stiffness"] == key)] for key in STIFFNESS]
         cells = [[f"{len(g)}" for g in by]]
@@ -87,8 +88,8 @@ def table(found: pd.DataFrame) -> list[str]:
         cells += [[f"{100 * np.sqrt((g['error'] ** 2).mean()):.0f}" for g in by]]
         cells += [[f"{100 * g['held'].mean():.0f}" for g in by], [f"{100 * g['sd'].median():.1f}" for g in by]]
         cells += [[f"{100 * g[c].mean():.0f}" for g in by] for c in ("valid", "off")]
-        lines.append(f"| {who} | " + " | ".join(" / ".join(c) for c in cells) + " |")
-    return lines
+        lines.append([who, *(" / ".join(c) for c in cells)])
+    return markdown_table(["", *columns], lines)
 
 
 def main(arguments: list[str]) -> int:

@@ -12,6 +12,7 @@ import json
 import multiprocessing
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,10 +91,10 @@ def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndar
     return truth_of(made)
 
 
-def driven(folder: Path, road: str) -> tuple[Log, pd.DataFrame, dict[str, np.ndarray]]:
+def driven(folder: Path, road: str, smooth: int = SMOOTH) -> tuple[Log, pd.DataFrame, dict[str, np.ndarray]]:
     """Return a kept drive: its log, its reference, and the secants of it that truth_of() has."""
     reference = pd.read_csv(folder / f"reference_{road}.csv")
-    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, smooth)
     return read_log(folder / f"log_{road}.csv"), reference, truth
 
 
@@ -266,9 +267,9 @@ def table(runs: pd.DataFrame) -> list[str]:
     return markdown_table(head.split("|"), lines, 6)
 
 
-def shares(group: pd.DataFrame, what: str, of: str, digits: int = 0) -> str:
+def shares(group: pd.DataFrame, what: str, of: str, digits: int = 0, keys: Sequence[str] = STIFFNESS) -> str:
     """Per cent of the rows `of` that are `what`, of each stiffness; a dash where there is none."""
-    parts = [(group[f"{k} {what}"].sum(min_count=1), group[f"{k} {of}"].sum()) for k in STIFFNESS]
+    parts = [(group[f"{k} {what}"].sum(min_count=1), group[f"{k} {of}"].sum()) for k in keys]
     return " / ".join(f"{100 * a / b:.{digits}f}" if b and np.isfinite(a) else "-" for a, b in parts)
 
 

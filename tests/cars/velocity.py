@@ -19,10 +19,11 @@ import numpy as np
 import pandas as pd
 
 from tests.cars.real import DATA
-from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score
+from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score, shares
 from tse.impl.core import NOMINAL
 from tse.impl.logs.log import read_log
 from tse.impl.rows import Log
+from tse.impl.tables import markdown_table
 
 LATE, RATE, SPEED_SD, COURSE_SD, INS_SD = 0.1, 10.0, 0.1, np.radians(0.5), 0.03
 REAL = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs")
@@ -73,8 +74,8 @@ def sideslip(out: np.ndarray, log: Log, vx: np.ndarray, vy: np.ndarray, least: f
 
 
 def real_rows(data: Path) -> list[str]:
-    heads = ("log", "velocity", "front [kN/rad]", "rear [kN/rad]", "valid [%]", "sideslip off by, rms [deg]")
-    lines = ["| " + " | ".join((*heads, "interval of vel_y holds [%]", "changes reported")) + " |", "|---" * 8 + "|"]
+    head = "log|velocity|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|interval of vel_y holds [%]"
+    lines = []
     for name in (n for n in REAL if (data / n / "data.csv").is_file()):
         log = read_log(data / name / "data.csv")
         known = {c: log.ref[c].to_numpy(float) for c in ("ref_vel_x", "ref_vel_y")} | {
@@ -96,14 +97,12 @@ def real_rows(data: Path) -> list[str]:
             found = sideslip(out, log, known["ref_vel_x"], known["ref_vel_y"], FAST["real"])
             cells += [" / ".join(f"{100 * np.mean(out[f'{k}_valid'][settled] == 0):.0f}" for k in CORNERING)]
             cells += [f"{found['sideslip']:.2f}", f"{100 * found['holds']:.0f}", f"{changes(out, t > SETTLED)}"]
-            lines.append("| " + " | ".join(cells) + " |")
-    return lines
+            lines.append(cells)
+    return markdown_table([*head.split("|"), "changes reported"], lines, 2)
 
 
 def car_rows(drives: Path) -> list[str]:
-    heads = ("road", "vehicle file", "velocity", "sideslip off by, rms [deg]", "interval of vel_y holds [%]")
-    more = ("median error, front / rear [%]", "valid [%]", "of these off [%]", "interval holds [%]", "left out [%]")
-    lines = ["| " + " | ".join((*heads, *more)) + " |", "|---" * 10 + "|"]
+    head = "road|vehicle file|velocity|sideslip off by, rms [deg]|interval of vel_y holds [%]|median error, front / rear [%]"
     found: list[dict[str, Any]] = []
     for car in sorted(p for p in drives.glob("car*") if (p / "calibrated.toml").is_file()):
         clocks = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8"))["logs"]
@@ -120,29 +119,15 @@ def car_rows(drives: Path) -> list[str]:
                                   **sideslip(out, log, vx, vy, FAST["car"])})  # fmt: skip
     if not found:
         return []
+    lines = []
     for (road, who, way), group in pd.DataFrame(found).groupby(["road", "who", "way"], sort=False):
-
-        def share(what: str, of: str, group: pd.DataFrame = group) -> str:
-            totals = [(group[f"{k} {what}"].sum(), group[f"{k} {of}"].sum()) for k in CORNERING]
-            return " / ".join(f"{100 * a / b:.0f}" if b else "-" for a, b in totals)
-
         errors = " / ".join(f"{100 * np.nanmedian(group[f'{k} error']):.1f}" for k in CORNERING)
-        cells = [
-            road,
-            who,
-            way,
-            f"{np.sqrt(np.mean(group['sideslip'] ** 2)):.2f}",
-            f"{100 * group['holds'].mean():.0f}",
-            errors,
-        ]
-        cells += [
-            share("valid", "rows"),
-            share("off", "valid"),
-            share("held", "rows"),
-            f"{100 * group['left out'].mean():.1f}",
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        sideslips = f"{np.sqrt(np.mean(group['sideslip'] ** 2)):.2f}", f"{100 * group['holds'].mean():.0f}"
+        parts = [shares(group, *of, keys=CORNERING) for of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+        lines.append([road, who, way, *sideslips, errors, *parts, f"{100 * group['left out'].mean():.1f}"])
+    return markdown_table(
+        [*head.split("|"), "valid [%]", "of these off [%]", "interval holds [%]", "left out [%]"], lines, 3
+    )
 
 
 def main(arguments: list[str]) -> int:
