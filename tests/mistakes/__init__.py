@@ -1,1 +1,0 @@
-"""Logs with a mistake in them, through everything that takes a log."""
