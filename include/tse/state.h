@@ -15,12 +15,12 @@
 
 /* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
 #if defined(TSE_NO_VELOCITY)
-#define TSE_FILTER_SHORTS 925
-#define TSE_FILTER_NUMBERS (454 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_SHORTS 902
+#define TSE_FILTER_NUMBERS (466 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 188
 #else
-#define TSE_FILTER_SHORTS 1273
-#define TSE_FILTER_NUMBERS (501 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_SHORTS 1243
+#define TSE_FILTER_NUMBERS (513 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 200
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
@@ -51,7 +51,7 @@ typedef struct tse_params_bytes {
 
 typedef struct tse_filter_bytes {
   tse_real first;
-  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + 164 + TSE_LATENCY_BYTES + (22 + sizeof(tse_short) / sizeof(tse_real)) * TSE_PADDING];
+  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + 160 + TSE_LATENCY_BYTES + (21 + sizeof(tse_short) / sizeof(tse_real)) * TSE_PADDING];
 } tse_filter_bytes;
 
 typedef struct tse_paper_bytes {

@@ -14,6 +14,9 @@ typedef struct opens {
   tse_real sd;
 } opens;
 
+/* Places of another road, the first ones; each has a second amplitude, as many places behind it. */
+enum { ROADS = 2 };
+
 /* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have
  * happened. */
 enum { TURNING,
@@ -38,13 +41,14 @@ static const kind *kind_of(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
     { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), TURNING, TSE_REGIME_STEADY },
-    /* another road, back on the one before, a road that shows along the car alone */
-    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, OPEN_TIME, 3, RATE_ROAD, CHANGE_SD, TURNING, TSE_REGIME_CHANGED },
+    /* another road, and by how much it is not the same for both axles; back on the one before; a road that shows along the car alone */
+    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, TURNING, TSE_REGIME_CHANGED },
+    { { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO }, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), TURNING, TSE_REGIME_CHANGED },
     { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, TURNING, TSE_REGIME_CHANGED },
     { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, GOING, TSE_REGIME_CHANGED },
     /* tyres of the front axle, of the rear axle; wheels of it that slide */
-    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 2, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
-    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 2, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
+    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
+    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
     { { { SF, SLIP_OPENS }, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, GOING, TSE_REGIME_SLIDING },
     { { { SR, SLIP_OPENS }, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, GOING, TSE_REGIME_SLIDING },
     /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
@@ -68,11 +72,28 @@ static int group_of_channel(int channel)
   return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_TURNING ? TURNING : GOING;
 }
 
-/* Return mean and variance of an amplitude. That of tyres that are back is known: 1. */
-tse_real event_amplitude(const tse_event *a, tse_real *var)
+/* Return whether a place holds an event that may have happened by itself. */
+static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_APART; }
+
+/* Both amplitudes are N(0, 1) before the samples. That of tyres that are back is known: 1. */
+event_says event_of(const tse_kalman *k, int n)
 {
-  *var = a->kind == EVENT_BACK ? TSE_R(0) : r_div(TSE_R(1), TSE_R(1) + a->info);
-  return a->kind == EVENT_BACK ? TSE_R(1) : r_mul(a->score, *var);
+  const tse_event *const a = &k->event[n], *const b = n < ROADS && k->event[n + ROADS].kind == EVENT_APART ? &k->event[n + ROADS] : NULL;
+  event_says s;
+  memset(&s, 0, sizeof s);
+  s.info = a->info;
+  s.score = a->score;
+  if (b) {
+    s.second = b;
+    s.beside_var = r_div(TSE_R(1), TSE_R(1) + b->info);
+    s.beside = r_mul(b->score, s.beside_var);
+    s.part = r_mul(b->both, s.beside_var);
+    s.info = r_max(s.info - r_mul(s.part, b->both), TSE_R(0));
+    s.score = r_clamp(s.score - r_mul(s.beside, b->both), -MOST_INFO, MOST_INFO);
+  }
+  s.var = a->kind == EVENT_BACK ? TSE_R(0) : r_div(TSE_R(1), TSE_R(1) + s.info);
+  s.amplitude = a->kind == EVENT_BACK ? TSE_R(1) : r_mul(s.score, s.var);
+  return s;
 }
 
 void sensitivities_clear(tse_kalman *k, int count)
@@ -111,6 +132,7 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
 {
   const tse_real over = r_div(TSE_R(1), s);
   const int all = STATES + k->p.extras;
+  tse_real of_road[ROADS] = { TSE_R(0), TSE_R(0) };
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
     if (a->kind == EVENT_NONE) continue;
@@ -119,7 +141,9 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
     if (a->kind == EVENT_BACK || group_of(a->kind) == group_of_channel(channel)) {
       a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
       a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
+      if (a->kind == EVENT_APART) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
     }
+    if (n < ROADS) of_road[n] = y;
     if (y != TSE_R(0)) r_add_row(a->v, gain->m, r_factor(-y, gain->up), all);
   }
 }
@@ -144,25 +168,29 @@ static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event
 /* Return log2 of how much likelier the samples are if this happened. Along the road the force of a tyre beyond its grip is no
  * longer that of its stiffness: another road shows as a slow innovation of accel_x of which nothing is known, its variance
  * included. A channel that is frozen repeats its reading. */
-static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, const tse_event *a)
+static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
+  const tse_event *const a = &k->event[n];
   if (a->kind == EVENT_ALONG) return k->unusual > TSE_R(1) ? r_mul(HALF_LOG2_OF_E, k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
   if (a->kind == EVENT_BACK) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
-  const tse_real one = TSE_R(1) + a->info, amplitude = r_div(a->score, one);
-  const tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(a->score, amplitude)) - r_mul(TSE_R(0.5), r_log2(one));
-  if (a->kind < EVENT_STEER) return ratio - beyond(p, k, a, amplitude);
+  const event_says s = event_of(k, n);
+  tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(s.score, s.amplitude)) - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.info));
+  if (s.second) ratio += r_mul(HALF_LOG2_OF_E, r_mul(s.second->score, s.beside)) - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.second->info));
+  if (a->kind < EVENT_STEER) return ratio - beyond(p, k, a, s.amplitude);
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
   const tse_real off = changed ? r_min(ratio, TSE_R(0)) : ratio, frozen = names_frozen(k, a->kind) ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
   return frozen > TSE_R(0) ? r_max(off, frozen) : off;
 }
 
-int event_is_small(const tse_kalman *k, const tse_event *a)
+int event_is_small(const tse_kalman *k, int n)
 {
+  const tse_event *const a = &k->event[n];
   if (names_frozen(k, a->kind) && is_frozen(k, a->kind - EVENT_SENSOR)) return 0;
   if (a->kind == EVENT_BACK) return 0;
   /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
-  const tse_real one = TSE_R(1) + a->info;
-  return r_mul(a->score, a->score) + one < r_mul(r_sqr(kind_of(a->kind)->least), r_mul(one, one));
+  const event_says s = event_of(k, n);
+  const tse_real one = TSE_R(1) + s.info;
+  return r_mul(s.score, s.score) + one < r_mul(r_sqr(kind_of(a->kind)->least), r_mul(one, one));
 }
 
 /* Weigh the events of each group, and that none has happened, by how likely and how usual they are.
@@ -174,22 +202,22 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
     tse_real most = TSE_R(0), sum;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
-      if (a->kind == EVENT_NONE) weight[n] = ratio[n] = TSE_R(0);
-      if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
-      ratio[n] = log2_ratio(p, k, a);
+      if (!is_event(a)) weight[n] = ratio[n] = TSE_R(0);
+      if (!is_event(a) || group_of(a->kind) != group) continue;
+      ratio[n] = log2_ratio(p, k, n);
       weight[n] = r_max(r_log2(r_mul(kind_of(a->kind)->rate, kind_of(a->kind)->every)) + ratio[n], LEAST_LOG2);
       most = r_max(most, weight[n]);
     }
     sum = none[group] = r_exp2(-most);
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
-      if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
+      if (!is_event(a) || group_of(a->kind) != group) continue;
       weight[n] = r_exp2(weight[n] - most);
-      none[group] += event_is_small(k, a) ? weight[n] : TSE_R(0); /* it explains, and calls for nothing */
+      none[group] += event_is_small(k, n) ? weight[n] : TSE_R(0); /* it explains, and calls for nothing */
       sum += weight[n];
     }
     for (int n = 0; n < TSE_EVENTS; n++)
-      if (k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == group) weight[n] = r_div(weight[n], sum);
+      if (is_event(&k->event[n]) && group_of(k->event[n].kind) == group) weight[n] = r_div(weight[n], sum);
     none[group] = r_div(none[group], sum);
   }
 }
@@ -197,8 +225,8 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
 /* Return whether a state is a setting that nothing changes: a grip. */
 static int is_known(const tse_params *p, int32_t state) { return state == LMU && !(p->prior_sd[LMU] > TSE_R(0)); }
 
-/* Let an event of a kind begin at place n: v is what one amplitude of it moves the state by. */
-static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
+/* Let place n be of a kind from now on: v is what one amplitude of it moves the state by. */
+static void open_place(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   tse_event *const a = &k->event[n];
   const kind *const what = kind_of(which);
@@ -208,6 +236,13 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   for (int i = 0; i < 3; i++)
     if (what->common[i].state >= 0 && !is_known(p, what->common[i].state)) a->v[what->common[i].state] = r_short(r_div(what->common[i].sd, state_unit[what->common[i].state]));
   for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
+}
+
+/* Let an event of a kind begin at place n, and its second amplitude with it. */
+static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
+{
+  open_place(p, k, n, which);
+  if (which == EVENT_ROAD && n < ROADS) open_place(p, k, n + ROADS, EVENT_APART);
 }
 
 /* Measure state i to be where it was before the last change, as well as it was known then. */
@@ -253,19 +288,30 @@ static int place_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int 
   return youngest < due ? -1 : oldest;
 }
 
-/* Move the state by the amplitude times v.   Updated: a  v over logarithms, where it was a share of the force of a tyre */
-static void move_state(const tse_params *p, tse_kalman *k, tse_event *a, tse_real amplitude)
+/* Move the state.
+ *   Given:    by    as far, of the stiffness of tyres a share of their force     Returned: over  what a slope over by is over the state */
+static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real over[TSE_ALL])
 {
+  for (int i = 0; i < TSE_ALL; i++) over[i] = TSE_R(1);
   for (int i = 0; i < STATES + k->p.extras; i++) {
-    tse_real shift = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
-    if (a->kind <= EVENT_REAR && i >= LCX && i <= LMU) {
+    tse_real shift = r_mul(by[i], state_unit[i]);
+    if (which <= EVENT_REAR && i >= LCX && i <= LMU) {
       const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
       shift = r_div(r_log2(force), LOG2_OF_E);
-      a->v[i] = r_short(r_div(r_long(a->v[i]), force));
+      over[i] = r_div(TSE_R(1), force);
     }
     k->x[i] += shift;
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
+}
+
+/* Add a variance along slopes, which are over what move_state() has moved. */
+static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real over[TSE_ALL], tse_real var)
+{
+  tse_real v[TSE_ALL];
+  if (!(var > TSE_R(0))) return;
+  for (int i = 0; i < TSE_ALL; i++) v[i] = r_mul(slopes[i], over[i]);
+  ud_add(&k->p, v, STATES - 1, var);
 }
 
 /* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
@@ -289,25 +335,31 @@ static tse_real weight_left(const tse_kalman *k, int n)
   return weight < LEAST_WEIGHT ? TSE_R(0) : weight;
 }
 
-/* Make mean and variance those of the two that the state may be in: with that weight what event a says, else as it is.
- *   Updated: a  as in move_state() */
-static void mix_in(const tse_params *p, tse_kalman *k, tse_event *a, tse_real weight)
+/* Make mean and variance those of the two that the state may be in: with that weight what event n says, else as it is. */
+static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
-  tse_real var, was[4], moved[TSE_ALL];
+  const event_says s = event_of(k, n);
+  const int32_t which = k->event[n].kind;
+  tse_real was[4], first[TSE_ALL], second[TSE_ALL], mean[TSE_ALL], by[TSE_ALL], over[TSE_ALL];
   for (int i = 0; i < 4; i++) was[i] = k->x[LCX + i];
-  const tse_real amplitude = event_amplitude(a, &var), spread = r_mul(weight, var + r_mul(TSE_R(1) - weight, r_sqr(amplitude)));
-  move_state(p, k, a, r_mul(weight, amplitude));
-  for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a->v[i]);
-  if (spread > TSE_R(0)) ud_add(&k->p, moved, STATES - 1, spread);
-  widen(k, a->kind, was, weight);
+  for (int i = 0; i < TSE_ALL; i++) {
+    second[i] = s.second ? r_long(s.second->v[i]) : TSE_R(0);
+    first[i] = r_long(k->event[n].v[i]) - r_mul(s.part, second[i]);
+    mean[i] = r_mul(s.amplitude, first[i]) + r_mul(s.beside, second[i]);
+    by[i] = r_mul(weight, mean[i]);
+  }
+  move_state(p, k, which, by, over);
+  add_along(k, first, over, r_mul(weight, s.var));
+  add_along(k, second, over, r_mul(weight, s.beside_var));
+  add_along(k, mean, over, r_mul(weight, TSE_R(1) - weight));
+  widen(k, which, was, weight);
 }
 
 /* Give event n up. What was found of the slip stiffness before is as much less known. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = ud_variance(&k->p, LCX);
-  tse_event a = k->event[n];
-  mix_in(p, k, &a, weight);
+  mix_in(p, k, n, weight);
   k->along.var += r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
@@ -318,7 +370,7 @@ static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_E
   int first = 0, given_up = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
     const kind *const what = kind_of(which);
-    const int possible = which != EVENT_BACK || may_be_back(k);
+    const int possible = which != EVENT_APART && (which != EVENT_BACK || may_be_back(k));
     const int at = possible ? place_for(k, ratio, first, what->places, what->every - r_mul(TSE_R(0.5), dt)) : -1;
     const tse_real left = at >= 0 ? weight_left(k, at) : TSE_R(0);
     first += what->places;
@@ -394,22 +446,22 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     k->none[GOING] = TSE_R(1);
     n = likeliest_road(p, k, ratio, n);
   }
-  tse_event a = k->event[n];
+  const int32_t which = k->event[n].kind;
   const tse_along along = k->along;
   for (int i = 0; i < 4; i++) {
     was[i] = k->x[LCX + i];
     was_var[i] = ud_variance(&k->p, LCX + i);
   }
-  mix_in(p, k, &a, TSE_R(1));
-  for (int i = LCX; i <= LMU && a.kind == EVENT_BACK; i++) recall(k, i);
-  if (a.kind >= EVENT_STEER) {
-    k->fault = a.kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(a.kind - EVENT_SENSOR);
+  mix_in(p, k, n, TSE_R(1));
+  for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) recall(k, i);
+  if (which >= EVENT_STEER) {
+    k->fault = which == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(which - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
-  k->slow[ACCEL_X] = a.kind <= EVENT_BACK ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
-  if (a.kind <= EVENT_BACK) along_change(p, k, a.kind, was_var[0]);
-  if (a.kind <= EVENT_REAR) note_change(k, a.kind, was, was_var, along);
-  close_events(k, group_of(a.kind));
+  k->slow[ACCEL_X] = which <= EVENT_BACK ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
+  if (which <= EVENT_BACK) along_change(p, k, which, was_var[0]);
+  if (which <= EVENT_REAR) note_change(k, which, was, was_var, along);
+  close_events(k, group_of(which));
 }
 
 /* Return the likeliest event of a group that calls for something, or -1. */
@@ -418,7 +470,7 @@ static int likeliest(const tse_kalman *k, int group)
   int best = -1;
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t which = k->event[n].kind;
-    if (which != EVENT_NONE && group_of(which) == group && !event_is_small(k, &k->event[n]) && (best < 0 || k->weight[n] > k->weight[best])) best = n;
+    if (is_event(&k->event[n]) && group_of(which) == group && !event_is_small(k, n) && (best < 0 || k->weight[n] > k->weight[best])) best = n;
   }
   return best;
 }

@@ -28,7 +28,7 @@
 #define sensitivities_clear TSE_NAME(tse_sensitivities_clear)
 #define events_learn   TSE_NAME(tse_events_learn)
 #define events_decide  TSE_NAME(tse_events_decide)
-#define event_amplitude TSE_NAME(tse_event_amplitude)
+#define event_of        TSE_NAME(tse_event_of)
 #define event_is_small TSE_NAME(tse_event_is_small)
 #define event_regime TSE_NAME(tse_event_regime)
 #define may_be_back TSE_NAME(tse_may_be_back)
@@ -82,6 +82,7 @@ static inline int32_t not_driven(const tse_car *c)
 /* Kinds of events, and what each opens: events.c. */
 enum { EVENT_NONE,
        EVENT_ROAD,
+       EVENT_APART,
        EVENT_BACK,
        EVENT_ALONG,
        EVENT_FRONT,
@@ -173,8 +174,14 @@ void sensitivities_clear(tse_kalman *k, int count);
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
 void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd);
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
-tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
-int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */
+/* What the samples say of an event. A second amplitude is integrated out: of the first times v - part times its own v, and beside it. */
+typedef struct event_says {
+  tse_real amplitude, var, info, score; /* the first: mean, variance, and what that is of */
+  tse_real part, beside, beside_var;    /* 0 where there is no second */
+  const tse_event *second;              /* NULL: none */
+} event_says;
+event_says event_of(const tse_kalman *k, int n);
+int event_is_small(const tse_kalman *k, int n); /* it may explain the samples, and calls for nothing */
 /* something has changed, and before it an axle was known better than now: behind a patch the patch itself is nothing to go back to */
 int may_be_back(const tse_kalman *k);
 int32_t event_regime(int32_t which);                         /* that a kind of event begins: TSE_REGIME_ */

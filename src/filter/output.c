@@ -9,21 +9,21 @@ static tse_real own_variance_of(const tse_kalman *k, int i)
   return var;
 }
 
-/* Events that may have happened: which, how likely, mean and variance of their amplitudes. */
+/* Events that may have happened: which, how likely, and what they say. */
 typedef struct possible {
   int32_t at[TSE_EVENTS], count;
-  tse_real weight[TSE_EVENTS], amplitude[TSE_EVENTS], var[TSE_EVENTS];
+  tse_real weight[TSE_EVENTS];
+  event_says says[TSE_EVENTS];
 } possible;
 
 static void possible_of(const tse_kalman *k, possible *e)
 {
   e->count = 0;
   for (int n = 0; n < TSE_EVENTS; n++) {
-    if (k->event[n].kind == EVENT_NONE || k->weight[n] < LEAST_WEIGHT) continue;
+    if (k->weight[n] < LEAST_WEIGHT) continue;
     e->at[e->count] = n;
     e->weight[e->count] = k->weight[n];
-    e->amplitude[e->count] = event_amplitude(&k->event[n], &e->var[e->count]);
-    e->count++;
+    e->says[e->count++] = event_of(k, n);
   }
 }
 
@@ -34,11 +34,12 @@ static tse_real variance_of(const tse_kalman *k, const possible *e, int i, tse_r
   const tse_real var = own_variance_of(k, i);
   tse_real mean = TSE_R(0), square = TSE_R(0);
   for (int n = 0; n < e->count; n++) {
-    const tse_real by = r_long(k->event[e->at[n]].v[i]);
-    if (!(by != TSE_R(0))) continue;
-    const tse_real off = r_mul(e->amplitude[n], by);
+    const event_says *const s = &e->says[n];
+    const tse_real second = s->second ? r_long(s->second->v[i]) : TSE_R(0);
+    const tse_real by = r_long(k->event[e->at[n]].v[i]) - r_mul(s->part, second);
+    const tse_real off = r_mul(s->amplitude, by) + r_mul(s->beside, second);
     mean += r_mul(e->weight[n], off);
-    square += r_mul(e->weight[n], r_mul(off, off) + r_mul(r_sqr(by), e->var[n]));
+    square += r_mul(e->weight[n], r_mul(off, off) + r_mul(r_sqr(by), s->var) + r_mul(r_sqr(second), s->beside_var));
   }
   *shift = r_mul(mean, state_unit[i]);
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
@@ -151,7 +152,7 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t kind = k->event[n].kind;
-    if (kind != EVENT_NONE && !event_is_small(k, &k->event[n])) out->regime[event_regime(kind)] += k->weight[n];
+    if (kind != EVENT_NONE && !event_is_small(k, n)) out->regime[event_regime(kind)] += k->weight[n];
   }
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* two may have happened at once */

@@ -38,7 +38,7 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
 static int sound_event(const tse_event *e)
 {
   int fine = sound_int(e->kind, EVENT_NONE, EVENT_KINDS - 1) && sound_shorts(e->v, TSE_ALL);
-  return fine && sound_reals(&e->info, 1, TSE_R(0), MOST_REAL) && sound_reals(&e->score, 1, -MOST_REAL, MOST_REAL) && sound_reals(&e->age, 1, TSE_R(0), MOST_REAL);
+  return fine && sound_reals(&e->info, 1, TSE_R(0), MOST_REAL) && sound_reals(&e->score, 1, -MOST_REAL, MOST_REAL) && sound_reals(&e->both, 1, -MOST_REAL, MOST_REAL) && sound_reals(&e->age, 1, TSE_R(0), MOST_REAL);
 }
 
 static int sound_velocity(const tse_velocity *m, int in_use)

@@ -144,7 +144,7 @@ enum { TSE_UNKNOWN,
        TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
 
 #define TSE_GROUPS 2     /* of events that exclude each other */
-#define TSE_EVENTS 17   /* places for what may have happened, src/filter/events.c */
+#define TSE_EVENTS 16   /* places for what may have happened, src/filter/events.c */
 
 typedef struct tse_ud {
   tse_short u[TSE_STATES * (TSE_STATES - 1) / 2];
@@ -168,6 +168,7 @@ typedef struct tse_velocity {
 typedef struct tse_event {
   tse_short v[TSE_ALL];               /* [unit] of the state */
   tse_real info, score;               /* [1] 1/variance of the amplitude by the samples since, and that times its mean */
+  tse_real both;                      /* [1] of a second amplitude: what the samples say of both at once */
   tse_real age;                       /* [s] */
   int32_t kind;                       /* src/filter/events.c; 0: free place */
 } tse_event;

@@ -70,7 +70,7 @@ static void learn(tse_kalman *k, int channel, const tse_real h[STATES], const ts
 static void start(trio *t, int32_t kind, double amplitude_of_state, double amplitude_of_channel, uint32_t *seed)
 {
   memset(t, 0, sizeof *t);
-  t->n = 9; /* of sliding front wheels */
+  t->n = 8; /* of sliding front wheels */
   any_covariance(&t->k.p, seed);
   const dense m = dense_of(&t->k.p);
   for (int i = 0; i < STATES; i++)
@@ -139,7 +139,7 @@ static double odds(const trio *t)
   static tse_kalman k;
   k = t->k;
   events_decide(&t->p, &k, TSE_R(0));
-  const double weight = number(k.weight[t->n]), small = event_is_small(&t->k, &t->k.event[t->n]) ? weight : 0;
+  const double weight = number(k.weight[t->n]), small = event_is_small(&t->k, t->n) ? weight : 0;
   double none = 1;
   for (int g = 0; g < TSE_GROUPS; g++) none = fmin(none, number(k.none[g])); /* of the other group it is 1 */
   return weight / (none - small);
@@ -186,6 +186,45 @@ static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_i
     rows(&t, 8, channel, 0, n % 2 ? 0.3 : 0, 0.1, &seed);
     expect_ratio(&t, before, "offset");
   }
+}
+
+/* Another road is not the same for both axles: beside the amplitude of both there is a second one. */
+static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
+{
+  static trio t;
+  static const double first[3] = { 2, 0.7, 0.4 }, second[3] = { 0.5, -0.6, 0.8 };
+  static const int at[3] = { SF, SR, OFF };
+  enum { BEHIND = 2 }; /* of the road's two places */
+  uint32_t seed = 10;
+  double apart = 0;
+  for (int n = 0; n < 40; n++) {
+    start(&t, EVENT_NONE, 2, 0, &seed);
+    t.n = 0;
+    t.with.p[SF][SF] -= 4;
+    t.k.x[LCF] = t.k.x[LCR] = TSE_R(-3); /* with less grip than there can be */
+    t.k.event[0].kind = EVENT_ROAD;
+    t.k.event[BEHIND].kind = EVENT_APART;
+    for (int i = 0; i < 3; i++) {
+      t.k.event[0].v[at[i]] = short_of(first[i]);
+      t.k.event[BEHIND].v[at[i]] = short_of(second[i]);
+      for (int j = 0; j < 3; j++) t.with.p[at[i]][at[j]] += first[i] * first[j] + second[i] * second[j];
+    }
+    const double before = odds(&t);
+    rows(&t, 12, YAW_RATE, n % 2 ? 1.5 : 0, 0, 1, &seed);
+    expect_ratio(&t, before, "road");
+    const event_says s = event_of(&t.k, 0);
+    const double close = BY_NUMBER(1e-9, 0.02, 1e-3);
+    apart = fmax(apart, fabs(number(s.beside)));
+    for (int i = 0; i < STATES; i++) {
+      const double wi = number_of(t.k.event[BEHIND].v[i]), vi = number_of(t.k.event[0].v[i]) - number(s.part) * wi;
+      expect_near(t.with.x[i] - t.without.x[i], number(s.amplitude) * vi + number(s.beside) * wi, close, "state", i);
+      for (int j = 0; j < STATES; j++) {
+        const double wj = number_of(t.k.event[BEHIND].v[j]), vj = number_of(t.k.event[0].v[j]) - number(s.part) * wj;
+        expect_near(t.with.p[i][j] - t.without.p[i][j], number(s.var) * vi * vj + number(s.beside_var) * wi * wj, close, "covariance", 100 * i + j);
+      }
+    }
+  }
+  TEST_ASSERT_TRUE(apart > 0.5);
 }
 
 /* What has happened is believed: the state is then that of the filter that knows it, but for what it opens beside. */
@@ -377,9 +416,9 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
   const double before = number(ud_variance(&k.p, LCX)), before_all = number(k.along.var), unit = pow(number(state_unit[LCX]), 2);
   events_decide(&p, &k, TSE_R(0));
   TEST_ASSERT_TRUE(number(k.event[road].age) == 0);
-  /* by hand: half of score^2 / (1 + info), and the factor of its normalisation; the other two stand as they were opened */
+  /* by hand: half of score^2 / (1 + info), and the factor of its normalisation; the others stand as they were opened */
   const double one = number(RATE_ROAD) * number(OPEN_TIME), over = one * exp(0.5 * 12.3 * 12.3 / 7) / sqrt(7), other = number(RATE_FAULT) * number(OPEN_TIME);
-  const double w = pow(over / (1 + over + 2 * one + 4 * other + 3 * other), 2), moved = number(OWN_SHARE) * log(1 - w * 12.3 / 7 * number(CHANGE_SD));
+  const double w = pow(over / (1 + over + one + 2 * other + 3 * other), 2), moved = number(OWN_SHARE) * log(1 - w * 12.3 / 7 * number(CHANGE_SD));
   const double opened = w * (pow(number(CHANGE_SD), 2) + moved * moved);
   TEST_ASSERT_TRUE(w > 0.05 && w < 0.8);
   expect_near(opened, (number(ud_variance(&k.p, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
@@ -500,6 +539,7 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows_it);
   RUN_TEST(test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it);
+  RUN_TEST(test_a_second_amplitude_is_that_of_a_filter_that_knows_both);
   RUN_TEST(test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it);
   RUN_TEST(test_an_event_that_is_given_up_leaves_what_the_state_may_be);
   RUN_TEST(test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there);

@@ -375,6 +375,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
     ROW_HELD(filter.k.event[i].v);
     NOT_NEGATIVE(filter.k.event[i].info);
     ANY_SIGN(filter.k.event[i].score);
+    ANY_SIGN(filter.k.event[i].both);
     NOT_NEGATIVE(filter.k.event[i].age);
   }
 }
