@@ -15,7 +15,7 @@
 
 /* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
 #if defined(TSE_NO_VELOCITY)
-#define TSE_FILTER_SHORTS 902
+#define TSE_FILTER_SHORTS 901
 #define TSE_FILTER_NUMBERS (466 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 188
 #else
