@@ -75,24 +75,33 @@ static int group_of_channel(int channel)
 /* Return whether a place holds an event that may have happened by itself. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_APART; }
 
-/* Both amplitudes are N(0, 1) before the samples. That of tyres that are back is known: 1. */
-event_says event_of(const tse_kalman *k, int n)
+/* Integrate the second amplitude out, if there is one. Both are N(0, 1) before the samples.
+ *   Returned: all but mean and variance of the first */
+static event_says integrated(const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n], *const b = n < ROADS && k->event[n + ROADS].kind == EVENT_APART ? &k->event[n + ROADS] : NULL;
   event_says s;
   memset(&s, 0, sizeof s);
   s.info = a->info;
   s.score = a->score;
+  s.second = b;
   if (b) {
-    s.second = b;
     s.beside_var = r_div(TSE_R(1), TSE_R(1) + b->info);
     s.beside = r_mul(b->score, s.beside_var);
     s.part = r_mul(b->both, s.beside_var);
     s.info = r_max(s.info - r_mul(s.part, b->both), TSE_R(0));
     s.score = r_clamp(s.score - r_mul(s.beside, b->both), -MOST_INFO, MOST_INFO);
   }
-  s.var = a->kind == EVENT_BACK ? TSE_R(0) : r_div(TSE_R(1), TSE_R(1) + s.info);
-  s.amplitude = a->kind == EVENT_BACK ? TSE_R(1) : r_mul(s.score, s.var);
+  return s;
+}
+
+/* The amplitude of tyres that are back is known: 1. */
+event_says event_of(const tse_kalman *k, int n)
+{
+  const int known = k->event[n].kind == EVENT_BACK;
+  event_says s = integrated(k, n);
+  s.var = known ? TSE_R(0) : r_div(TSE_R(1), TSE_R(1) + s.info);
+  s.amplitude = known ? TSE_R(1) : r_mul(s.score, s.var);
   return s;
 }
 
@@ -188,7 +197,7 @@ int event_is_small(const tse_kalman *k, int n)
   if (names_frozen(k, a->kind) && is_frozen(k, a->kind - EVENT_SENSOR)) return 0;
   if (a->kind == EVENT_BACK) return 0;
   /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
-  const event_says s = event_of(k, n);
+  const event_says s = integrated(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(kind_of(a->kind)->least), r_mul(one, one));
 }
