@@ -5,7 +5,7 @@
 DIR: what `tests.cars.study --keep DIR --first SEED` has left: car<k>/calibrated.toml. Each scenario of road.py begins at a third of
 a drive on a highway and on a mountain road; counted are the seconds of the minute after in which a stiffness is called valid and
 is more than 20 % off, of the rows that have a truth. Beside it: after how long the samples are
-SURE times likelier for the same filter when it is told at the change how much each stiffness changes.
+SURE times likelier for the same filter when it knows at the change how much each stiffness changes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tse.impl.tables import markdown_table
 EVENTS = [s for s in SCENARIOS if s != "dry"]
 ON = ("highway", "mountain")
 OFF, AFTER, ROW, SMOOTH = 0.2, 60.0, 0.01, 51  # relative error; s; s; rows of the truth: half a second of a new road
-SURE, KNOWN_SD = 100.0, 0.04  # odds; relative sd of a stiffness that is told
+SURE, KNOWN_SD = 100.0, 0.04  # odds; relative sd of a stiffness that is known
 
 
 def share(of: np.ndarray, among: np.ndarray) -> float:
@@ -163,7 +163,7 @@ def main(arguments: list[str]) -> int:
 `python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after
 `python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`: {cars} cars with 14 degrees of freedom on
 {" and ".join(ON)}, the event at a third of each drive or as soon as the car is calm. Front longitudinal / front cornering / rear
-cornering. *reported*: a change or sliding has more than half of the probability. *Shows after*: a filter that is told
+cornering. *reported*: a change or sliding has more than half of the probability. *Shows after*: a filter that knows
 at the change how much each stiffness changes, median of the minute, is {SURE:g} times likelier than one that is not;
 {AFTER:g} s: it never is.
 
