@@ -51,7 +51,7 @@ typedef struct tse_params_bytes {
 
 typedef struct tse_filter_bytes {
   tse_real first;
-  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + 160 + TSE_LATENCY_BYTES + (21 + sizeof(tse_short) / sizeof(tse_real)) * TSE_PADDING];
+  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + 156 + TSE_LATENCY_BYTES + (22 + sizeof(tse_short) / sizeof(tse_real)) * TSE_PADDING];
 } tse_filter_bytes;
 
 typedef struct tse_paper_bytes {

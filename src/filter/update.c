@@ -242,7 +242,6 @@ static void use_channel(const tse_params *p, tse_kalman *k, int channel, const s
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = state + m->r;
   k->nis += r_div(r_sqr(m->e), state + m->r);
-  k->channels++;
   k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m->e), s) + r_mul(LN_2, r_log2(s)) + LN_TWO_PI);
 }
 
@@ -257,7 +256,6 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   follow_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->nis = k->unusual = TSE_R(0);
-  k->channels = 0;
   k->log_likelihood = TSE_R(0);
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int channel = order[n];

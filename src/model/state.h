@@ -215,7 +215,7 @@ typedef struct tse_kalman {
                                          of those after one that did */
   tse_real frozen[TSE_SENSORS + 1];     /* [1] log2 of how unlikely it is that a channel at work repeats its reading that often */
   tse_real agrees_for;                /* [s] that the channel at fault has agreed */
-  int32_t change_kind, fault, slow_turn, channels; /* TSE_CHANGE_*; 0 none, else 1 + TSE_CHANNEL_; rows; of the last row */
+  int32_t change_kind, fault, slow_turn; /* TSE_CHANGE_*; 0 none, else 1 + TSE_CHANNEL_; rows */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS], none[TSE_GROUPS]; /* posterior probability of each event, and that nothing happened */
   tse_velocity velocity;

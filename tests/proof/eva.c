@@ -69,7 +69,6 @@ static void any_filter(void)
   f->k.change_kind = in(TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   f->k.fault = in(0, TSE_CHANNELS);
   f->k.slow_turn = in(0, STATES);
-  f->k.channels = in(0, TSE_SENSORS);
   for (int i = 0; i < TSE_EVENTS; i++) f->k.event[i].kind = in(EVENT_NONE, EVENT_KINDS - 1);
   for (int i = 0; i < TSE_STRIDE; i++) {
     all.ancestor[i] = (uint16_t)in(0, TSE_MAX_PARTICLES - 1);
@@ -82,7 +81,7 @@ static void still_so(void)
 {
   //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && 0 <= f->waiting.newest < TSE_LATENCY_ROWS;
   //@ assert whole: 0 <= f->k.change_kind <= TSE_CHANGE_RESTART && 0 <= f->k.fault <= TSE_CHANNELS;
-  //@ assert whole: 0 <= f->k.slow_turn <= STATES && 0 <= f->k.channels <= TSE_SENSORS;
+  //@ assert whole: 0 <= f->k.slow_turn <= STATES;
   //@ assert whole: \forall integer i; 0 <= i < TSE_EVENTS ==> EVENT_NONE <= f->k.event[i].kind < EVENT_KINDS;
 }
 

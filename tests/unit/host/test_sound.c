@@ -347,7 +347,6 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   WHOLE(filter.k.change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   WHOLE(filter.k.fault, 0, TSE_CHANNELS);
   WHOLE(filter.k.slow_turn, 0, INT32_MAX - 1);
-  WHOLE(filter.k.channels, 0, TSE_SENSORS);
   ROW_HELD(filter.k.p.w);
   HELD(filter.k.p.e, TSE_R(0), MOST_SQUARE);
   for (int c_ = 0; c_ < TSE_VELOCITIES; c_++) forged.filter.k.velocity.noise[c_] = TSE_R(1);
