@@ -150,7 +150,7 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
     if (a->kind == EVENT_BACK || group_of(a->kind) == group_of_channel(channel)) {
       a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
       a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
-      if (a->kind == EVENT_APART) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
+      if (a->kind == EVENT_APART && n >= ROADS && n < 2 * ROADS) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
     }
     if (n < ROADS) of_road[n] = y;
     if (y != TSE_R(0)) r_add_row(a->v, gain->m, r_factor(-y, gain->up), all);

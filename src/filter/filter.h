@@ -180,7 +180,7 @@ typedef struct event_says {
   tse_real part, beside, beside_var;    /* 0 where there is no second */
   const tse_event *second;              /* NULL: none */
 } event_says;
-event_says event_of(const tse_kalman *k, int n);
+event_says event_of(const tse_kalman *k, int n); /* of place n */
 int event_is_small(const tse_kalman *k, int n); /* it may explain the samples, and calls for nothing */
 /* something has changed, and before it an axle was known better than now: behind a patch the patch itself is nothing to go back to */
 int may_be_back(const tse_kalman *k);
