@@ -94,6 +94,13 @@ def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
     assert car["grip"] == pytest.approx(0.8, rel=0.01) and 0 < car["grip_sd"] < class_of("grip_sd")
 
 
+@pytest.mark.parametrize(("friction", "notes"), [(1.25, 0), (0.95, 1)])
+def test_a_friction_that_is_edited_beside_a_calibration_is_no_setting(tmp_path, friction, notes):
+    found = '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.0001]]\n'
+    car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n{found}")
+    assert [n.split(" is ")[1][:17] for n in car.notes if "inverse_friction" in n] == ["0.95 and not used"] * notes
+
+
 def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
     car = read(tmp_path, BARE + "cornering_stiffness_front = 90000.0\nauthor_stiffness_rear = 1.0\n")
     assert car.values["cornering_stiffness_front"] == 90000

@@ -32,6 +32,7 @@ DESCRIPTIVE = (
     "driven_axle",
     "source",
 )
+FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
 TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
 ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is thought to be misspelt
 MOST_UNKNOWN = 3  # keys that one message lists
@@ -111,8 +112,7 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
         found[setting] = float(min(sd.get(key, np.inf), ordinary.get(setting, getattr(plain, setting))))
-    inverse = "tyre_saturation_inverse_friction"
-    found["grip"], found["grip_sd"] = grip_of(ordinary, mean.get(inverse), sd.get(inverse))
+    found["grip"], found["grip_sd"] = grip_of(ordinary, mean.get(FRICTION), sd.get(FRICTION))
     # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
@@ -257,6 +257,12 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
         vehicle.notes.append(
             f"{path.name}: [uncertainty] is 0 throughout: the car is taken as known exactly, and bands are of the sensors alone; "
             "of a real car leave the table out, or calibrate it"
+        )
+    found = dict(zip(calibration.get("names", []), calibration.get("mean", []), strict=True)).get(FRICTION)
+    if found is not None and FRICTION in values and abs(values[FRICTION] - found) > 1e-3 * abs(found):
+        vehicle.notes.append(
+            f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: the filter's grip is "
+            f"that of [calibration], {found:.3g}; without that table yours is used, and the sds of an ordinary car"
         )
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
