@@ -210,10 +210,11 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_lag_is_found_and_costs_no_stiffness(driven, case):
-    """2.5 ms: twice the sd that is claimed. How late the IMU is behind the wheels is in the longitudinal stiffness."""
+    """3 ms: 1.3 that tyres take to relax where the car's do at once, 1 of the row in one substep, 0.7 for three times the sd.
+    How late the IMU is behind the wheels is in the longitudinal stiffness."""
     late, steer = CASES[case]
     last = estimated(logged(driven, late))
-    assert last["lag_steer"] == pytest.approx(steer, abs=0.0025)
+    assert last["lag_steer"] == pytest.approx(steer, abs=0.003)
     assert last["lag_steer_sd"] < 0.002
     for key in STIFFNESS[1:] if case == "IMU late" else STIFFNESS:
         assert last[key] == pytest.approx(1.0, abs=0.08 if key == "cx_front" else 0.03), (case, key)
