@@ -110,7 +110,7 @@ def table(constants_asked: dict[str, tuple[float, float]]) -> str:
 
 def _value(name: str) -> float:
     module, _, key = name.rpartition(".")
-    return getattr(importlib.import_module(f"tselab.{module}"), key)
+    return getattr(importlib.import_module(f"tse.impl.{module}"), key)
 
 
 def main() -> int:
