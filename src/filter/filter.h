@@ -28,7 +28,7 @@
 #define sensitivities_clear TSE_NAME(tse_sensitivities_clear)
 #define events_learn   TSE_NAME(tse_events_learn)
 #define events_decide  TSE_NAME(tse_events_decide)
-#define event_of        TSE_NAME(tse_event_of)
+#define event_of TSE_NAME(tse_event_of)
 #define event_is_small TSE_NAME(tse_event_is_small)
 #define event_regime TSE_NAME(tse_event_regime)
 #define may_be_back TSE_NAME(tse_may_be_back)

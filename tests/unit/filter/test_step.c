@@ -471,7 +471,8 @@ static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
   }
 }
 
-/* Slopes at a third of the stiffness say nothing of the whole: the step up is one of the force. Of 200 drives 4 are wrong. */
+/* Slopes at a third of the stiffness say nothing of the whole: the step up is one of the force. One drive in 50 is wrong (4 of seeds
+ * 1 .. 200): more than 3 of 40 would be one in 100. */
 static void test_a_road_that_is_back_is_found_within_seconds(void)
 {
   static truth w;
@@ -494,7 +495,8 @@ static void test_a_road_that_is_back_is_found_within_seconds(void)
   TEST_ASSERT_TRUE(wrong <= 3);
 }
 
-/* Three seconds of water: a change at either end at most (of 200 drives in 195), and then the stiffness is what it was. */
+/* Three seconds of water: a change at either end at most, but for one drive in 40 (5 of seeds 1 .. 200: more than 3 of 40
+ * would be one in 50); and then the stiffness is what it was. */
 static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 {
   static truth w;
