@@ -170,9 +170,7 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
         out[row] = tuple(
             np.concatenate([np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()])
         )
-        if (
-            len(use) and not tells
-        ):  # (17), whole rows and columns, not beyond the start's: else it would grow without end
+        if len(use) and not tells:  # (17), whole rows and columns, to the start's variance at most
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)
             scale[MU] = np.sqrt(np.minimum(forgot, np.maximum(1.0, c.initial_mean_sd**2 / now)))
