@@ -10,14 +10,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from itertools import groupby
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-import orjson
 import pandas as pd
 from tqdm import tqdm
 
@@ -26,6 +24,9 @@ from tse.impl.core import GRIP, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Fiel
 from tse.impl.errors import UserError
 from tse.impl.files import atomic
 from tse.impl.rows import MEASURES, Log
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 DAY = 86400.0  # s
 MOST = 1 << 16  # bytes; no learnt state is longer
@@ -69,13 +70,10 @@ def write_learnt(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-# ---- Rows of a table as CSV, fast: every number in the shortest digits that give the same bits back. A long log is ten
-# million cells, for which pandas takes twenty seconds; orjson writes arrays of numbers, so a CSV is put together from its rows.
+# ---- Rows of a table as CSV: a long log is ten million cells, for which pandas takes twenty seconds and Arrow two.
 
 
 Columns = Mapping[str, Any] | pd.DataFrame  # the columns: arrays, Categoricals or Series
-NUMBERS = ("f8", "f4", "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1")
-QUOTED = set(',"\r\n')  # text with one of these needs more care than there is here
 
 
 def csv_header(table: Columns) -> bytes:
@@ -84,50 +82,32 @@ def csv_header(table: Columns) -> bytes:
 
 
 def csv_rows(table: Columns) -> bytes:
-    """The lines of the rows. Missing values are empty cells."""
-    columns = [getattr(column, "array", column) for _, column in table.items()]
-    if not columns or not len(columns[0]):
+    """The lines of the rows: of every number the shortest digits that give the same bits back; missing values are empty cells."""
+    import pyarrow as pa
+    from pyarrow.csv import WriteOptions, write_csv
+
+    columns = [_arrow(column) for _, column in table.items()]
+    plain = [c.dictionary_decode() if pa.types.is_dictionary(c.type) else c for c in columns]
+    if not plain:
         return b""
-    parts: list[list[bytes]] = []
-    for number, run in groupby(columns, key=_number):
-        for cells in [_numbers(list(run))] if number else map(_words, run):
-            if cells is None:  # a column that only pandas can write
-                return pd.DataFrame(dict(table)).to_csv(index=False, header=False, lineterminator="\n").encode()
-            parts.append(cells)
-    return b"\n".join(map(b",".join, zip(*parts, strict=True))) + b"\n"
+    rows = pa.table(plain, [str(name) for name in table])
+    for quotes in ("none", "needed"):  # what Arrow thinks to need quotes is every text
+        lines = pa.BufferOutputStream()
+        with suppress(pa.ArrowInvalid):  # a text with a comma, a quote or a line's end
+            write_csv(rows, lines, WriteOptions(include_header=False, quoting_style=quotes))
+            break
+    return bytes(lines.getvalue())
 
 
-def _number(column: Any) -> str:
-    """The type of numbers that _numbers() writes; of another column nothing."""
-    kind = getattr(column.dtype, "numpy_dtype", column.dtype)
-    return kind.str if isinstance(kind, np.dtype) and kind.str[1:] in NUMBERS else ""
+def _arrow(column: Any) -> pa.Array:
+    """A column for Arrow, the words of a Categorical once."""
+    import pyarrow as pa
 
-
-def _numbers(columns: list[Any]) -> list[bytes] | None:
-    """The cells of neighbours of one type, joined, a row each; None if this needs pandas."""
-    first = np.asarray(columns[0])
-    values = np.empty((len(first), len(columns)), first.dtype)
-    for i, column in enumerate(columns):
-        values[:, i] = column
-    text = orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY)
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        if np.isinf(values).any():
-            return None
-        text = text.replace(b"null", b"")
-    return text[2:-2].split(b"],[")
-
-
-def _words(column: Any) -> list[bytes] | None:
-    """The cells of a column of text, a row each; None if this needs pandas."""
+    column = getattr(column, "array", column)
     if isinstance(column, pd.Categorical):
-        codes, words = column.codes, column.categories
-    elif isinstance(column.dtype, pd.StringDtype):
-        codes, words = pd.factorize(column)
-    else:
-        return None
-    if not all(isinstance(w, str) and w and QUOTED.isdisjoint(w) for w in words):
-        return None
-    return np.array([*(w.encode() for w in words), b""], object)[codes].tolist()  # code -1: missing
+        codes = pa.array(column.codes, mask=column.codes < 0)
+        return pa.DictionaryArray.from_arrays(codes, pa.array(list(column.categories)))
+    return pa.array(column, from_pandas=True)
 
 
 # ---- the filter over a log
@@ -249,7 +229,7 @@ class _Parquet:
 
         self._pa = pa
         self._waiting: list[Any] = []
-        self._schema = pa.schema([(name, self._array(column).type) for name, column in head.items()])
+        self._schema = pa.schema([(name, _arrow(column).type) for name, column in head.items()])
         self._file = pq.ParquetWriter(file, self._schema)
 
     def __enter__(self) -> _Parquet:
@@ -260,16 +240,9 @@ class _Parquet:
         self._file.close()
 
     def add(self, block: Block) -> None:
-        self._waiting.append(self._pa.table([self._array(x) for x in block.values()], schema=self._schema))
+        self._waiting.append(self._pa.table([_arrow(x) for x in block.values()], schema=self._schema))
         if len(self._waiting) >= GROUP // BLOCK:
             self._flush()
-
-    def _array(self, column: Any) -> Any:
-        if isinstance(column, pd.Categorical):
-            return self._pa.DictionaryArray.from_arrays(
-                self._pa.array(column.codes), self._pa.array(list(column.categories))
-            )
-        return self._pa.array(column)
 
     def _flush(self) -> None:
         if self._waiting:

@@ -135,7 +135,7 @@ class Data:
 
     def add(self, block: Block | pd.DataFrame) -> None:
         """Rows of EST.csv."""
-        columns = {name: np.asarray(column) for name, column in block.items()}
+        columns = {name: np.asarray(column) for name, column in block.items() if not name.endswith("_reason")}
         count = len(columns["time"])
         at = picks(count, self.stride)
         for name, y in drawn(columns).items():
@@ -148,7 +148,7 @@ class Data:
             band = zip(
                 columns[key][at] / 1000,
                 1.96 * columns[f"{key}_sd"][at] / 1000,
-                columns[f"{key}_reason"][at],
+                getattr(block[f"{key}_reason"], "array", block[f"{key}_reason"])[at],
                 strict=True,
             )
             self._hover[key] += [f"{m:.1f} ± {s:.1f} {UNITS[key]}, {r}" for m, s, r in band]
