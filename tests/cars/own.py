@@ -1,5 +1,5 @@
 """An uncalibrated car, estimated with and without a calibration on the log itself (tse/impl/calibrate/own.py): cars of a study,
-and real logs. The manoeuvres of the simulator (manners.py) are too short or too straight for one.
+and real logs. The manoeuvres of the simulator (uncalibrated.py) are too short or too straight for one.
 
     python -m tests.cars.own --keep DIR --first SEED [--cars N] [--out FILE]
 
