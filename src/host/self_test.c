@@ -28,7 +28,7 @@ static const char *fault(void)
   made[2] = (-one - most) + one;
   if (!(made[0] == e && made[1] == zero && made[2] == -e))
     return "sums are wider than a number, or not rounded to nearest: -msse2 -mfpmath=sse, -fexcess-precision=fast";
-  made[0] = acc_add_mul(-one, one + e, one - e);
+  made[0] = -one + (one + e) * (one - e);
   if (!(made[0] == zero)) return "products are not rounded before they are added: -ffp-contract=off";
   made[0] = (one + large) - large;
   made[1] = one + (large - large);

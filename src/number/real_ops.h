@@ -8,7 +8,7 @@
  *                 sees the rest. Free of branches, so that loops over particles vectorise with
  *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
  * fixed           Integers only, 64 bits with 32 of them behind the point: number/fixed.h. Every result
- *                 leaves room for fifteen of them in a native sum; r_add_sat and r_sub_sat stop instead.
+ *                 leaves room for fifteen of them in a native sum; r_add_sat stops instead.
  *
  * What each function guarantees, and the largest error measured (tests/unit/number/test_real_ops.c holds them;
  * LSB = 2^-32; coefficients and their bounds: tests/reference/fit_elementary.py):
@@ -27,6 +27,7 @@
  *   r_sincos_turn  sine and cosine of 2 pi t, t in [0, 1]; t is in turns. sin(0) = sin(1/2) = sin(1) = 0.
  *   r_atan2(y, x)  radians in [-pi, pi], atan2(0, 0) = 0; once a step, not in loops over particles.
  *   r_uniform(w)   a random word as a number in the open interval (0, 1), exact.
+ *   r_share(x, n)  x/n, n > 0; in fixed rounded towards zero.
  *   r_single_bits(x)  a setting as the bits of an IEEE single.
  *   r_to_q24(x)    int32 in units of 2^-24, in which numbers leave the machine: nearest, saturates at +-127; NaN gives
  *                  INT32_MIN. r_from_q24(n): back, nearest.
@@ -70,8 +71,8 @@
 static inline tse_real r_mul(tse_real a, tse_real b) { return a * b; }
 static inline tse_real r_div(tse_real a, tse_real b) { return a / b; }
 static inline tse_real r_add_sat(tse_real a, tse_real b) { return a + b; }
-static inline tse_real r_sub_sat(tse_real a, tse_real b) { return a - b; }
 static inline tse_real r_from_int(int32_t n) { return (tse_real)n; }
+static inline tse_real r_share(tse_real x, int32_t n) { return x / (tse_real)n; }
 static inline tse_real r_from_setting(tse_setting x) { return x; }
 static inline tse_setting r_to_setting(tse_real x) { return x; }
 
@@ -82,18 +83,6 @@ static inline uint32_t r_single_bits(tse_setting x)
   memcpy(&word, &single, sizeof word);
   return word;
 }
-
-typedef tse_real tse_acc;
-static inline tse_acc acc_zero(void) { return 0; }
-static inline tse_acc acc_add(tse_acc s, tse_real a) { return s + a; }
-static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b) { return s + a * b; }
-static inline tse_acc acc_merge(tse_acc s, tse_acc t) { return s + t; }
-static inline tse_real acc_to_real(tse_acc s) { return s; }
-static inline tse_real acc_div(tse_acc num, tse_acc den) { return num / den; }
-static inline tse_acc acc_minus(tse_acc s, tse_acc t) { return s - t; }
-static inline tse_acc acc_times(tse_acc s, int32_t n) { return s * (tse_real)n; }
-static inline tse_acc acc_share(tse_acc s, int32_t n) { return s / (tse_real)n; }
-static inline tse_acc acc_scale(tse_acc s, tse_real u) { return s * u; }
 
 /* What a format has of its own: its bits and the root; the polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2, as wide as it is. */
 #if defined(TSE_REAL_FLOAT)
@@ -313,6 +302,7 @@ static inline int32_t q30_step(int32_t c, int32_t p, int32_t x)
 }
 
 static inline tse_real r_from_int(int32_t n) { return fixed_saturate((int64_t)n * FIXED_ONE); }
+static inline tse_real r_share(tse_real x, int32_t n) { return x / n; }
 static inline tse_real r_from_setting(tse_setting x) { return x; }
 static inline tse_setting r_to_setting(tse_real x) { return x; }
 static inline int r_is_finite(tse_real x) { return x < FIXED_MOST && x > -FIXED_MOST; }
@@ -324,12 +314,6 @@ static inline tse_real r_add_sat(tse_real a, tse_real b)
 {
   if (b > 0) return a > FIXED_MOST - b ? FIXED_MOST : fixed_saturate(a + b);
   return a < -FIXED_MOST - b ? -FIXED_MOST : fixed_saturate(a + b);
-}
-
-static inline tse_real r_sub_sat(tse_real a, tse_real b)
-{
-  if (b < 0) return a > FIXED_MOST + b ? FIXED_MOST : fixed_saturate(a - b);
-  return a < -FIXED_MOST + b ? -FIXED_MOST : fixed_saturate(a - b);
 }
 
 static inline int32_t r_floor_to_int(tse_real x)
@@ -446,22 +430,6 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
   if (x < 0) { a = 13493037705 - a; }
   return y < 0 ? -a : a;
 }
-
-/* Sums over particles: as the numbers themselves, at most 2^16 weights of 1 and less; saturates. */
-typedef int64_t tse_acc;
-
-static inline tse_acc acc_zero(void) { return 0; }
-static inline tse_acc acc_merge(tse_acc s, tse_acc t) { return r_add_sat(s, t); }
-static inline tse_acc acc_add(tse_acc s, tse_real a) { return r_add_sat(s, a); }
-static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b) { return r_add_sat(s, r_mul(a, b)); }
-static inline tse_real acc_to_real(tse_acc s) { return s; }
-static inline tse_real acc_div(tse_acc num, tse_acc den) { return r_div(num, den); }
-
-/* For positions along a cumulative sum of at most 2^16: s - t, s n, s/n, s u. */
-static inline tse_acc acc_minus(tse_acc s, tse_acc t) { return s - t; }
-static inline tse_acc acc_times(tse_acc s, int32_t n) { return r_mul(s, r_from_int(n)); }
-static inline tse_acc acc_share(tse_acc s, int32_t n) { return s / n; }
-static inline tse_acc acc_scale(tse_acc s, tse_real u) { return r_mul(s, u); }
 
 #endif /* format */
 

@@ -1,67 +1,59 @@
 /* paper/estimate.c - (26), (27): moments of the weighted particles. */
 #include "paper/paper.h"
 
+/* Return the sum of products, as everywhere in lanes: one order of summation. At most 2^16 weights of 1 and less fit every format. */
+static tse_real sum_of(const tse_real *weight, const tse_real *value, int32_t count)
+{
+  tse_real lane[TSE_LANES], sum = TSE_R(0);
+  for (int l = 0; l < TSE_LANES; l++) lane[l] = TSE_R(0);
+  for (int32_t i = 0; i < count; i += TSE_LANES)
+    for (int l = 0; l < TSE_LANES; l++) lane[l] = r_add_sat(lane[l], r_mul(weight[i + l], value[i + l]));
+  for (int l = 0; l < TSE_LANES; l++) sum = r_add_sat(sum, lane[l]);
+  return sum;
+}
+
+tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f)
+{
+  tse_real lane[TSE_LANES], total = TSE_R(0);
+  for (int l = 0; l < TSE_LANES; l++) lane[l] = TSE_R(0);
+  for (int32_t i = 0; i < padded(p->particles); i += TSE_LANES)
+    for (int l = 0; l < TSE_LANES; l++) lane[l] = r_add_sat(lane[l], f->weight[i + l]);
+  for (int l = 0; l < TSE_LANES; l++) total = r_add_sat(total, lane[l]);
+  return total;
+}
+
 /* Find weighted mean and variance of n values; variance about the first value, then shifted, so that a spread of millimetres
- * a second on 20 m/s survives in single precision. Lanes as everywhere: fixed order of summation. */
-static void moments(const tse_real *weight, const tse_real *value, int32_t count, tse_acc total, tse_real *mean, tse_real *var)
+ * a second on 20 m/s survives in single precision. */
+static void moments(const tse_real *weight, const tse_real *value, int32_t count, tse_real total, tse_real *mean, tse_real *var)
 {
   const tse_real origin = value[0];
-  tse_acc first[TSE_LANES], second[TSE_LANES], a = acc_zero(), b = acc_zero();
-  for (int l = 0; l < TSE_LANES; l++) first[l] = second[l] = acc_zero();
+  tse_real first[TSE_LANES], second[TSE_LANES], a = TSE_R(0), b = TSE_R(0);
+  for (int l = 0; l < TSE_LANES; l++) first[l] = second[l] = TSE_R(0);
   for (int32_t i = 0; i < count; i += TSE_LANES)
     for (int l = 0; l < TSE_LANES; l++) {
       const tse_real t = value[i + l] - origin, wt = r_mul(weight[i + l], t);
-      first[l] = acc_add(first[l], wt);
-      second[l] = acc_add_mul(second[l], wt, t);
+      first[l] = r_add_sat(first[l], wt);
+      second[l] = r_add_sat(second[l], r_mul(wt, t));
     }
   for (int l = 0; l < TSE_LANES; l++) {
-    a = acc_merge(a, first[l]);
-    b = acc_merge(b, second[l]);
+    a = r_add_sat(a, first[l]);
+    b = r_add_sat(b, second[l]);
   }
-  const tse_real shift = acc_div(a, total);
+  const tse_real shift = r_div(a, total);
   *mean = origin + shift;
-  *var = r_max(TSE_R(0), acc_div(b, total) - r_mul(shift, shift));
-}
-
-/* Return the weighted mean of n values. */
-static tse_real mean_of(const tse_real *weight, const tse_real *value, int32_t count, tse_acc total)
-{
-  tse_acc sum[TSE_LANES], a = acc_zero();
-  for (int l = 0; l < TSE_LANES; l++) sum[l] = acc_zero();
-  for (int32_t i = 0; i < count; i += TSE_LANES)
-    for (int l = 0; l < TSE_LANES; l++) sum[l] = acc_add_mul(sum[l], weight[i + l], value[i + l]);
-  for (int l = 0; l < TSE_LANES; l++) a = acc_merge(a, sum[l]);
-  return acc_div(a, total);
-}
-
-/* Return the sum of the weights. */
-static tse_acc total_weight(const tse_filter_paper *f, int32_t count)
-{
-  tse_acc lanes[TSE_LANES], total = acc_zero();
-  for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_zero();
-  for (int32_t i = 0; i < count; i += TSE_LANES)
-    for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_add(lanes[l], f->weight[i + l]);
-  for (int l = 0; l < TSE_LANES; l++) total = acc_merge(total, lanes[l]);
-  return total;
+  *var = r_max(TSE_R(0), r_div(b, total) - r_mul(shift, shift));
 }
 
 void paper_weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means)
 {
-  const int32_t count = padded(p->particles);
-  const tse_acc total = total_weight(f, count);
-  for (int k = 0; k < n; k++) means[k] = mean_of(f->weight, rows[k], count, total);
+  const tse_real total = paper_total_weight(p, f);
+  for (int k = 0; k < n; k++) means[k] = r_div(sum_of(f->weight, rows[k], padded(p->particles)), total);
 }
 
 tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f)
 {
-  const int32_t count = padded(p->particles);
-  const tse_acc total = total_weight(f, count);
-  tse_acc lanes[TSE_LANES], squares = acc_zero();
-  for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_zero();
-  for (int32_t i = 0; i < count; i += TSE_LANES)
-    for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_add_mul(lanes[l], f->weight[i + l], f->weight[i + l]);
-  for (int l = 0; l < TSE_LANES; l++) squares = acc_merge(squares, lanes[l]);
-  return r_mul(acc_to_real(total), acc_div(total, squares));
+  const tse_real total = paper_total_weight(p, f);
+  return r_mul(total, r_div(total, sum_of(f->weight, f->weight, padded(p->particles))));
 }
 
 void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *y)
@@ -69,7 +61,7 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
   const tse_particles *const q = &f->p;
   const int32_t count = padded(p->particles);
   static const int diagonal[3] = { 0, 3, 5 };
-  const tse_acc total = total_weight(f, count);
+  const tse_real total = paper_total_weight(p, f);
   tse_real x[3], var;
 
   tse_real *const state[3] = { &y->vel_x, &y->vel_y, &y->yaw_rate };
@@ -85,7 +77,7 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
   for (int a = 0; a < 3; a++) {
     tse_real mean;
     moments(f->weight, q->mu[a], count, total, &mean, &var);
-    const tse_real sigma = r_mul(inv, mean_of(f->weight, q->lam[diagonal[a]], count, total));
+    const tse_real sigma = r_mul(inv, r_div(sum_of(f->weight, q->lam[diagonal[a]], count), total));
     y->stiffness[a] = y->stiffness_secant[a] = TSE_R(1) + mean; /* its tyres are linear */
     y->stiffness_sd[a] = r_sqrt(r_mul(f->gamma, sigma) + var);
     y->stiffness_spread[a] = r_sqrt(sigma);

@@ -34,6 +34,7 @@
 #define paper_update_weights    TSE_NAME(tse_paper_update_weights)
 #define paper_normalise         TSE_NAME(tse_paper_normalise)
 #define paper_effective_size    TSE_NAME(tse_paper_effective_size)
+#define paper_total_weight      TSE_NAME(tse_paper_total_weight)
 #define paper_resample          TSE_NAME(tse_paper_resample)
 #define paper_choose_ancestors  TSE_NAME(tse_paper_choose_ancestors)
 #define paper_keep_survivors    TSE_NAME(tse_paper_keep_survivors)
@@ -153,9 +154,10 @@ void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample 
 tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 tse_real paper_normalise(const tse_params *p, tse_filter_paper *f);
 
-/* estimate.c    (26), (27) from the weighted set / N_eff / weighted means of rows */
+/* estimate.c    (26), (27) from the weighted set / N_eff / sum of the weights / weighted means of rows */
 void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *now);
 tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f);
+tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f);
 void paper_weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
 
 /* resample.c    lines 9: copies in proportion to the weights, which are then equal

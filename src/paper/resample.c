@@ -17,44 +17,38 @@ static tse_real uniform(const uint32_t seed[2], uint32_t step, int32_t k)
 }
 
 /* Position k of n on [0, total): (k + u) total/n. */
-static tse_acc position(tse_acc share, int32_t k, tse_real u)
-{
-  return acc_merge(acc_times(share, k), acc_scale(share, u));
-}
+static tse_real position(tse_real share, int32_t k, tse_real u) { return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u)); }
 
-static void multinomial(const tse_real *weight, int32_t n, tse_acc total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+static void multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
 {
   /* Sorted uniforms from the largest down: U_(k) = U_(k+1) U^(1/k), in logs. */
   tse_real log2_u = TSE_R(0);
-  tse_acc above = total; /* weight up to and including particle i */
+  tse_real above = total; /* weight up to and including particle i */
   int32_t i = n - 1;
   for (int32_t k = n; k >= 1; k--) {
     log2_u = log2_u + r_div(r_log2(uniform(seed, step, k)), r_from_int(k));
-    const tse_acc at = acc_scale(total, r_exp2(log2_u));
-    while (i > 0 && !(acc_minus(above, acc_add(acc_zero(), weight[i])) < at)) {
-      above = acc_minus(above, acc_add(acc_zero(), weight[i]));
+    const tse_real at = r_mul(total, r_exp2(log2_u));
+    while (i > 0 && !(above - weight[i] < at)) {
+      above -= weight[i];
       i--;
     }
     ancestor[k - 1] = (uint16_t)i;
   }
 }
 
-static int32_t whole_copies(tse_real weight, int32_t n, tse_acc total)
-{
-  return r_floor_to_int(acc_div(acc_times(acc_add(acc_zero(), weight), n), total));
-}
+static int32_t whole_copies(tse_real weight, int32_t n, tse_real total) { return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total)); }
 
-static void residual(const tse_real *weight, int32_t n, tse_acc total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+static void residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
 {
   int32_t filled = 0, k = 0;
   for (int32_t i = 0; i < n; i++) filled += whole_copies(weight[i], n, total);
   const int32_t rest = n - filled; /* >= 0: a sum of floors */
-  const tse_acc share = acc_share(total, n); /* the rest's weights are n q - floor(n q), in units of total/n */
-  tse_acc sum = acc_zero();
+  const tse_real share = r_share(total, n); /* the rest's weights are n q - floor(n q), in units of total/n */
+  tse_real sum = TSE_R(0);
   int32_t j = 0;
   for (int32_t i = 0; i < n; i++) {
     int32_t copies = whole_copies(weight[i], n, total);
-    sum = acc_merge(sum, acc_minus(acc_add(acc_zero(), weight[i]), acc_times(share, copies)));
+    sum = r_add_sat(sum, weight[i] - r_mul(share, r_from_int(copies)));
     while (k < rest && position(share, k, uniform(seed, step, k)) < sum) {
       copies++;
       k++;
@@ -66,8 +60,8 @@ static void residual(const tse_real *weight, int32_t n, tse_acc total, const uin
 
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
 {
-  tse_acc total = acc_zero(), sum = acc_zero();
-  for (int32_t i = 0; i < n; i++) total = acc_add(total, weight[i]);
+  tse_real total = TSE_R(0), sum = TSE_R(0);
+  for (int32_t i = 0; i < n; i++) total = r_add_sat(total, weight[i]);
   ancestor[0] = 0;
   if (scheme == 2) {
     residual(weight, n, total, seed, step, ancestor);
@@ -78,11 +72,11 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
     return;
   }
 
-  const tse_acc share = acc_share(total, n);
+  const tse_real share = r_share(total, n);
   const tse_real one = uniform(seed, step, 0);
   int32_t k = 0;
   for (int32_t i = 0; i < n; i++) {
-    sum = acc_add(sum, weight[i]);
+    sum = r_add_sat(sum, weight[i]);
     while (k < n && position(share, k, scheme == 1 ? uniform(seed, step, k) : one) < sum) ancestor[k++] = (uint16_t)i;
   }
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as above */

@@ -59,13 +59,7 @@ tse_real paper_normalise(const tse_params *p, tse_filter_paper *f)
   tse_real *const logw = f->p.logw[0];
   const int32_t n = p->particles;
   tse_real lane[TSE_LANES];
-  tse_acc sum[TSE_LANES];
-  tse_acc total = acc_zero();
-
-  for (int l = 0; l < TSE_LANES; l++) {
-    lane[l] = logw[l];
-    sum[l] = acc_zero();
-  } /* n >= 16 */
+  for (int l = 0; l < TSE_LANES; l++) lane[l] = logw[l]; /* n >= 16 */
   for (int32_t i = 0; i + TSE_LANES <= n; i += TSE_LANES)
     for (int l = 0; l < TSE_LANES; l++) lane[l] = r_max(lane[l], logw[i + l]);
   for (int32_t i = n / TSE_LANES * TSE_LANES; i < n; i++) lane[0] = r_max(lane[0], logw[i]);
@@ -81,9 +75,6 @@ tse_real paper_normalise(const tse_params *p, tse_filter_paper *f)
     f->weight[i] = r_exp2(logw[i]);
   }
   for (int32_t i = n; i < count; i++) f->weight[i] = TSE_R(0);
-  for (int32_t i = 0; i < count; i += TSE_LANES)
-    for (int l = 0; l < TSE_LANES; l++) sum[l] = acc_add(sum[l], f->weight[i + l]);
-  for (int l = 0; l < TSE_LANES; l++) total = acc_merge(total, sum[l]);
-  f->log_total = r_log2(acc_to_real(total));
+  f->log_total = r_log2(paper_total_weight(p, f));
   return largest;
 }

@@ -77,7 +77,7 @@ SWAPS = {  # operator: what takes its place
         "r_div": ["r_mul"],
         "r_min": ["r_max"],
         "r_max": ["r_min"],
-        "r_add_sat": ["r_sub_sat"],
+        "r_add_sat": ["r_max"],
         "r_abs": [""],
         "r_sqrt": [""],
         "r_sqr": [""],

@@ -53,26 +53,8 @@ private:
 
 #define TSE_R(x) (tse_real::wrap((double)(x)))
 
-// A sum over particles. Of another type than tse_real, because it may have another scale.
-class tse_acc {
-public:
-  tse_acc() = default;
-  static constexpr tse_acc wrap(double value) { return tse_acc(value); }
-  static constexpr double raw(tse_acc x) { return x.value_; }
-
-  friend constexpr bool operator<(tse_acc a, tse_acc b) { return a.value_ < b.value_; }
-  friend constexpr bool operator>(tse_acc a, tse_acc b) { return a.value_ > b.value_; }
-  friend constexpr bool operator<=(tse_acc a, tse_acc b) { return a.value_ <= b.value_; }
-  friend constexpr bool operator>=(tse_acc a, tse_acc b) { return a.value_ >= b.value_; }
-
-private:
-  explicit constexpr tse_acc(double value) : value_(value) {}
-  double value_;
-};
-
 // The core copies whole structures and clears them with memset.
 static_assert(std::is_trivial<tse_real>::value && sizeof(tse_real) == sizeof(double), "");
-static_assert(std::is_trivial<tse_acc>::value, "");
 
 typedef double tse_setting;
 
@@ -86,7 +68,6 @@ typedef double tse_setting;
 R_STRONG_2(r_mul)
 R_STRONG_2(r_div)
 R_STRONG_2(r_add_sat)
-R_STRONG_2(r_sub_sat)
 R_STRONG_2(r_atan2)
 R_STRONG_1(r_abs)
 R_STRONG_1(r_sqrt)
@@ -99,6 +80,7 @@ static inline int r_is_finite(tse_real x) { return plain::r_is_finite(tse_real::
 static inline int r_is_nan(tse_real x) { return plain::r_is_nan(tse_real::raw(x)); }
 static inline int32_t r_floor_to_int(tse_real x) { return plain::r_floor_to_int(tse_real::raw(x)); }
 static inline tse_real r_from_int(int32_t n) { return tse_real::wrap(n); }
+static inline tse_real r_share(tse_real x, int32_t n) { return tse_real::wrap(plain::r_share(tse_real::raw(x), n)); }
 static inline tse_real r_uniform(uint32_t word) { return tse_real::wrap(plain::r_uniform(word)); }
 static inline int32_t r_to_q24(tse_real x) { return plain::r_to_q24(tse_real::raw(x)); }
 static inline tse_real r_from_q24(int32_t n) { return tse_real::wrap(plain::r_from_q24(n)); }
@@ -110,35 +92,6 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
   plain::r_sincos_turn(tse_real::raw(t), &sine, &cosine);
   *s = tse_real::wrap(sine);
   *c = tse_real::wrap(cosine);
-}
-
-static inline tse_acc acc_zero(void) { return tse_acc::wrap(0.0); }
-static inline tse_acc acc_add(tse_acc s, tse_real a)
-{
-  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a));
-}
-static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b)
-{
-  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a) * tse_real::raw(b));
-}
-static inline tse_acc acc_merge(tse_acc s, tse_acc t)
-{
-  return tse_acc::wrap(tse_acc::raw(s) + tse_acc::raw(t));
-}
-static inline tse_real acc_to_real(tse_acc s) { return tse_real::wrap(tse_acc::raw(s)); }
-static inline tse_real acc_div(tse_acc num, tse_acc den)
-{
-  return tse_real::wrap(tse_acc::raw(num) / tse_acc::raw(den));
-}
-static inline tse_acc acc_minus(tse_acc s, tse_acc t)
-{
-  return tse_acc::wrap(tse_acc::raw(s) - tse_acc::raw(t));
-}
-static inline tse_acc acc_times(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) * n); }
-static inline tse_acc acc_share(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) / n); }
-static inline tse_acc acc_scale(tse_acc s, tse_real u)
-{
-  return tse_acc::wrap(tse_acc::raw(s) * tse_real::raw(u));
 }
 
 #endif

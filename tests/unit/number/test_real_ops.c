@@ -415,37 +415,6 @@ static void test_numbers_leave_the_machine_in_units_of_2_to_the_minus_24(void)
   TEST_ASSERT_EQUAL_INT32(-1, r_to_q24(real(-0.6 / 16777216)));
 }
 
-static void test_sums_over_particles_equal_the_sum_in_double(void)
-{
-  enum { COUNT = 512 };
-  uint32_t state = 5;
-  tse_acc sum = acc_zero(), products = acc_zero(), halves[2];
-  double expected = 0.0, expected_products = 0.0, magnitude = 0.0;
-  halves[0] = halves[1] = acc_zero();
-  for (int i = 0; i < COUNT; i++) {
-    const tse_real w = r_uniform(next_word(&state)), x = r_mul(TSE_R(40), r_uniform(next_word(&state))) - TSE_R(20);
-    sum = acc_add(sum, w);
-    products = acc_add_mul(products, w, x);
-    halves[i % 2] = acc_add_mul(halves[i % 2], w, x);
-    expected += number(w);
-    expected_products += number(w) * number(x);
-    magnitude += fabs(number(w) * number(x));
-  }
-  /* n roundings, each half an ulp of a partial sum; of fixed, of each product. */
-#if defined(TSE_REAL_FIXED)
-  const double ulp = 0.0, round_once = 0.51 * LSB * COUNT;
-#else
-  const double ulp = (sizeof(tse_real) == 4 ? ldexp(1.0, -24) : ldexp(1.0, -53)) * COUNT, round_once = 0.0;
-#endif
-  expect_near(expected, acc_to_real(sum), 2 * ulp * expected + round_once, "sum", COUNT);
-  expect_near(expected_products, acc_to_real(products), 2 * ulp * magnitude + round_once, "sum of products", COUNT);
-  expect_near(expected_products, acc_to_real(acc_merge(halves[0], halves[1])), 2 * ulp * magnitude + round_once,
-              "merged sum", COUNT);
-  expect_near(expected_products / expected, acc_div(products, sum), 4 * ulp * magnitude / expected + round_once,
-              "weighted mean", COUNT);
-  TEST_ASSERT_TRUE(acc_zero() < sum);
-}
-
 /* ---------------------------------------------------------------------------------------- fixed */
 #if defined(TSE_REAL_FIXED)
 
@@ -490,7 +459,6 @@ static void expect_product_and_quotient(int64_t a, int64_t b)
     TEST_ASSERT_EQUAL_INT64(nearest_away((wide)a * FIXED_ONE, b), r_div(a, b));
   }
   TEST_ASSERT_EQUAL_INT64(limited((wide)a + b), r_add_sat(a, b));
-  TEST_ASSERT_EQUAL_INT64(limited((wide)a - b), r_sub_sat(a, b));
 }
 
 static void test_fixed_products_and_quotients_round_to_nearest_and_saturate(void)
@@ -515,7 +483,6 @@ static void test_fixed_division_by_zero_saturates_with_the_sign_of_the_numerator
   TEST_ASSERT_EQUAL_INT64(-FIXED_MOST, r_div(-1, 0));
   TEST_ASSERT_EQUAL_INT64(-FIXED_MOST, r_div(INT64_MIN, 0));
   TEST_ASSERT_EQUAL_INT64(0, r_div(0, 0));
-  TEST_ASSERT_EQUAL_INT64(FIXED_MOST, acc_div(1, 0));
 }
 
 /* Fifteen results of any operation may be added natively. */
@@ -526,8 +493,8 @@ static void test_fixed_results_leave_room_for_sums(void)
       const int64_t a = extreme[i], b = extreme[j];
       tse_real s, c;
       r_sincos_turn(a, &s, &c);                              /* also: no undefined behaviour anywhere */
-      const tse_real result[] = { r_mul(a, b), r_div(a, b), r_add_sat(a, b), r_sub_sat(a, b), r_atan2(a, b), r_sqrt(a), r_log2(a),
-                                  r_exp2(a), s, c, r_sqr(a), acc_add_mul(acc_zero(), a, b), acc_div(a, b),
+      const tse_real result[] = { r_mul(a, b), r_div(a, b), r_add_sat(a, b), r_atan2(a, b), r_sqrt(a), r_log2(a),
+                                  r_exp2(a), s, c, r_sqr(a), r_share(a, 3),
                                   r_from_int(r_floor_to_int(a)), r_from_q24(r_to_q24(a)) };
       for (size_t k = 0; k < ROWS(result); k++) {
         TEST_ASSERT_TRUE(result[k] <= INT64_MAX / 15 && result[k] >= -(INT64_MAX / 15));
@@ -689,7 +656,6 @@ int main(void)
   RUN_TEST(test_broken_numbers_are_recognised_by_their_bits);
   RUN_TEST(test_settings_survive_the_way_there_and_back);
   RUN_TEST(test_numbers_leave_the_machine_in_units_of_2_to_the_minus_24);
-  RUN_TEST(test_sums_over_particles_equal_the_sum_in_double);
 #if defined(TSE_REAL_FIXED)
   RUN_TEST(test_fixed_products_and_quotients_round_to_nearest_and_saturate);
   RUN_TEST(test_fixed_division_by_zero_saturates_with_the_sign_of_the_numerator);
