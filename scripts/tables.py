@@ -111,18 +111,16 @@ def field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, sa
     return f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, {text(says)} }},"
 
 
-def fmu_name(group: str, name: str, row: Row) -> str:
+def fmu_name(group: str, name: str) -> str:
     """Return the name of a setting among the parameters of an FMU."""
-    if group == "effects":
-        return f"effects.{row['effect']}.{name.removeprefix(row['effect'] + '_')}"
     return f"{ {'formula': 'effects', 'sim': 'simulation'}.get(group, group) }.{name}"
 
 
 def settings_lists() -> Iterator[str]:
-    """Yield a list of settings for each of their tables."""
-    for group in (*CONFIG, "sim"):
+    """Yield a list of settings for each of their tables; that of the effects is made of their parameters."""
+    for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
-            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n, r))}, {n}, {start(r)}, {c(r['least'])}, {c(r['most'])}, "
+            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, {c(r['least'])}, {c(r['most'])}, "
             f"{text(r['unit'])}, {text(r['text'])})"
             for n, r in settings(group).items()
         ]
@@ -250,12 +248,6 @@ def config_groups() -> list[str]:
     return packed([*parts, f"FIRST_WHOLE_FORMULA = {wholes.index(own[0])},", f"COUNT_WHOLE_FORMULA = {len(own)},"])
 
 
-def effect_settings() -> list[str]:
-    return packed(
-        f"{{ TSE_EFFECT_{r['effect']}, {int(r['role'] == 'STRENGTH')} }}," for r in settings("effects").values()
-    )
-
-
 def vehicle_names() -> list[str]:
     return packed(f'"{n}",' for n in settings("vehicle"))
 
@@ -303,15 +295,15 @@ def effects_described() -> list[str]:
     ]  # fmt: skip
 
 
-def effect_parameters_described() -> list[str]:
+def effect_parameters() -> Iterator[str]:
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
-    return [
-        f"{{ {text(i)}, {text(p)}, {text(f'{i}_{p}')}, {text(r['unit'])}, {text(r['text'])}, {roles[r['role']]}, {r['sign']}, "
-        + ", ".join(c(x) for x in (r["default"], r["least"], r["most"], *r["typical"], r["negligible"]))
-        + " },"
+    rows = [
+        f"ROW(REAL, {i}, {p}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])}, "
+        f"{roles[r['role']]}, {r['sign']}, {', '.join(c(x) for x in (*r['typical'], r['negligible']))})"
         for i, e in read("effects").items()
         for p, r in e["parameter"].items()
     ]
+    yield from listed("EFFECT_PARAMETERS(ROW, REAL)", rows)
 
 
 def hooked(hooks: Iterable[str]) -> list[str]:

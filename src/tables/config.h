@@ -16,28 +16,10 @@ enum { REALS = sizeof reals / sizeof reals[0],
 };
 
 /* Of the settings from FIRST_EFFECTS on: the effect, and whether it is a strength. */
+#define EFFECT_OF(REAL, effect, parameter, def, lo, hi, unit, text, strength, ...) { TSE_EFFECT_##effect, (strength) > 0 },
 static const struct {
   uint8_t effect, strength;
-} effect_settings[COUNT_EFFECTS] = {
-  /* table: effect_settings */
-  { TSE_EFFECT_mass, 1 }, { TSE_EFFECT_yaw_inertia, 1 }, { TSE_EFFECT_cg_shift, 1 }, { TSE_EFFECT_wheel_radius, 1 },
-  { TSE_EFFECT_steering_ratio, 1 }, { TSE_EFFECT_steering_offset, 1 }, { TSE_EFFECT_steering_delay, 1 },
-  { TSE_EFFECT_steering_lag, 1 }, { TSE_EFFECT_steering_lag, 0 }, { TSE_EFFECT_exact_kinematics, 1 },
-  { TSE_EFFECT_steering_compliance, 1 }, { TSE_EFFECT_steering_compliance, 0 }, { TSE_EFFECT_rear_roll_steer, 1 },
-  { TSE_EFFECT_rear_roll_steer, 0 }, { TSE_EFFECT_rear_roll_steer, 0 }, { TSE_EFFECT_rear_roll_steer, 0 },
-  { TSE_EFFECT_relaxation, 1 }, { TSE_EFFECT_longitudinal_relaxation, 1 }, { TSE_EFFECT_stiffness_drift, 1 },
-  { TSE_EFFECT_stiffness_drift, 0 }, { TSE_EFFECT_stiffness_drift, 0 }, { TSE_EFFECT_combined_slip, 1 },
-  { TSE_EFFECT_tyre_saturation, 1 }, { TSE_EFFECT_tyre_saturation, 0 }, { TSE_EFFECT_longitudinal_load_transfer, 1 },
-  { TSE_EFFECT_lateral_load_transfer, 1 }, { TSE_EFFECT_lateral_load_transfer, 0 }, { TSE_EFFECT_aero_drag, 1 },
-  { TSE_EFFECT_rolling_resistance, 1 }, { TSE_EFFECT_grade, 1 }, { TSE_EFFECT_bank, 1 }, { TSE_EFFECT_bank, 1 },
-  { TSE_EFFECT_crosswind, 1 }, { TSE_EFFECT_crosswind, 0 }, { TSE_EFFECT_crosswind, 0 }, { TSE_EFFECT_crosswind, 0 },
-  { TSE_EFFECT_conicity, 1 }, { TSE_EFFECT_conicity, 1 }, { TSE_EFFECT_aligning_moment, 1 }, { TSE_EFFECT_imu_lever_arm, 1 },
-  { TSE_EFFECT_imu_lever_arm, 1 }, { TSE_EFFECT_body_roll, 1 }, { TSE_EFFECT_body_roll, 0 }, { TSE_EFFECT_body_roll, 0 },
-  { TSE_EFFECT_body_roll, 0 }, { TSE_EFFECT_body_roll, 0 }, { TSE_EFFECT_pitch_leak, 1 }, { TSE_EFFECT_pitch_leak, 0 },
-  { TSE_EFFECT_pitch_leak, 0 }, { TSE_EFFECT_pitch_leak, 0 }, { TSE_EFFECT_imu_misalignment, 1 }, { TSE_EFFECT_imu_scale_ax, 1 },
-  { TSE_EFFECT_imu_scale_ay, 1 }, { TSE_EFFECT_gyro_scale, 1 }, { TSE_EFFECT_imu_delay, 1 },
-  /* end of table */
-};
+} effect_settings[COUNT_EFFECTS] = { EFFECT_PARAMETERS(EFFECT_OF, ) };
 
 /* An ordinary car of its class, uncalibrated.toml. */
 /* table: car_class */
@@ -65,4 +47,5 @@ static const struct {
 };
 #undef CONFIG_REAL
 #undef CONFIG_WHOLE
+#undef EFFECT_OF
 #undef SET

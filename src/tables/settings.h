@@ -1,8 +1,72 @@
 /* tables/settings.h - every setting once: lists that the settings (config.h, sim.h), tse_describe() and the FMUs make their rows of.
  *   REAL, WHOLE(name in an FMU, member, default, least, most, unit, text)
+ *   EFFECT_PARAMETERS   ROW(REAL as it was given, effect, parameter, default, least, most, unit, text, strength, sign, typical from, to,
+ *                       negligible): the last as in tse_effect_parameter
  * Internal to the sources. */
 #ifndef TABLES_SETTINGS_H
 #define TABLES_SETTINGS_H
+
+/* table: effect_parameters */
+#define EFFECT_PARAMETERS(ROW, REAL) \
+  ROW(REAL, mass, change, 0.0, -0.5, 1.0, "1", "true mass over the setting's, less one", 1, 0, 0.1, 0.2, 0.03) \
+  ROW(REAL, yaw_inertia, change, 0.0, -0.5, 1.0, "1", "true yaw inertia over the setting's, less one", 1, 0, 0.1, 0.2, 0.03) \
+  ROW(REAL, cg_shift, distance, 0.0, -0.6, 0.6, "m", "added to lf, taken from lr; at most 9/10 of either", 1, 0, 0.05, 0.15, 0.02) \
+  ROW(REAL, wheel_radius, change, 0.0, -0.1, 0.1, "1", "true rolling radius over the setting's, less one; both axles", 1, 0, 0.01, 0.025, 0.002) \
+  ROW(REAL, steering_ratio, change, 0.0, -0.3, 0.3, "1", "true road-wheel angle over the logged one, less one", 1, 0, 0.02, 0.06, 0.005) \
+  ROW(REAL, steering_offset, angle, 0.0, -0.05, 0.05, "rad", "true road-wheel angle less the logged one", 1, 0, 0.0017, 0.0087, 0.0003) \
+  ROW(REAL, steering_delay, time, 0.0, 0.0, 0.2, "s", "the wheels turn this much later than logged", 1, 1, 0.01, 0.04, 0.002) \
+  ROW(REAL, steering_lag, time, 0.0, 0.0, 0.5, "s", "time constant from the logged angle to the wheels, of both lags together", 1, 1, 0.02, 0.06, 0.003) \
+  ROW(REAL, steering_lag, second, 0.0, 0.0, 1.0, "1", "second lag over the first; 0: one lag only", 0, 1, 0.0, 1.0, 0.0) \
+  ROW(REAL, exact_kinematics, share, 1.0, 0.0, 1.0, "1", "0: (1)-(4) with small angles, 1: exact, between: a mixture", 1, 1, 1.0, 1.0, 0.2) \
+  ROW(REAL, steering_compliance, angle_per_moment, 0.0, 0.0, 0.001, "rad/(N m)", "steering angle lost per moment about the steering axis", 1, 1, 3.5e-05, 8.7e-05, 1e-05) \
+  ROW(REAL, steering_compliance, trail, 0.03, 0.001, 0.2, "m", "lever of the lateral force about the steering axis", -1, 1, 0.02, 0.05, 0.0) \
+  ROW(REAL, rear_roll_steer, gain, 0.0, -0.5, 0.5, "1", "rear steering angle per roll angle, into the turn", 1, 1, 0.03, 0.1, 0.01) \
+  ROW(REAL, rear_roll_steer, roll, 0.0075, 0.0005, 0.03, "rad s2/m", "roll angle per lateral acceleration", -1, 1, 0.0053, 0.0107, 0.0) \
+  ROW(REAL, rear_roll_steer, frequency, 1.5, 0.3, 6.0, "Hz", "natural frequency of the roll", 0, 1, 1.2, 2.0, 0.0) \
+  ROW(REAL, rear_roll_steer, damping, 0.3, 0.05, 2.0, "1", "damping ratio of the roll", 0, 1, 0.2, 0.4, 0.0) \
+  ROW(REAL, relaxation, length, 0.0, 0.0, 3.0, "m", "way that the slip angle takes to build up", 1, 1, 0.3, 0.7, 0.05) \
+  ROW(REAL, longitudinal_relaxation, length, 0.0, 0.0, 2.0, "m", "way that the slip takes to build up", 1, 1, 0.1, 0.4, 0.02) \
+  ROW(REAL, stiffness_drift, change, 0.0, -0.6, 1.0, "1", "of all stiffnesses, when the drift has ended", 1, 0, 0.05, 0.15, 0.01) \
+  ROW(REAL, stiffness_drift, time, 600.0, 0.001, 36000.0, "s", "how long it drifts; short: a step", -1, 1, 30.0, 3600.0, 0.0) \
+  ROW(REAL, stiffness_drift, start, 0.0, 0.0, 36000.0, "s", "when it begins, from the start", -1, 1, 0.0, 600.0, 0.0) \
+  ROW(REAL, combined_slip, factor, 0.0, 0.0, 2000.0, "1", "k of 1/sqrt(1 + k slip^2)", 1, 1, 50.0, 100.0, 10.0) \
+  ROW(REAL, tyre_saturation, inverse_friction, 0.0, 0.0, 5.0, "1", "1/friction: axle load over the most lateral force", 1, 1, 0.9, 1.0, 0.2) \
+  ROW(REAL, tyre_saturation, shape, 0.0, 0.0, 1.0, "1", "0: brush model with parabolic pressure, 1: root, which saturates later and harder", 0, 1, 0.0, 1.0, 0.0) \
+  ROW(REAL, longitudinal_load_transfer, gain, 0.0, -0.08, 0.08, "s2/m", "cornering stiffness per accel_x: less in front, more in the rear", 1, 1, 0.02, 0.04, 0.004) \
+  ROW(REAL, lateral_load_transfer, gain, 0.0, -0.003, 0.03, "s4/m2", "k of C (1 - k accel_y^2)", 1, 1, 0.002, 0.005, 0.0004) \
+  ROW(REAL, lateral_load_transfer, balance, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): which axle carries the roll", 0, 0, -0.3, 0.3, 0.0) \
+  ROW(REAL, aero_drag, coefficient, 0.0, 0.0, 5.0, "kg/m", "force per speed squared: 1/2 rho cd A", 1, 1, 0.35, 0.45, 0.1) \
+  ROW(REAL, rolling_resistance, coefficient, 0.0, 0.0, 0.2, "1", "force per weight, against the motion", 1, 1, 0.008, 0.015, 0.003) \
+  ROW(REAL, grade, angle, 0.0, -0.35, 0.35, "rad", "slope of the road, uphill > 0; replay adds a profile", 1, 0, 0.01, 0.06, 0.003) \
+  ROW(REAL, bank, angle, 0.0, -0.35, 0.35, "rad", "left side of the road high > 0; replay adds a profile", 1, 0, 0.015, 0.03, 0.003) \
+  ROW(REAL, bank, superelevation, 0.0, -0.5, 0.5, "1", "share of speed times yaw rate that the road's lean into its curves takes over", 1, 1, 0.05, 0.2, 0.03) \
+  ROW(REAL, crosswind, speed, 0.0, -30.0, 30.0, "m/s", "steady wind, pushing to the left at the heading of the start > 0", 1, 0, 3.0, 10.0, 1.0) \
+  ROW(REAL, crosswind, heading, 0.0, -3.2, 3.2, "rad", "heading at the start from where the wind is a side wind", -1, 0, -3.2, 3.2, 0.0) \
+  ROW(REAL, crosswind, coefficient, 2.8, 0.1, 30.0, "kg/m", "side force per wind times air speed", -1, 1, 2.0, 4.0, 0.0) \
+  ROW(REAL, crosswind, arm, 0.45, -3.0, 3.0, "m", "centre of pressure before the centre of gravity", 0, 0, 0.3, 0.6, 0.0) \
+  ROW(REAL, conicity, front, 0.0, -2000.0, 2000.0, "N", "side force of the front axle without slip", 1, 0, 50.0, 150.0, 20.0) \
+  ROW(REAL, conicity, rear, 0.0, -2000.0, 2000.0, "N", "side force of the rear axle without slip", 1, 0, 50.0, 150.0, 20.0) \
+  ROW(REAL, aligning_moment, trail, 0.0, -0.2, 0.2, "m", "lateral forces act this far behind the axles", 1, 1, 0.02, 0.04, 0.005) \
+  ROW(REAL, imu_lever_arm, x, 0.0, -4.0, 4.0, "m", "IMU before the centre of gravity", 1, 0, 0.2, 0.8, 0.05) \
+  ROW(REAL, imu_lever_arm, y, 0.0, -2.0, 2.0, "m", "IMU left of the centre of gravity", 1, 0, 0.2, 0.8, 0.05) \
+  ROW(REAL, body_roll, gain, 0.0, -0.02, 0.04, "rad s2/m", "roll angle per lateral acceleration", 1, 1, 0.0053, 0.0107, 0.0008) \
+  ROW(REAL, body_roll, frequency, 1.5, 0.3, 6.0, "Hz", "natural frequency", 0, 1, 1.2, 2.0, 0.0) \
+  ROW(REAL, body_roll, damping, 0.3, 0.05, 2.0, "1", "damping ratio", 0, 1, 0.2, 0.4, 0.0) \
+  ROW(REAL, body_roll, height, 0.0, -1.0, 1.5, "m", "IMU above the roll axis", 0, 0, 0.0, 0.6, 0.0) \
+  ROW(REAL, body_roll, coupling, 0.0, -0.5, 1.0, "m", "sprung mass over mass times height of its centre of gravity above the roll axis: it pushes the car", 0, 1, 0.0, 0.5, 0.0) \
+  ROW(REAL, pitch_leak, gain, 0.0, -0.01, 0.03, "rad s2/m", "pitch angle per longitudinal acceleration, nose up > 0", 1, 1, 0.0027, 0.0053, 0.0006) \
+  ROW(REAL, pitch_leak, frequency, 1.8, 0.3, 6.0, "Hz", "natural frequency", 0, 1, 1.4, 2.2, 0.0) \
+  ROW(REAL, pitch_leak, damping, 0.4, 0.05, 2.0, "1", "damping ratio", 0, 1, 0.2, 0.5, 0.0) \
+  ROW(REAL, pitch_leak, height, 0.0, -1.0, 1.5, "m", "IMU above the pitch axis", 0, 0, 0.0, 0.6, 0.0) \
+  ROW(REAL, imu_misalignment, angle, 0.0, -0.2, 0.2, "rad", "IMU turned to the left > 0", 1, 0, 0.017, 0.052, 0.004) \
+  ROW(REAL, imu_scale_ax, error, 0.0, -0.3, 0.3, "1", "reading over true, less one", 1, 0, 0.01, 0.05, 0.005) \
+  ROW(REAL, imu_scale_ay, error, 0.0, -0.3, 0.3, "1", "reading over true, less one", 1, 0, 0.01, 0.05, 0.005) \
+  ROW(REAL, gyro_scale, error, 0.0, -0.3, 0.3, "1", "reading over true, less one", 1, 0, 0.01, 0.03, 0.003) \
+  ROW(REAL, imu_delay, time, 0.0, 0.0, 0.2, "s", "readings are this much older than inputs", 1, 1, 0.01, 0.03, 0.002)
+/* end of table */
+#define EFFECT_SETTING(REAL, effect, parameter, def, lo, hi, unit, text, ...) \
+  REAL("effects." #effect "." #parameter, effect##_##parameter, def, lo, hi, unit, text)
+#define SETTINGS_EFFECTS(REAL, WHOLE) EFFECT_PARAMETERS(EFFECT_SETTING, REAL)
 
 /* table: settings_lists */
 #define SETTINGS_VEHICLE(REAL, WHOLE) \
@@ -66,62 +130,6 @@
   REAL("velocity.velocity_scale_sd", velocity_scale_sd, 0.02, 0.0, 0.2, "1", "sd of the scale of a measured speed over that of the wheels: both wheel radii")
 #define SETTINGS_PEDALS(REAL, WHOLE) \
   REAL("pedals.wheel_torque_least", wheel_torque_least, 60.0, 1.0, 2000.0, "Nm", "an axle with less torque than this rolls freely: two sd of its offset and noise")
-#define SETTINGS_EFFECTS(REAL, WHOLE) \
-  REAL("effects.mass.change", mass_change, 0.0, -0.5, 1.0, "1", "true mass over the setting's, less one") \
-  REAL("effects.yaw_inertia.change", yaw_inertia_change, 0.0, -0.5, 1.0, "1", "true yaw inertia over the setting's, less one") \
-  REAL("effects.cg_shift.distance", cg_shift_distance, 0.0, -0.6, 0.6, "m", "added to lf, taken from lr; at most 9/10 of either") \
-  REAL("effects.wheel_radius.change", wheel_radius_change, 0.0, -0.1, 0.1, "1", "true rolling radius over the setting's, less one; both axles") \
-  REAL("effects.steering_ratio.change", steering_ratio_change, 0.0, -0.3, 0.3, "1", "true road-wheel angle over the logged one, less one") \
-  REAL("effects.steering_offset.angle", steering_offset_angle, 0.0, -0.05, 0.05, "rad", "true road-wheel angle less the logged one") \
-  REAL("effects.steering_delay.time", steering_delay_time, 0.0, 0.0, 0.2, "s", "the wheels turn this much later than logged") \
-  REAL("effects.steering_lag.time", steering_lag_time, 0.0, 0.0, 0.5, "s", "time constant from the logged angle to the wheels, of both lags together") \
-  REAL("effects.steering_lag.second", steering_lag_second, 0.0, 0.0, 1.0, "1", "second lag over the first; 0: one lag only") \
-  REAL("effects.exact_kinematics.share", exact_kinematics_share, 1.0, 0.0, 1.0, "1", "0: (1)-(4) with small angles, 1: exact, between: a mixture") \
-  REAL("effects.steering_compliance.angle_per_moment", steering_compliance_angle_per_moment, 0.0, 0.0, 0.001, "rad/(N m)", "steering angle lost per moment about the steering axis") \
-  REAL("effects.steering_compliance.trail", steering_compliance_trail, 0.03, 0.001, 0.2, "m", "lever of the lateral force about the steering axis") \
-  REAL("effects.rear_roll_steer.gain", rear_roll_steer_gain, 0.0, -0.5, 0.5, "1", "rear steering angle per roll angle, into the turn") \
-  REAL("effects.rear_roll_steer.roll", rear_roll_steer_roll, 0.0075, 0.0005, 0.03, "rad s2/m", "roll angle per lateral acceleration") \
-  REAL("effects.rear_roll_steer.frequency", rear_roll_steer_frequency, 1.5, 0.3, 6.0, "Hz", "natural frequency of the roll") \
-  REAL("effects.rear_roll_steer.damping", rear_roll_steer_damping, 0.3, 0.05, 2.0, "1", "damping ratio of the roll") \
-  REAL("effects.relaxation.length", relaxation_length, 0.0, 0.0, 3.0, "m", "way that the slip angle takes to build up") \
-  REAL("effects.longitudinal_relaxation.length", longitudinal_relaxation_length, 0.0, 0.0, 2.0, "m", "way that the slip takes to build up") \
-  REAL("effects.stiffness_drift.change", stiffness_drift_change, 0.0, -0.6, 1.0, "1", "of all stiffnesses, when the drift has ended") \
-  REAL("effects.stiffness_drift.time", stiffness_drift_time, 600.0, 0.001, 36000.0, "s", "how long it drifts; short: a step") \
-  REAL("effects.stiffness_drift.start", stiffness_drift_start, 0.0, 0.0, 36000.0, "s", "when it begins, from the start") \
-  REAL("effects.combined_slip.factor", combined_slip_factor, 0.0, 0.0, 2000.0, "1", "k of 1/sqrt(1 + k slip^2)") \
-  REAL("effects.tyre_saturation.inverse_friction", tyre_saturation_inverse_friction, 0.0, 0.0, 5.0, "1", "1/friction: axle load over the most lateral force") \
-  REAL("effects.tyre_saturation.shape", tyre_saturation_shape, 0.0, 0.0, 1.0, "1", "0: brush model with parabolic pressure, 1: root, which saturates later and harder") \
-  REAL("effects.longitudinal_load_transfer.gain", longitudinal_load_transfer_gain, 0.0, -0.08, 0.08, "s2/m", "cornering stiffness per accel_x: less in front, more in the rear") \
-  REAL("effects.lateral_load_transfer.gain", lateral_load_transfer_gain, 0.0, -0.003, 0.03, "s4/m2", "k of C (1 - k accel_y^2)") \
-  REAL("effects.lateral_load_transfer.balance", lateral_load_transfer_balance, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): which axle carries the roll") \
-  REAL("effects.aero_drag.coefficient", aero_drag_coefficient, 0.0, 0.0, 5.0, "kg/m", "force per speed squared: 1/2 rho cd A") \
-  REAL("effects.rolling_resistance.coefficient", rolling_resistance_coefficient, 0.0, 0.0, 0.2, "1", "force per weight, against the motion") \
-  REAL("effects.grade.angle", grade_angle, 0.0, -0.35, 0.35, "rad", "slope of the road, uphill > 0; replay adds a profile") \
-  REAL("effects.bank.angle", bank_angle, 0.0, -0.35, 0.35, "rad", "left side of the road high > 0; replay adds a profile") \
-  REAL("effects.bank.superelevation", bank_superelevation, 0.0, -0.5, 0.5, "1", "share of speed times yaw rate that the road's lean into its curves takes over") \
-  REAL("effects.crosswind.speed", crosswind_speed, 0.0, -30.0, 30.0, "m/s", "steady wind, pushing to the left at the heading of the start > 0") \
-  REAL("effects.crosswind.heading", crosswind_heading, 0.0, -3.2, 3.2, "rad", "heading at the start from where the wind is a side wind") \
-  REAL("effects.crosswind.coefficient", crosswind_coefficient, 2.8, 0.1, 30.0, "kg/m", "side force per wind times air speed") \
-  REAL("effects.crosswind.arm", crosswind_arm, 0.45, -3.0, 3.0, "m", "centre of pressure before the centre of gravity") \
-  REAL("effects.conicity.front", conicity_front, 0.0, -2000.0, 2000.0, "N", "side force of the front axle without slip") \
-  REAL("effects.conicity.rear", conicity_rear, 0.0, -2000.0, 2000.0, "N", "side force of the rear axle without slip") \
-  REAL("effects.aligning_moment.trail", aligning_moment_trail, 0.0, -0.2, 0.2, "m", "lateral forces act this far behind the axles") \
-  REAL("effects.imu_lever_arm.x", imu_lever_arm_x, 0.0, -4.0, 4.0, "m", "IMU before the centre of gravity") \
-  REAL("effects.imu_lever_arm.y", imu_lever_arm_y, 0.0, -2.0, 2.0, "m", "IMU left of the centre of gravity") \
-  REAL("effects.body_roll.gain", body_roll_gain, 0.0, -0.02, 0.04, "rad s2/m", "roll angle per lateral acceleration") \
-  REAL("effects.body_roll.frequency", body_roll_frequency, 1.5, 0.3, 6.0, "Hz", "natural frequency") \
-  REAL("effects.body_roll.damping", body_roll_damping, 0.3, 0.05, 2.0, "1", "damping ratio") \
-  REAL("effects.body_roll.height", body_roll_height, 0.0, -1.0, 1.5, "m", "IMU above the roll axis") \
-  REAL("effects.body_roll.coupling", body_roll_coupling, 0.0, -0.5, 1.0, "m", "sprung mass over mass times height of its centre of gravity above the roll axis: it pushes the car") \
-  REAL("effects.pitch_leak.gain", pitch_leak_gain, 0.0, -0.01, 0.03, "rad s2/m", "pitch angle per longitudinal acceleration, nose up > 0") \
-  REAL("effects.pitch_leak.frequency", pitch_leak_frequency, 1.8, 0.3, 6.0, "Hz", "natural frequency") \
-  REAL("effects.pitch_leak.damping", pitch_leak_damping, 0.4, 0.05, 2.0, "1", "damping ratio") \
-  REAL("effects.pitch_leak.height", pitch_leak_height, 0.0, -1.0, 1.5, "m", "IMU above the pitch axis") \
-  REAL("effects.imu_misalignment.angle", imu_misalignment_angle, 0.0, -0.2, 0.2, "rad", "IMU turned to the left > 0") \
-  REAL("effects.imu_scale_ax.error", imu_scale_ax_error, 0.0, -0.3, 0.3, "1", "reading over true, less one") \
-  REAL("effects.imu_scale_ay.error", imu_scale_ay_error, 0.0, -0.3, 0.3, "1", "reading over true, less one") \
-  REAL("effects.gyro_scale.error", gyro_scale_error, 0.0, -0.3, 0.3, "1", "reading over true, less one") \
-  REAL("effects.imu_delay.time", imu_delay_time, 0.0, 0.0, 0.2, "s", "readings are this much older than inputs")
 #define SETTINGS_FORMULA(REAL, WHOLE) \
   REAL("effects.formula_gain", formula_gain, 0.0, -10.0, 10.0, "1", "times a formula of the user; 0: none") \
   REAL("effects.formula_a", formula_a, 0.0, -1000000.0, 1000000.0, "1", "number a of the formula, in its own unit") \
