@@ -71,7 +71,7 @@ static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input 
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   if (!p || !f || !u) return TSE_E_NULL;
-  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint) return TSE_E_STATE;
+  if (!belong(p, f)) return TSE_E_STATE;
   if (p->form != 0 && u->given) return TSE_E_INPUT; /* it would be without effect */
 #if defined(TSE_NO_VELOCITY)
   if (u->given & TSE_GIVEN_VELOCITIES) return TSE_E_INPUT;

@@ -434,14 +434,22 @@ static void prepare_readings(const tse_config *c, tse_params *p)
 /* Take means, sds and walks of the state from the settings, and the sds of what is uncertain and no state. */
 static void prepare_prior(const tse_config *c, tse_params *p)
 {
-  const tse_setting uncertain[TSE_DOUBTS] = { c->yaw_inertia_sd, c->cg_sd, c->trail_sd, c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd, c->accel_y_scale_sd, c->gyro_scale_sd, c->wheel_delay_sd, c->accel_delay_sd };
-  const tse_setting prior[STATES] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, r_mul(STANDARD_GRAVITY, c->grade_sd), 0, c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
-                                      c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd, c->steer_offset_sd, c->steer_ratio_sd,
-                                      c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd };
+  const tse_setting uncertain[TSE_DOUBTS] = {
+    c->yaw_inertia_sd, c->cg_sd, c->trail_sd,              /* DOUBT_INERTIA, CENTRE, MOMENT */
+    c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd,  /* LENGTH_FRONT, LENGTH_REAR, ROLL_STEER */
+    c->accel_y_scale_sd, c->gyro_scale_sd,                 /* SCALE, GYRO */
+    c->wheel_delay_sd, c->accel_delay_sd                   /* WHEELS_LATE, ACCEL_LATE */
+  };
+  const tse_setting sd[STATES - BX] = {
+    c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,                           /* BX BY BR */
+    c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd,           /* LCX LCF LCR LMU */
+    c->steer_offset_sd, c->steer_ratio_sd, c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd /* OFF GAIN LATE RAD LEAN */
+  };
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < TSE_DOUBTS; i++) p->uncertain[i] = real_of(uncertain[i]);
-  for (int i = 0; i < STATES; i++) p->prior_sd[i] = real_of(prior[i]);
+  p->prior_sd[GX] = real_of(r_mul(STANDARD_GRAVITY, c->grade_sd));
   p->prior_sd[GY] = BANK_SD;
+  for (int i = BX; i < STATES; i++) p->prior_sd[i] = real_of(sd[i - BX]);
   for (int i = 0; i < 3; i++) {
     p->prior[LCX + i] = logarithm(real_of(initial[i]));
     p->bias_sd_walk[i] = real_of(walk[i]);

@@ -254,7 +254,7 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     { OF_MODEL, 0 }
   };
   if (!p || !f || !sd) return TSE_E_NULL;
-  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
+  if (!belong(p, f) || p->form != 0) return TSE_E_STATE;
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
     const int i = LCX + a;

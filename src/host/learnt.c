@@ -12,9 +12,6 @@
 #define MOST_ONE 16777216
 #define MOST_NU 1000000u
 
-/* What is written is inside these bounds, and what is read is refused outside: what sensors (input.toml) and the filter allow. Thousandths. */
-static const int32_t most_mean[TSE_KEPT] = { 50000, 50000, 6000, 4000, 4000, 4000, 4000, 200, 500, 200, 200 };
-
 typedef struct content { /* of format 3, after the frame; q24 and 2^-14 as in the file */
   uint32_t vehicle, known, nu;
   int32_t mean[TSE_KEPT], sd[TSE_KEPT], pair[PAIRS], noise[TSE_SENSORS], spread[3], correlation[3];
@@ -91,8 +88,8 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 
 static int code_within(int32_t x, int32_t most) { return x >= -most && x <= most; }
 
-/* Of the integer and the part of one: 32 bits, no division of 64 for small processors. */
-static int32_t most_of(int i) { return most_mean[i] / 1000 * MOST_ONE + (int32_t)((uint32_t)(most_mean[i] % 1000) * (uint32_t)(MOST_ONE / 8) / 125u); }
+/* What is written is inside this bound, and what is read is refused outside: what the filter allows a state. */
+static int32_t most_of(int i) { return r_to_q24(state_most[FAST + i]); }
 
 /* Whoever wrote it: nothing but what a drive may have taught.   Returned: what cannot be, NULL where all can */
 static const char *implausible(const content *c)
@@ -105,7 +102,7 @@ static const char *implausible(const content *c)
   if (c->known > 7) return "which stiffnesses are learnt";
   if (c->nu > MOST_NU) return "trust in the spread";
   for (int i = 0; i < TSE_KEPT; i++) {
-    if (!code_within(c->mean[i], most_of(i) < 0 ? INT32_MAX : most_of(i))) return of[i];
+    if (!code_within(c->mean[i], most_of(i))) return of[i];
     if (c->sd[i] < 0) return of_sd[i];
   }
   for (int i = 0; i < PAIRS; i++)
@@ -159,11 +156,6 @@ tse_status tse_learnt_check(const tse_params *p, const uint8_t *in, size_t bytes
 }
 
 /* ------------------------------------------------------------------------------------------- save */
-
-static int belong(const tse_params *p, const tse_filter *f)
-{
-  return p->magic == TSE_PARAMS_MAGIC && f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint;
-}
 
 static int32_t code_clamped(int32_t x, int32_t most) { return x < -most ? -most : (x > most ? most : x); }
 
