@@ -209,8 +209,6 @@ static void print_variable2(int32_t index)
 }
 
 /* FMI 3.0 has the variables of 2.0 with the same names and references, behind them arrays of some, and the time. */
-static const fmu_variable the_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
-
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
   (void)printf("    <%s", type_name(v, 3));
@@ -306,7 +304,7 @@ static void print_model3(void)
   print_middle(3);
   for (int32_t i = 0; i < fmu_variable_count; i++) print_variable3(&fmu_variables[i], i, 1);
   for (int32_t k = 0; k < fmu_array_count; k++) print_variable3(&fmu_arrays[k].of, fmu_variable_count + k, fmu_arrays[k].count);
-  print_variable3(&the_time, fmu_variable_count + fmu_array_count, 1);
+  print_variable3(&fmu_time, fmu_variable_count + fmu_array_count, 1);
   (void)puts("  </ModelVariables>\n  <ModelStructure>");
   print_unknowns("Output", AT_STEPS);
   print_unknowns("InitialUnknown", AT_START);
@@ -460,8 +458,8 @@ static void print_variables(int fmi)
     (void)puts("<h3 id=\"arrays\">Arrays, and the time</h3>\n<table class=\"variables\"><thead><tr><th>name</th><th>type</th><th>unit</th>"
                "<th>meaning</th></tr></thead>\n<tbody>");
     for (int32_t k = 0; k < fmu_array_count; k++) variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
-    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", type_name(&the_time, fmi));
-    cell(the_time.text);
+    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", type_name(&fmu_time, fmi));
+    cell(fmu_time.text);
     (void)puts("</tr></tbody></table>");
   }
   model_codes(code_row, &table);

@@ -4,7 +4,7 @@
 #include "fmi2Functions.h"
 #include "glue.h"
 
-#define ANY (GLUE_INITIALIZING | GLUE_STEPPING)
+typedef fmi2Status fmi_status;
 
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text)
 {
@@ -26,22 +26,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                           (glue_function *)callbacks->logger, callbacks->componentEnvironment, logging);
 }
 
-void fmi2FreeInstance(fmi2Component c)
-{
-  instance *const s = glue_instance_of(c);
-  if (s) glue_free(s);
-}
-
-/* A function that glue.c does, on an instance that is one. */
-#define DONE(call) (s ? (fmi2Status)(call) : fmi2Error)
-#define DOES(name, arguments, call)                 \
-  fmi2Status name arguments                         \
-  {                                                 \
-    static const char *const function = #name;      \
-    instance *const s = glue_instance_of(c);        \
-    (void)function;                                 \
-    return DONE(call);                              \
-  }
+void fmi2FreeInstance(fmi2Component c) { glue_free(c); }
 
 DOES(fmi2SetDebugLogging, (fmi2Component c, fmi2Boolean on, size_t count, const fmi2String names[]),
      glue_debug_logging(s, function, on, count, names))
@@ -115,7 +100,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
   static const char function[] = "fmi2SetRealInputDerivatives";
   char text[FMU_TEXT];
   instance *const s = glue_instance_of(c);
-  if (!s || !glue_allowed(s, ANY, function)) return fmi2Error;
+  if (!s || !glue_allowed(s, GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi2Error;
   if (nvr == 0) return fmi2OK;
   if (!glue_given(s, vr, "vr", function) || !glue_given(s, order, "order", function) || !glue_given(s, value, "value", function) ||
       !glue_known(s, vr, nvr, 'r', "Real", function, NULL))
@@ -130,15 +115,9 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
   return fmi2OK;
 }
 
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[],
-                                        fmi2Real value[])
-{
-  const instance *const s = glue_instance_of(c);
-  if (!s) return fmi2Error;
-  return nvr == 0 ? fmi2OK
-                  : (fmi2Status)glue_refuse(s, "fmi2GetRealOutputDerivatives",
-                                            "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
-}
+DOES(fmi2GetRealOutputDerivatives,
+     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], fmi2Real value[]),
+     nvr == 0 ? GLUE_OK : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
 
 DOES(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state),
      glue_step(s, function, time, step))

@@ -3,6 +3,8 @@
 #include "fmi3Functions.h"
 #include "glue.h"
 
+typedef fmi3Status fmi_status;
+
 /* The importer knows by the environment which instance it is. */
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text)
 {
@@ -10,19 +12,6 @@ static void emit(glue_function *logger, void *environment, const char *name, glu
 }
 
 static const glue_api api = { "fmi3Terminate", "instantiation token", "FMUState", "Float64", "Int32", "Boolean", 1, emit };
-
-/* A function that glue.c does, on an instance that is one. */
-#define DONE(call) (s ? (fmi3Status)(call) : fmi3Error)
-#define DOES(name, arguments, call)                 \
-  fmi3Status name arguments                         \
-  {                                                 \
-    static const char *const function = #name;      \
-    instance *const s = glue_instance_of(c);        \
-    (void)function;                                 \
-    return DONE(call);                              \
-  }
-#define ON_INSTANCE(c) instance *const s = glue_instance_of(c)
-#define ON_CONST_INSTANCE(c) const instance *const s = glue_instance_of(c)
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
@@ -53,11 +42,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
   return glue_instantiate(&api, name, token, "only co-simulation is supported", (glue_function *)logger, environment, logging);
 }
 
-void fmi3FreeInstance(fmi3Instance c)
-{
-  ON_INSTANCE(c);
-  if (s) glue_free(s);
-}
+void fmi3FreeInstance(fmi3Instance c) { glue_free(c); }
 
 DOES(fmi3SetDebugLogging, (fmi3Instance c, fmi3Boolean on, size_t count, const fmi3String names[]),
      glue_debug_logging(s, function, on, count, names))
@@ -66,7 +51,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
                                        fmi3Boolean has_stop, fmi3Float64 stop)
 {
   static const char function[] = "fmi3EnterInitializationMode";
-  ON_INSTANCE(c);
+  instance *const s = glue_instance_of(c);
   if (!s || glue_setup(s, function, start, has_stop, stop) != GLUE_OK) return fmi3Error;
   return (fmi3Status)glue_enter_initialization(s, function);
 }
@@ -89,9 +74,9 @@ static int listed(const instance *s, const fmi3ValueReference vr[], size_t nvr, 
 }
 
 /* A call about no variable: nothing to do, if it has no values either. */
-static fmi3Status none(const instance *s, size_t count, const char *function)
+static glue_status none(const instance *s, size_t count, const char *function)
 {
-  return glue_counted(s, count, 0, function) ? fmi3OK : fmi3Error;
+  return glue_counted(s, count, 0, function) ? GLUE_OK : GLUE_ERROR;
 }
 
 /* Checks of all values come first: a call that is refused sets none. */
@@ -99,9 +84,9 @@ static fmi3Status none(const instance *s, size_t count, const char *function)
   fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count)    \
   {                                                                                                                        \
     static const char function[] = "fmi3Get" #Type;                                                                       \
-    ON_INSTANCE(c);                                                                                                       \
+    instance *const s = glue_instance_of(c);                                                                                                       \
     if (!s) return fmi3Error;                                                                                             \
-    if (nvr == 0) return none(s, count, function);                                                                        \
+    if (nvr == 0) return (fmi3Status)none(s, count, function);                                                                        \
     if (!listed(s, vr, nvr, value, count, kind, #Type, function) || !glue_readable(s, function)) return fmi3Error;        \
     for (size_t i = 0, at = 0; i < nvr; i++)                                                                              \
       for (int32_t k = 0; k < glue_elements(s, vr[i]); k++, at++) {                                                       \
@@ -115,9 +100,9 @@ static fmi3Status none(const instance *s, size_t count, const char *function)
   fmi3Status fmi3Set##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count) \
   {                                                                                                                        \
     static const char function[] = "fmi3Set" #Type;                                                                       \
-    ON_INSTANCE(c);                                                                                                       \
+    instance *const s = glue_instance_of(c);                                                                                                       \
     if (!s || !glue_allowed(s, GLUE_INSTANTIATED | GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi3Error;        \
-    if (nvr == 0) return none(s, count, function);                                                                        \
+    if (nvr == 0) return (fmi3Status)none(s, count, function);                                                                        \
     if (!listed(s, vr, nvr, value, count, kind, #Type, function)) return fmi3Error;                                       \
     for (size_t i = 0, at = 0; i < nvr; at += (size_t)glue_elements(s, vr[i]), i++)                                       \
       if (!glue_settable(s, glue_variable(s, vr[i]), (double)value[at], function)) return fmi3Error;                      \
@@ -138,8 +123,8 @@ SET(Boolean, 'b')
 #define ABSENT(name, arguments, type, count)                                   \
   fmi3Status name arguments                                                    \
   {                                                                            \
-    ON_CONST_INSTANCE(c);                                                      \
-    if (s && nvr == 0) return none(s, count, #name);                           \
+    const instance *const s = glue_instance_of(c);                                                      \
+    if (s && nvr == 0) return (fmi3Status)none(s, count, #name);                           \
     if (s) (void)listed(s, vr, nvr, value, count, 0, type, #name);             \
     return fmi3Error;                                                          \
   }
@@ -168,7 +153,7 @@ ABSENT(fmi3SetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr,
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_earlier_state, fmi3Boolean *event,
                       fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
-  ON_INSTANCE(c);
+  instance *const s = glue_instance_of(c);
   if (!s) return fmi3Error;
   const glue_status status = glue_step(s, "fmi3DoStep", time, step);
   if (event) *event = fmi3False;
@@ -199,14 +184,9 @@ static const char no_directional[] = "not provided (providesDirectionalDerivativ
 static const char no_dependencies[] = "not provided (providesPerElementDependencies is false)";
 static const char no_structure[] = "there are no structural parameters";
 
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Int32 order[], fmi3Float64 value[],
-                                    size_t count)
-{
-  ON_CONST_INSTANCE(c);
-  if (s && nvr == 0) return none(s, count, "fmi3GetOutputDerivatives");
-  return DONE(glue_refuse(s, "fmi3GetOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)"));
-}
-
+DOES(fmi3GetOutputDerivatives,
+     (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Int32 order[], fmi3Float64 value[], size_t count),
+     nvr == 0 ? none(s, count, function) : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
 REFUSES(fmi3GetDirectionalDerivative,
         (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[], size_t knowns,
          const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities),

@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+const fmu_variable fmu_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
+
 /* Is `name` without its first part the setting, with a dot where that has an underscore? */
 static int is_setting(const char *name, const char *setting)
 {

@@ -33,6 +33,7 @@ typedef struct fmu_variable {
 
 extern const fmu_variable fmu_variables[];
 extern const int32_t fmu_variable_count;
+extern const fmu_variable fmu_time; /* which the glue has */
 
 /* For FMI 3.0: outputs that lie one behind the other, as one variable beside those that name each of them. Their value references follow
  * those of fmu_variables, and the time follows them. One unit for all: stiffness itself, in N and N/rad, is no array. */

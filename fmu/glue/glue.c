@@ -116,14 +116,12 @@ int glue_given(const instance *s, const void *argument, const char *name, const 
   return 0;
 }
 
-static const fmu_variable the_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
-
 const fmu_variable *glue_variable(const instance *s, uint32_t vr)
 {
   const uint32_t scalars = (uint32_t)fmu_variable_count, arrays = (uint32_t)fmu_array_count;
   if (vr < scalars) return &fmu_variables[vr];
   if (!s->api->extended || vr > scalars + arrays) return NULL;
-  return vr < scalars + arrays ? &fmu_arrays[vr - scalars].of : &the_time;
+  return vr < scalars + arrays ? &fmu_arrays[vr - scalars].of : &fmu_time;
 }
 
 int32_t glue_elements(const instance *s, uint32_t vr)
@@ -295,8 +293,10 @@ instance *glue_instantiate(const glue_api *api, const char *name, const char *to
   return NULL;
 }
 
-void glue_free(instance *s)
+void glue_free(const void *c)
 {
+  instance *const s = glue_instance_of(c);
+  if (!s) return;
   for (size_t i = 0; i < FMU_STATES; i++)
     if (snapshots[i].taken && snapshots[i].owner == s) give_back(&snapshots[i].taken);
   give_back(&s->taken);

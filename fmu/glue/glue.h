@@ -99,7 +99,7 @@ int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, co
  *   Given:  logger  may be NULL */
 instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported, glue_function *logger,
                            void *environment, int logging);
-void glue_free(instance *s);
+void glue_free(const void *c);
 glue_status glue_setup(instance *s, const char *function, double start, int has_stop, double stop);
 glue_status glue_enter_initialization(instance *s, const char *function);
 glue_status glue_exit_initialization(instance *s, const char *function);
@@ -107,6 +107,16 @@ glue_status glue_terminate(instance *s, const char *function);
 glue_status glue_reset(instance *s);
 /* The end of the last step, the start time before the first [s]. */
 double glue_time(const instance *s);
+
+/* Define a function of a version, whose status is fmi_status: what glue.c does, on an instance that is one. */
+#define DOES(name, arguments, call)                         \
+  fmi_status name arguments                                 \
+  {                                                         \
+    static const char *const function = #name;              \
+    instance *const s = glue_instance_of(c);                \
+    (void)function;                                         \
+    return s ? (fmi_status)(call) : (fmi_status)GLUE_ERROR; \
+  }
 
 /* ---- values; checks of all values come first: a call that is refused sets none */
 
