@@ -86,17 +86,9 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
   fine = write_value(out->vel_x, i, at->vx) && fine;
   fine = write_value(out->vel_y, i, at->vy) && fine;
   fine = write_value(out->true_yaw_rate, i, at->r) && fine;
-  if (out->wheel_torque_front) {
-    const tse_real slip = r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front));
-    const tse_real spin = r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows));
-    fine = write_value(out->wheel_torque_front, i, slip + spin) && fine;
-  }
-  if (out->wheel_torque_rear) {
-    const tse_real slip = r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear));
-    const tse_real spin = r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows));
-    fine = write_value(out->wheel_torque_rear, i, slip + spin) && fine;
-  }
-  return fine;
+  const tse_real slip_front = r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front)), slip_rear = r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear));
+  fine = write_value(out->wheel_torque_front, i, slip_front + r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows))) && fine;
+  return write_value(out->wheel_torque_rear, i, slip_rear + r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows))) && fine;
 }
 
 /* All rows before the first is run: a wheel torque needs the rows on both sides.   Updated: wrong  the row, if not NULL */

@@ -5,11 +5,23 @@
 
 #include <stddef.h>
 
+#include "tables/columns.h"
 #include "tables/rows.h"
-#include "tables/sim.h"
+#include "tables/settings.h"
 #include "number/random.h"
 #include "host/sound.h"
 #include "model/effects.h"
+
+/* Default and range of the settings, range of what the driver does. */
+#define SIM_REAL(fmu, name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) },
+#define SIM_WHOLE(fmu, name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), def, lo, hi },
+#define SIM_INPUT(name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_input, name), 1, TSE_R(lo), TSE_R(hi) },
+static const real_row sim_reals[] = { SETTINGS_SIM(SIM_REAL, NO_ROW) };
+static const whole_row sim_wholes[] = { SETTINGS_SIM(NO_ROW, SIM_WHOLE) };
+static const channel_row sim_inputs[] = { DRIVER(SIM_INPUT) };
+enum { SIM_REALS = sizeof sim_reals / sizeof sim_reals[0],
+       SIM_WHOLES = sizeof sim_wholes / sizeof sim_wholes[0],
+       SIM_INPUTS = sizeof sim_inputs / sizeof sim_inputs[0] };
 
 #define BRAKE_GRIP TSE_R(0.2) /* rad/s: at which brakes hold all that they hold, see `wheels` of model/effects.h */
 /* Beyond these there is no car any more: the settings and what the driver does have led out of what the model is good for, and

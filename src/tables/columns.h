@@ -1,5 +1,5 @@
-/* tables/columns.h - every channel, output, status and reason once: lists that range checks (input.h, sim.h), texts, tse_describe() and the
- * FMUs make their rows of.
+/* tables/columns.h - every channel, output, status and reason once: lists that range checks, texts, tse_describe() and the FMUs make their
+ * rows of.
  *   CHANNELS, VELOCITIES, PEDALS   ROW(name, 1 if it drives, least, most, unit, text)
  *   DRIVER                         ROW(name, default, least, most, unit, text): what the simulator's driver does
  *   OUTPUTS    NUMBER(name, member, unit, text), FLAG(name, member, text), CODE(name, member, its enumeration, text);

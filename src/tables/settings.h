@@ -1,4 +1,4 @@
-/* tables/settings.h - every setting once: lists that the settings (config.h, sim.h), tse_describe() and the FMUs make their rows of.
+/* tables/settings.h - every setting once: lists that settings, tse_describe() and the FMUs make their rows of.
  *   REAL, WHOLE(name in an FMU, member, default, least, most, unit, text)
  *   EFFECT_PARAMETERS   ROW(REAL as it was given, effect, parameter, default, least, most, unit, text, strength, sign, typical from, to,
  *                       negligible): the last as in tse_effect_parameter
