@@ -326,41 +326,16 @@ def formula_places() -> list[str]:
     return packed(f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items())
 
 
-def formula_operations() -> list[str]:
-    return packed(f"FORMULA_OP_{n} = {r['code']}," for n, r in read("formula")["operation"].items())
-
-
-def formula_takes() -> list[str]:
-    return packed(
-        f"{{ FORMULA_OP_{n}, {r['takes']}, {int(r['kind'] == 'MEMORY')} }},"
-        for n, r in read("formula")["operation"].items()
-    )
-
-
-def formula_cases() -> list[str]:
-    """Return the interpreter's switch: operands are on the stack s, which n values fill, the last written on top."""
-
-    def call(name: str, row: Row) -> str:
-        operands = [f"s[n - {k}]" for k in range(row["takes"], 0, -1)]
-        if row["kind"] == "NUMBER":
-            return f"formula_number(f, {row['code'] - 1})"
-        return f"formula_{name}({', '.join(operands if row['kind'] == 'PLAIN' else ['f', *operands])})"
-
+def formula_operations() -> Iterator[str]:
     rows = read("formula")["operation"].items()
-    at = {n: f"n - {r['takes']}" if r["takes"] else "n" for n, r in rows}
-    return [f"case FORMULA_OP_{n}: n = formula_push(s, {at[n]}, {call(n, r)}); break;" for n, r in rows]
+    yield from listed(
+        "FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY)",
+        (f"{r['kind']}({n}, {r['code']}, {r['takes']}, {text(r['unit'])}, {text(r['text'])})" for n, r in rows),
+    )
 
 
 def formula_places_described() -> list[str]:
     return coded(read("formula")["place"])
-
-
-def formula_operations_described() -> list[str]:
-    kinds = {"NUMBER": "n", "SIGNAL": "s", "PLAIN": "p", "MEMORY": "m"}
-    return [
-        f"{{ {text(n)}, '{kinds[r['kind']]}', {r['code']}, {r['takes']}, 1.0, -1.0, {text(r['unit'])}, {text(r['text'])} }},"
-        for n, r in read("formula")["operation"].items()
-    ]
 
 
 # ---- simulator, replay

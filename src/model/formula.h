@@ -147,6 +147,17 @@ static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
   return at + 1;
 }
 
+/* A case of each kind of operation: its operands are on the stack s, which n values fill, the last written on top. */
+#define FORMULA_OPERANDS_0
+#define FORMULA_OPERANDS_1 s[n - 1]
+#define FORMULA_OPERANDS_2 s[n - 2], s[n - 1]
+#define FORMULA_OPERANDS_3 s[n - 3], s[n - 2], s[n - 1]
+#define FORMULA_CASE(code, takes, value) case code: n = formula_push(s, n - (takes), value); break;
+#define FORMULA_NUMBER(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_number(f, (code) - 1))
+#define FORMULA_SIGNAL(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(f))
+#define FORMULA_PLAIN(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(FORMULA_OPERANDS_##takes))
+#define FORMULA_MEMORY(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(f, FORMULA_OPERANDS_##takes))
+
 /* Run the program of a formula. tse_config_check() has seen that it fits its stack and its memory. */
 static inline tse_real formula_program(formula_run *f)
 {
@@ -154,45 +165,7 @@ static inline tse_real formula_program(formula_run *f)
   int n = 0;
   for (int k = 0; k < TSE_FORMULA_OPS && f->pt->p->effects.formula_code[k]; k++) {
     switch (f->pt->p->effects.formula_code[k]) {
-      /* table: formula_cases */
-      case FORMULA_OP_a: n = formula_push(s, n, formula_number(f, 0)); break;
-      case FORMULA_OP_b: n = formula_push(s, n, formula_number(f, 1)); break;
-      case FORMULA_OP_c: n = formula_push(s, n, formula_number(f, 2)); break;
-      case FORMULA_OP_d: n = formula_push(s, n, formula_number(f, 3)); break;
-      case FORMULA_OP_e: n = formula_push(s, n, formula_number(f, 4)); break;
-      case FORMULA_OP_f: n = formula_push(s, n, formula_number(f, 5)); break;
-      case FORMULA_OP_g: n = formula_push(s, n, formula_number(f, 6)); break;
-      case FORMULA_OP_h: n = formula_push(s, n, formula_number(f, 7)); break;
-      case FORMULA_OP_one: n = formula_push(s, n, formula_one()); break;
-      case FORMULA_OP_two: n = formula_push(s, n, formula_two()); break;
-      case FORMULA_OP_steer_angle: n = formula_push(s, n, formula_steer_angle(f)); break;
-      case FORMULA_OP_vel_x: n = formula_push(s, n, formula_vel_x(f)); break;
-      case FORMULA_OP_vel_y: n = formula_push(s, n, formula_vel_y(f)); break;
-      case FORMULA_OP_yaw_rate: n = formula_push(s, n, formula_yaw_rate(f)); break;
-      case FORMULA_OP_accel_x: n = formula_push(s, n, formula_accel_x(f)); break;
-      case FORMULA_OP_accel_y: n = formula_push(s, n, formula_accel_y(f)); break;
-      case FORMULA_OP_slip_angle_front: n = formula_push(s, n, formula_slip_angle_front(f)); break;
-      case FORMULA_OP_slip_angle_rear: n = formula_push(s, n, formula_slip_angle_rear(f)); break;
-      case FORMULA_OP_slip_front: n = formula_push(s, n, formula_slip_front(f)); break;
-      case FORMULA_OP_slip_rear: n = formula_push(s, n, formula_slip_rear(f)); break;
-      case FORMULA_OP_time: n = formula_push(s, n, formula_time(f)); break;
-      case FORMULA_OP_add: n = formula_push(s, n - 2, formula_add(s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_sub: n = formula_push(s, n - 2, formula_sub(s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_mul: n = formula_push(s, n - 2, formula_mul(s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_div: n = formula_push(s, n - 2, formula_div(s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_neg: n = formula_push(s, n - 1, formula_neg(s[n - 1])); break;
-      case FORMULA_OP_abs: n = formula_push(s, n - 1, formula_abs(s[n - 1])); break;
-      case FORMULA_OP_max: n = formula_push(s, n - 2, formula_max(s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_min: n = formula_push(s, n - 2, formula_min(s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_sqrt: n = formula_push(s, n - 1, formula_sqrt(s[n - 1])); break;
-      case FORMULA_OP_soft: n = formula_push(s, n - 1, formula_soft(s[n - 1])); break;
-      case FORMULA_OP_lag: n = formula_push(s, n - 2, formula_lag(f, s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_second: n = formula_push(s, n - 3, formula_second(f, s[n - 3], s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_late: n = formula_push(s, n - 2, formula_late(f, s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_play: n = formula_push(s, n - 2, formula_play(f, s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_limit: n = formula_push(s, n - 2, formula_limit(f, s[n - 2], s[n - 1])); break;
-      case FORMULA_OP_rate: n = formula_push(s, n - 1, formula_rate(f, s[n - 1])); break;
-      /* end of table */
+      FORMULA_OPERATIONS(FORMULA_NUMBER, FORMULA_SIGNAL, FORMULA_PLAIN, FORMULA_MEMORY)
       default: break;
     }
   }

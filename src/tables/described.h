@@ -1,6 +1,7 @@
 /* tables/described.h - rows of tse_describe(): every member, code and effect with unit and text. Written by scripts/tables.py from
  * the tables of this folder. Part of host/describe.c: a controller that does not describe itself carries no texts. */
 #include "tables/columns.h"
+#include "tables/formula.h"
 #include "tables/settings.h"
 
 #define FIELD_REAL(fmu, name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
@@ -109,47 +110,11 @@ static const tse_field formula_places[] = {
   /* end of table */
 };
 
-static const tse_field formula_ops[] = {
-  /* table: formula_operations_described */
-  { "a", 'n', 1, 0, 1.0, -1.0, "", "formula_a" },
-  { "b", 'n', 2, 0, 1.0, -1.0, "", "formula_b" },
-  { "c", 'n', 3, 0, 1.0, -1.0, "", "formula_c" },
-  { "d", 'n', 4, 0, 1.0, -1.0, "", "formula_d" },
-  { "e", 'n', 5, 0, 1.0, -1.0, "", "formula_e" },
-  { "f", 'n', 6, 0, 1.0, -1.0, "", "formula_f" },
-  { "g", 'n', 7, 0, 1.0, -1.0, "", "formula_g" },
-  { "h", 'n', 8, 0, 1.0, -1.0, "", "formula_h" },
-  { "one", 'p', 9, 0, 1.0, -1.0, "1", "the number 1" },
-  { "two", 'p', 10, 0, 1.0, -1.0, "1", "the number 2" },
-  { "steer_angle", 's', 16, 0, 1.0, -1.0, "rad", "road-wheel angle, after what the catalogue's effects make of it" },
-  { "vel_x", 's', 17, 0, 1.0, -1.0, "m/s", "longitudinal velocity" },
-  { "vel_y", 's', 18, 0, 1.0, -1.0, "m/s", "lateral velocity" },
-  { "yaw_rate", 's', 19, 0, 1.0, -1.0, "rad/s", "yaw rate of the car" },
-  { "accel_x", 's', 20, 0, 1.0, -1.0, "m/s2", "longitudinal specific force at the centre of gravity, of the step before" },
-  { "accel_y", 's', 21, 0, 1.0, -1.0, "m/s2", "lateral specific force at the centre of gravity, of the step before" },
-  { "slip_angle_front", 's', 22, 0, 1.0, -1.0, "rad", "slip angle of the front axle, without the formula" },
-  { "slip_angle_rear", 's', 23, 0, 1.0, -1.0, "rad", "slip angle of the rear axle, without the formula" },
-  { "slip_front", 's', 24, 0, 1.0, -1.0, "1", "longitudinal slip of the front axle" },
-  { "slip_rear", 's', 25, 0, 1.0, -1.0, "1", "longitudinal slip of the rear axle" },
-  { "time", 's', 26, 0, 1.0, -1.0, "s", "since the start" },
-  { "add", 'p', 32, 2, 1.0, -1.0, "same", "x + y" },
-  { "sub", 'p', 33, 2, 1.0, -1.0, "same", "x - y" },
-  { "mul", 'p', 34, 2, 1.0, -1.0, "product", "x y" },
-  { "div", 'p', 35, 2, 1.0, -1.0, "quotient", "x/y; 0 where y is 0" },
-  { "neg", 'p', 36, 1, 1.0, -1.0, "same", "-x" },
-  { "abs", 'p', 37, 1, 1.0, -1.0, "same", "|x|" },
-  { "max", 'p', 38, 2, 1.0, -1.0, "same", "the larger of x and y" },
-  { "min", 'p', 39, 2, 1.0, -1.0, "same", "the smaller of x and y" },
-  { "sqrt", 'p', 40, 1, 1.0, -1.0, "root", "square root of x; 0 below 0" },
-  { "soft", 'p', 41, 1, 1.0, -1.0, "1", "soft step x/sqrt(1 + x x): -1 .. 1; x without unit" },
-  { "lag", 'm', 48, 2, 1.0, -1.0, "first", "x through a lag of first order with y s" },
-  { "second", 'm', 49, 3, 1.0, -1.0, "first", "x through a mode of second order of y Hz and damping ratio z" },
-  { "late", 'm', 50, 2, 1.0, -1.0, "first", "x of y s ago" },
-  { "play", 'm', 51, 2, 1.0, -1.0, "first", "x through a play of y to either side" },
-  { "limit", 'm', 52, 2, 1.0, -1.0, "first", "x, which it follows by at most y a second" },
-  { "rate", 'm', 53, 1, 1.0, -1.0, "rate", "how fast x changes, per s" },
-  /* end of table */
-};
+#define NUMBER_OP(name, code, takes, unit, text) { #name, 'n', code, takes, 1.0, -1.0, unit, text },
+#define SIGNAL_OP(name, code, takes, unit, text) { #name, 's', code, takes, 1.0, -1.0, unit, text },
+#define PLAIN_OP(name, code, takes, unit, text) { #name, 'p', code, takes, 1.0, -1.0, unit, text },
+#define MEMORY_OP(name, code, takes, unit, text) { #name, 'm', code, takes, 1.0, -1.0, unit, text },
+static const tse_field formula_ops[] = { FORMULA_OPERATIONS(NUMBER_OP, SIGNAL_OP, PLAIN_OP, MEMORY_OP) };
 
 static const tse_effect_row effect_rows[] = {
   /* table: effects_described */

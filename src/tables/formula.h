@@ -11,36 +11,58 @@ enum {
   /* end of table */
 };
 
-enum {
-  /* table: formula_operations */
-  FORMULA_OP_a = 1, FORMULA_OP_b = 2, FORMULA_OP_c = 3, FORMULA_OP_d = 4, FORMULA_OP_e = 5, FORMULA_OP_f = 6, FORMULA_OP_g = 7,
-  FORMULA_OP_h = 8, FORMULA_OP_one = 9, FORMULA_OP_two = 10, FORMULA_OP_steer_angle = 16, FORMULA_OP_vel_x = 17,
-  FORMULA_OP_vel_y = 18, FORMULA_OP_yaw_rate = 19, FORMULA_OP_accel_x = 20, FORMULA_OP_accel_y = 21,
-  FORMULA_OP_slip_angle_front = 22, FORMULA_OP_slip_angle_rear = 23, FORMULA_OP_slip_front = 24, FORMULA_OP_slip_rear = 25,
-  FORMULA_OP_time = 26, FORMULA_OP_add = 32, FORMULA_OP_sub = 33, FORMULA_OP_mul = 34, FORMULA_OP_div = 35, FORMULA_OP_neg = 36,
-  FORMULA_OP_abs = 37, FORMULA_OP_max = 38, FORMULA_OP_min = 39, FORMULA_OP_sqrt = 40, FORMULA_OP_soft = 41, FORMULA_OP_lag = 48,
-  FORMULA_OP_second = 49, FORMULA_OP_late = 50, FORMULA_OP_play = 51, FORMULA_OP_limit = 52, FORMULA_OP_rate = 53,
-  /* end of table */
-};
+/* Operations, by their kind: (name, code, operands that it takes, unit, text). */
+/* table: formula_operations */
+#define FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY) \
+  NUMBER(a, 1, 0, "", "formula_a") \
+  NUMBER(b, 2, 0, "", "formula_b") \
+  NUMBER(c, 3, 0, "", "formula_c") \
+  NUMBER(d, 4, 0, "", "formula_d") \
+  NUMBER(e, 5, 0, "", "formula_e") \
+  NUMBER(f, 6, 0, "", "formula_f") \
+  NUMBER(g, 7, 0, "", "formula_g") \
+  NUMBER(h, 8, 0, "", "formula_h") \
+  PLAIN(one, 9, 0, "1", "the number 1") \
+  PLAIN(two, 10, 0, "1", "the number 2") \
+  SIGNAL(steer_angle, 16, 0, "rad", "road-wheel angle, after what the catalogue's effects make of it") \
+  SIGNAL(vel_x, 17, 0, "m/s", "longitudinal velocity") \
+  SIGNAL(vel_y, 18, 0, "m/s", "lateral velocity") \
+  SIGNAL(yaw_rate, 19, 0, "rad/s", "yaw rate of the car") \
+  SIGNAL(accel_x, 20, 0, "m/s2", "longitudinal specific force at the centre of gravity, of the step before") \
+  SIGNAL(accel_y, 21, 0, "m/s2", "lateral specific force at the centre of gravity, of the step before") \
+  SIGNAL(slip_angle_front, 22, 0, "rad", "slip angle of the front axle, without the formula") \
+  SIGNAL(slip_angle_rear, 23, 0, "rad", "slip angle of the rear axle, without the formula") \
+  SIGNAL(slip_front, 24, 0, "1", "longitudinal slip of the front axle") \
+  SIGNAL(slip_rear, 25, 0, "1", "longitudinal slip of the rear axle") \
+  SIGNAL(time, 26, 0, "s", "since the start") \
+  PLAIN(add, 32, 2, "same", "x + y") \
+  PLAIN(sub, 33, 2, "same", "x - y") \
+  PLAIN(mul, 34, 2, "product", "x y") \
+  PLAIN(div, 35, 2, "quotient", "x/y; 0 where y is 0") \
+  PLAIN(neg, 36, 1, "same", "-x") \
+  PLAIN(abs, 37, 1, "same", "|x|") \
+  PLAIN(max, 38, 2, "same", "the larger of x and y") \
+  PLAIN(min, 39, 2, "same", "the smaller of x and y") \
+  PLAIN(sqrt, 40, 1, "root", "square root of x; 0 below 0") \
+  PLAIN(soft, 41, 1, "1", "soft step x/sqrt(1 + x x): -1 .. 1; x without unit") \
+  MEMORY(lag, 48, 2, "first", "x through a lag of first order with y s") \
+  MEMORY(second, 49, 3, "first", "x through a mode of second order of y Hz and damping ratio z") \
+  MEMORY(late, 50, 2, "first", "x of y s ago") \
+  MEMORY(play, 51, 2, "first", "x through a play of y to either side") \
+  MEMORY(limit, 52, 2, "first", "x, which it follows by at most y a second") \
+  MEMORY(rate, 53, 1, "rate", "how fast x changes, per s")
+/* end of table */
+
+#define FORMULA_CODE(name, code, takes, unit, text) FORMULA_OP_##name = code,
+enum { FORMULA_OPERATIONS(FORMULA_CODE, FORMULA_CODE, FORMULA_CODE, FORMULA_CODE) };
 
 #if !defined(TSE_FORMULA) && !defined(TSE_NO_EFFECTS)
 /* Operands that each takes from the stack, and whether it remembers. */
+#define FORMULA_TAKES(name, code, takes, unit, text) { code, takes, 0 },
+#define FORMULA_REMEMBERS(name, code, takes, unit, text) { code, takes, 1 },
 static const struct {
   uint8_t code, takes, memory;
-} formula_operations[] = {
-  /* table: formula_takes */
-  { FORMULA_OP_a, 0, 0 }, { FORMULA_OP_b, 0, 0 }, { FORMULA_OP_c, 0, 0 }, { FORMULA_OP_d, 0, 0 }, { FORMULA_OP_e, 0, 0 },
-  { FORMULA_OP_f, 0, 0 }, { FORMULA_OP_g, 0, 0 }, { FORMULA_OP_h, 0, 0 }, { FORMULA_OP_one, 0, 0 }, { FORMULA_OP_two, 0, 0 },
-  { FORMULA_OP_steer_angle, 0, 0 }, { FORMULA_OP_vel_x, 0, 0 }, { FORMULA_OP_vel_y, 0, 0 }, { FORMULA_OP_yaw_rate, 0, 0 },
-  { FORMULA_OP_accel_x, 0, 0 }, { FORMULA_OP_accel_y, 0, 0 }, { FORMULA_OP_slip_angle_front, 0, 0 },
-  { FORMULA_OP_slip_angle_rear, 0, 0 }, { FORMULA_OP_slip_front, 0, 0 }, { FORMULA_OP_slip_rear, 0, 0 },
-  { FORMULA_OP_time, 0, 0 }, { FORMULA_OP_add, 2, 0 }, { FORMULA_OP_sub, 2, 0 }, { FORMULA_OP_mul, 2, 0 },
-  { FORMULA_OP_div, 2, 0 }, { FORMULA_OP_neg, 1, 0 }, { FORMULA_OP_abs, 1, 0 }, { FORMULA_OP_max, 2, 0 },
-  { FORMULA_OP_min, 2, 0 }, { FORMULA_OP_sqrt, 1, 0 }, { FORMULA_OP_soft, 1, 0 }, { FORMULA_OP_lag, 2, 1 },
-  { FORMULA_OP_second, 3, 1 }, { FORMULA_OP_late, 2, 1 }, { FORMULA_OP_play, 2, 1 }, { FORMULA_OP_limit, 2, 1 },
-  { FORMULA_OP_rate, 1, 1 },
-  /* end of table */
-};
+} formula_operations[] = { FORMULA_OPERATIONS(FORMULA_TAKES, FORMULA_TAKES, FORMULA_TAKES, FORMULA_REMEMBERS) };
 #endif
 
 #endif
