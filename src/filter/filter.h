@@ -150,6 +150,16 @@ typedef struct scalar {
 } scalar;
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
 
+/* Find the white noise of a channel: half the mean square of what the innovation changes by from one value to the next, where nothing
+ * slower shows.
+ *   Given:    own  variance by the setting      share  of a mean that the new value is
+ *   Updated:  noise  variance over that of the setting */
+static inline void learn_noise(const tse_params *p, tse_real *noise, tse_real change, tse_real own, tse_real share)
+{
+  const tse_real seen = r_min(r_div(r_mul(TSE_R(0.5), r_sqr(change)), r_mul(own, *noise)), TAIL);
+  *noise = r_clamp(r_mul(*noise, TSE_R(1) + r_mul(r_min(share, MOST_FORGOTTEN), seen - TSE_R(1))), LEAST_NOISE, p->noise_max_var);
+}
+
 /* velocity.c  move: move what belongs to a velocity with the row      lose: forget heading and past, as motion was placed anew
  *             update: use the velocities of this row, as update_row()
  *             fault: return NO_FAULT, or which one is left out, as fault_channel numbers it */

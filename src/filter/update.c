@@ -88,16 +88,6 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   return s;
 }
 
-/* Find the white noise of a channel: half the mean square of what the innovation changes by from row to row, where nothing slower
- * shows. */
-static void learn_noise(const tse_params *p, tse_kalman *k, int c, tse_real e, tse_real own, tse_real dt)
-{
-  const tse_real change = e - k->last_innovation[c], seen = r_min(r_div(r_mul(TSE_R(0.5), r_sqr(change)), r_mul(own, k->noise[c])), TAIL);
-  const tse_real g = r_min(r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), MOST_FORGOTTEN); /* at first a mean of all since the start */
-  k->last_innovation[c] = e;
-  k->noise[c] = r_clamp(r_mul(k->noise[c], TSE_R(1) + r_mul(g, seen - TSE_R(1))), LEAST_NOISE, p->noise_max_var);
-}
-
 /* Move the state by what all measurements of a row have found, within the bounds of a car. */
 static void finish(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
@@ -238,7 +228,9 @@ static void use_channel(const tse_params *p, tse_kalman *k, int channel, const s
   const tse_real sd = p->sensor_sd[channel];
   tse_real state;
   const tse_real s = use_scalar(k, channel, m, sd, change, &state);
-  learn_noise(p, k, channel, m->e, r_sqr(sd), m->dt);
+  const tse_real share = r_div(m->dt, r_min(k->seen + TSE_R(1), USUAL_TIME)); /* at first a mean of all since the start */
+  learn_noise(p, &k->noise[channel], m->e - k->last_innovation[channel], r_sqr(sd), share);
+  k->last_innovation[channel] = m->e;
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = state + m->r;
   k->nis += r_div(r_sqr(m->e), state + m->r);

@@ -226,14 +226,6 @@ static void new_heading(tse_kalman *k, tse_real by)
   k->velocity.has_heading = 1;
 }
 
-/* Find the white noise of a channel, as that of the sensors is found. */
-static void find_noise(const tse_params *p, tse_velocity *m, int c, tse_real e, tse_real own, tse_real dt)
-{
-  const tse_real seen = r_min(r_div(r_mul(TSE_R(0.5), r_sqr(e - m->innovation[c])), r_mul(own, m->noise[c])), TAIL);
-  const tse_real g = r_min(r_div(dt, USUAL_TIME), MOST_FORGOTTEN);
-  m->noise[c] = r_clamp(r_mul(m->noise[c], TSE_R(1) + r_mul(g, seen - TSE_R(1))), LEAST_NOISE, p->noise_max_var);
-}
-
 /* Use a value, or leave it out while values do not fit.   Given: dt  since the last value, s   Updated: s, change */
 static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt, scalar *s, tse_real change[TSE_ALL])
 {
@@ -261,7 +253,7 @@ static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt,
   }
   m->off_for[c] = TSE_R(0);
   (void)use_scalar(k, c == INS_Y || c == COURSE ? NO_SENSOR_TURNING : NO_SENSOR_GOING, s, p->velocity_sd[c], change, &state);
-  find_noise(p, m, c, s->e, own, dt);
+  learn_noise(p, &m->noise[c], s->e - m->innovation[c], own, r_div(dt, USUAL_TIME));
   m->innovation[c] = s->e;
 }
 
