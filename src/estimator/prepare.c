@@ -263,9 +263,8 @@ static tse_setting square(tse_setting x) { return r_mul(x, x); }
 /* Let CONSTANT effects act on the settings of the car that the filter's constants are of. */
 static void change_car(uint64_t mask, tse_config *car)
 {
-#define CALL(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
-  EFFECTS_CONSTANT(CALL)
-#undef CALL
+#define CONSTANT_ON(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
+  EFFECTS_CONSTANT(CONSTANT_ON)
 }
 
 /* Take the parameters of all effects and of a formula of the user. */

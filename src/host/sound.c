@@ -8,7 +8,7 @@
 
 static int sound_start(const tse_start *s)
 {
-  int fine = sound_flags(&s->loaded, 1);
+  int fine = sound_int(s->loaded, 0, 1);
   fine = fine && sound_reals(s->mu, 3, -MOST_REAL, MOST_REAL) && sound_reals(s->mu_sd, 3, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(s->mean_var, 3, TSE_R(0), MOST_REAL) && sound_reals(s->lam, 6, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(s->bias, 3, -MOST_REAL, MOST_REAL) && sound_reals(s->bias_var, 3, TSE_R(0), MOST_REAL);
@@ -50,12 +50,12 @@ static int sound_velocity(const tse_velocity *m, int in_use)
   fine = fine && sound_reals(&m->gyro, 1, -MOST_REAL, MOST_REAL) && sound_reals(&m->turned, 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->motion, 3, -MOST_REAL, MOST_REAL) && sound_reals(&m->activity, 1, TSE_R(0), MOST_SQUARE);
   for (int c = 0; in_use && c < TSE_VELOCITIES; c++) fine = fine && m->noise[c] > TSE_R(0);
-  return fine && sound_int(m->kept, 0, TSE_PAST) && sound_flags(&m->has_heading, 1) && sound_flags(&m->has_gyro, 1);
+  return fine && sound_int(m->kept, 0, TSE_PAST) && sound_int(m->has_heading, 0, 1) && sound_int(m->has_gyro, 0, 1);
 }
 
 static int sound_agreement(const tse_agreement *a)
 {
-  int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL) && sound_int(a->apart, 0, (1 << TSE_PAIRS) - 1) && sound_flags(&a->off_scale, 1);
+  int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL) && sound_int(a->apart, 0, (1 << TSE_PAIRS) - 1) && sound_int(a->off_scale, 0, 1);
   fine = fine && sound_reals(a->moved[0], 4, TSE_R(0), MOST_SQUARE);
   for (int i = 0; i < TSE_PAIRS; i++) {
     const tse_pair *const q = &a->pair[i];
@@ -126,7 +126,7 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   if (!(p->form == 0 && filter_bytes == sizeof(tse_filter)) && filter_bytes != sizeof(tse_filter_paper)) return TSE_E_SIZE;
   const tse_real *const one[] = { &f->steer, &f->v_front, &f->v_rear, &f->held_for, &f->rolled_for, &f->still_for, &f->seen };
-  int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_flags(&f->started, 1) && sound_flags(&f->lost, 1);
+  int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_int(f->started, 0, 1) && sound_int(f->lost, 0, 1);
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 3 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
   fine = fine && sound_start(&f->start);

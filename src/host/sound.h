@@ -36,13 +36,6 @@ static inline int sound_shorts(const tse_short *x, int n)
   return fine;
 }
 
-static inline int sound_flags(const int32_t *x, int n)
-{
-  int fine = 1;
-  for (int i = 0; i < n; i++) fine = fine && sound_int(x[i], 0, 1);
-  return fine;
-}
-
 #if !defined(TSE_NO_EFFECTS)
 static inline int sound_delay(const tse_delay *d)
 {
@@ -54,9 +47,9 @@ static inline int sound_delay(const tse_delay *d)
 
 static inline int sound_memory(const tse_effect_memory *m)
 {
-  int fine = sound_flags(&m->settled, 1);
+  int fine = sound_int(m->settled, 0, 1);
 #if !defined(TSE_NO_EFFECTS)
-  fine = fine && sound_flags(&m->steered, 1) && sound_delay(&m->steer) && sound_delay(&m->imu);
+  fine = fine && sound_int(m->steered, 0, 1) && sound_delay(&m->steer) && sound_delay(&m->imu);
   fine = fine && sound_reals(m->lag, 4, -MOST_REAL, MOST_REAL) && sound_reals(m->mode[0], 6, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(m->steer_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->imu_was[0], 3 * TSE_DELAY_ROWS, -MOST_SQUARE, MOST_SQUARE);

@@ -103,25 +103,29 @@ enum {
 #include "tables/formula.h"
 #include "model/formula.h"
 
-/* EFFECTS_INPUT(CALL) and its like in effects_acting.h: every effect of that hook that is on, in the order of the table. */
+/* EFFECTS_INPUT(INPUT_ON) and its like (effects_acting.h) call every effect of that hook that is on, in the order of the table. */
 #define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
+#define INPUT_ON(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
+#define SLIP_ON(id) IF_ON(id, id##_slip(pt))
+#define LAG_ON(id) IF_ON(id, id##_slip(lag, pt))
+#define STIFFNESS_ON(id) IF_ON(id, id##_stiffness(pt))
+#define GRIP_ON(id) IF_ON(id, id##_grip(pt))
+#define BODY_ON(id) IF_ON(id, id##_body(pt))
+#define SENSOR_ON(id) IF_ON(id, id##_sensor(z))
+#define LAG_BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
 
 /* INPUT: the steering angle that a row logs becomes that of the wheels. Once a row, dt since the last one.
  *   Updated:  m   Returned: [rad] */
 static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
-#define CALL(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
-  EFFECTS_INPUT(CALL)
-#undef CALL
+  EFFECTS_INPUT(INPUT_ON)
   m->steered = 1;
   return steer;
 }
 
 #define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
 
-#define BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
-static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(BIT))) != 0; }
-#undef BIT
+static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
 
 /* Rates of the states of LAG, from the slips that they run towards.   Updated: pt->rate */
 static inline void effects_lag_rates(point *pt)
@@ -142,9 +146,7 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   pt->sin_steer = pt->u.steer;
   pt->cos_steer = TSE_R(1);
   if (!e->mask) return;
-#define CALL(id) IF_ON(id, id##_slip(pt))
-  EFFECTS_SLIP(CALL)
-#undef CALL
+  EFFECTS_SLIP(SLIP_ON)
   if (formula_is_on(e)) formula_slip(pt);
   pt->s.a_front += pt->g.slip_front;
   pt->s.a_rear += pt->g.slip_rear;
@@ -153,9 +155,7 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   pt->target[2] = pt->s.s_front;
   pt->target[3] = pt->s.s_rear;
   if (effects_lag(e)) effects_lag_rates(pt);
-#define CALL(id) IF_ON(id, id##_slip(lag, pt))
-  EFFECTS_LAG(CALL)
-#undef CALL
+  EFFECTS_LAG(LAG_ON)
 }
 
 /* STIFFNESS, GRIP: the secant stiffness at these slips.   Updated: pt->k */
@@ -163,12 +163,8 @@ static inline void effects_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
   if (!e->mask) return;
-#define CALL(id) IF_ON(id, id##_stiffness(pt))
-  EFFECTS_STIFFNESS(CALL)
-#undef CALL
-#define CALL(id) IF_ON(id, id##_grip(pt))
-  EFFECTS_GRIP(CALL)
-#undef CALL
+  EFFECTS_STIFFNESS(STIFFNESS_ON)
+  EFFECTS_GRIP(GRIP_ON)
   if (formula_is_on(e)) formula_stiffness(pt);
 }
 
@@ -210,9 +206,7 @@ static inline void effects_forces(point *pt)
   pt->force.x = r_mul(pt->fx_front, pt->cos_steer) + pt->fx_rear - r_mul(pt->fy_front, pt->sin_steer) + pt->g.x;
   pt->force.y = side + pt->fy_rear + pt->g.y;
   pt->force.yaw = r_mul(p->car.jf, side) - r_mul(p->car.jr, pt->fy_rear) + pt->g.yaw;
-#define CALL(id) IF_ON(id, id##_body(pt))
-  EFFECTS_BODY(CALL)
-#undef CALL
+  EFFECTS_BODY(BODY_ON)
   if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* acts here, too */
   if (formula_is_on(e)) formula_body(pt);
 }
@@ -235,9 +229,7 @@ static inline reading effects_sense(const point *pt, tse_effect_memory *m, tse_r
   const tse_effects *const e = &pt->p->effects;
   reading now = { pt, m, dt, { pt->force.x, pt->force.y, pt->r } }, *const z = &now;
   if (!e->mask) return now;
-#define CALL(id) IF_ON(id, id##_sensor(z))
-  EFFECTS_SENSOR(CALL)
-#undef CALL
+  EFFECTS_SENSOR(SENSOR_ON)
   if (formula_is_on(e)) formula_sensor(pt, z->y);
   return now;
 }
@@ -264,8 +256,6 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
 /* (7) with the effects, from the evaluated point `at` to what acts dt later, in equal steps, between which that is linear; `at` is then
  * that point. */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt, int32_t steps, point *at);
-
-#undef IF_ON
 
 #endif /* TSE_NO_EFFECTS */
 #endif

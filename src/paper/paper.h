@@ -9,9 +9,7 @@
 #include "paper/particle.h"
 
 /* The loops over particles become vector code only if the compiler knows that constants and particles do not overlap. */
-#if defined(__cplusplus)
-#define TSE_RESTRICT __restrict
-#elif defined(_MSC_VER) && !defined(__clang__)
+#if defined(__cplusplus) || (defined(_MSC_VER) && !defined(__clang__))
 #define TSE_RESTRICT __restrict
 #else
 #define TSE_RESTRICT restrict
@@ -46,10 +44,6 @@
 #define paper_estimate          TSE_NAME(tse_paper_estimate)
 #define paper_weighted_means    TSE_NAME(tse_paper_weighted_means)
 #define paper_excitation        TSE_NAME(tse_paper_excitation)
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /* What all particles have in common at one row. */
 typedef struct common {
@@ -177,7 +171,4 @@ void paper_excitation(const tse_params *p, tse_filter_paper *f, const sample *y,
 
 static inline int32_t padded(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -45,7 +45,3 @@ static const struct {
   SET(accel_x_bias_sd, 0.2), SET(accel_y_bias_sd, 0.2), SET(yaw_rate_bias_sd, 0.01),
   /* end of table */
 };
-#undef CONFIG_REAL
-#undef CONFIG_WHOLE
-#undef EFFECT_OF
-#undef SET

@@ -28,23 +28,17 @@ static const tse_field input_fields[] = {
 #define FIELD_REASON(name, member, valid, what) FIELD(tse_output, #name "_valid", 'i', member, "", "0 valid, else the reason (tse_reason)")
 static const tse_field output_fields[] = { OUTPUTS(FIELD_NUMBER, FIELD_FLAG, FIELD_CODE, FIELD_STIFFNESS, FIELD_REASON) };
 #undef FIELD_NUMBER
-#undef FIELD_FLAG
-#undef FIELD_CODE
 #undef FIELD_STIFFNESS
-#undef FIELD_REASON
 
 #define CODED(name, word, text) { word, 'c', (int32_t)(name), 0.0, 1.0, -1.0, "", text },
 static const tse_field status_fields[] = { STATUSES(CODED) };
 
 static const tse_field reason_fields[] = { REASON_CODES(CODED) };
-#undef CODED
 
 #if !defined(TSE_NO_EFFECTS)
 #define FIELD_REAL(fmu, name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
 #define FIELD_WHOLE(fmu, name, def, lo, hi, unit, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
 static const tse_field sim_config_fields[] = { SETTINGS_SIM(FIELD_REAL, FIELD_WHOLE) };
-#undef FIELD_REAL
-#undef FIELD_WHOLE
 
 #define FIELD_ROW(name, def, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
 static const tse_field sim_input_fields[] = {
@@ -58,8 +52,6 @@ static const tse_field sim_input_fields[] = {
 #define FIELD_STIFFNESS(group, name, member, si, unit, text) FIELD(tse_sim_output, #group "_" #name, 'r', member, "1", text ", relative to nominal")
 static const tse_field sim_output_fields[] = { CHANNELS(FIELD_ROW) TRUTHS(FIELD_NUMBER, FIELD_STIFFNESS) };
 #undef FIELD_ROW
-#undef FIELD_NUMBER
-#undef FIELD_STIFFNESS
 
 static const tse_field replay_log_fields[] = {
   /* table: replay_log_described */
@@ -79,7 +71,6 @@ static const tse_field replay_log_fields[] = {
 
 #define FIELD_ROW(name, def, unit, text) { #name, 'r', (int32_t)offsetof(tse_replay_start, name), def, 1.0, -1.0, unit, text },
 static const tse_field replay_start_fields[] = { REPLAY_START(FIELD_ROW) };
-#undef FIELD_ROW
 
 static const tse_field replay_out_fields[] = {
   /* table: replay_out_described */
@@ -157,4 +148,3 @@ static const tse_effect_row effect_rows[] = {
 #define PARAMETER_ROW(REAL, effect, parameter, def, lo, hi, unit, text, strength, sign, from, to, negligible) \
   { #effect, #parameter, #effect "_" #parameter, unit, text, strength, sign, def, lo, hi, from, to, negligible },
 static const tse_effect_parameter effect_parameters[] = { EFFECT_PARAMETERS(PARAMETER_ROW, ) };
-#undef PARAMETER_ROW
