@@ -102,8 +102,7 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
   scalar m;
   if (!z->use[YAW_RATE] || !works(k, YAW_RATE)) return;
   memset(&m, 0, sizeof m);
-  for (int i = 0; i < TSE_ALL; i++) m.h[i] = change[i] = TSE_R(0);
-  for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
+  for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   m.h[BR] = state_unit[BR];
   m.e = z->z[YAW_RATE] - k->x[BR];
   m.r = m.white = r_sqr(p->sensor_sd[YAW_RATE]);
