@@ -2,7 +2,7 @@
  *
  *   start.c      the prior, and the motion placed from the sensors
  *   row.c        a log row becomes a checked sample
- *   predict.c    state and covariance to its time (model/car.c; ud.c: the covariance)
+ *   predict.c    state and covariance to its time (model/car.c: forces, motion and sensors of the car; ud.c: the covariance)
  *   update.c     its measurements, one after the other
  *   velocity.c   ... of them a velocity, where one is measured
  *   events.c     what may have happened: a table of kinds, and how they are weighed
