@@ -9,7 +9,7 @@
  * sign that of the front; s, a: slip and slip angle of an axle; c_x, c_i, c_mu: logarithms of stiffness and grip; e^: exponential().
  *
  * Tyre       F = C s c(q), q = |C s|/limit, for slip and slip angle alike and each for itself;
- *            c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model); shape mixes it with 1/sqrt(1 + q^2)
+ *            c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model); shape mixes it with (1 + q^2 + q^4)^(-1/4)
  * Loads      A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)      limit_i = grip e^c_mu load_i (1 -+ height_i A)
  *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness
  * Stiffness  along    C = kx_i e^c_x (1 -+ height_i A)

@@ -34,7 +34,7 @@ static const struct {
 } ordinary[] = {
   /* table: uncalibrated */
   SET(initial_cx_sd, 0.3), SET(initial_cy_front_sd, 0.25), SET(initial_cy_rear_sd, 0.25), SET(grip, 1.0), SET(grip_sd, 0.25),
-  SET(tyre_saturation_shape, 0.7), SET(relaxation_length, 0.4), SET(relaxation_sd, 0.2), SET(steering_lag_time, 0.02),
+  SET(tyre_saturation_shape, 1.0), SET(relaxation_length, 0.4), SET(relaxation_sd, 0.2), SET(steering_lag_time, 0.02),
   SET(steer_lag_sd, 0.025), SET(longitudinal_load_transfer_gain, 0.02), SET(lateral_load_transfer_gain, 0.002),
   SET(cg_height, 0.55), SET(aero_drag_coefficient, 0.4), SET(rolling_resistance_coefficient, 0.01), SET(body_roll_gain, 0.006),
   SET(body_roll_frequency, 1.6), SET(body_roll_coupling, 0.4), SET(aligning_moment_trail, 0.03), SET(bank_superelevation, 0.1),

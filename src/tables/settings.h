@@ -31,7 +31,7 @@
   ROW(REAL, stiffness_drift, start, 0.0, 0.0, 36000.0, "s", "when it begins, from the start", -1, 1, 0.0, 600.0, 0.0) \
   ROW(REAL, combined_slip, factor, 0.0, 0.0, 2000.0, "1", "k of 1/sqrt(1 + k slip^2)", 1, 1, 50.0, 100.0, 10.0) \
   ROW(REAL, tyre_saturation, inverse_friction, 0.0, 0.0, 5.0, "1", "1/friction: axle load over the most lateral force", 1, 1, 0.9, 1.0, 0.2) \
-  ROW(REAL, tyre_saturation, shape, 0.0, 0.0, 1.0, "1", "0: brush model with parabolic pressure, 1: root, which saturates later and harder", 0, 1, 0.0, 1.0, 0.0) \
+  ROW(REAL, tyre_saturation, shape, 0.0, 0.0, 1.0, "1", "0: brush model with parabolic pressure, 1: as magic-formula tyres, which saturate later and harder", 0, 1, 0.0, 1.0, 0.0) \
   ROW(REAL, longitudinal_load_transfer, gain, 0.0, -0.08, 0.08, "s2/m", "cornering stiffness per accel_x: less in front, more in the rear", 1, 1, 0.02, 0.04, 0.004) \
   ROW(REAL, lateral_load_transfer, gain, 0.0, -0.003, 0.03, "s4/m2", "k of C (1 - k accel_y^2)", 1, 1, 0.002, 0.005, 0.0004) \
   ROW(REAL, lateral_load_transfer, balance, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): which axle carries the roll", 0, 0, -0.3, 0.3, 0.0) \

@@ -556,7 +556,7 @@ def saturation(p: VehicleParameters) -> dict[str, float]:
                 x = q[0] * slope * a * q[1] / load
                 brush = np.where(x < 3, 1 - x / 3 + x**2 / 27, 1 / np.maximum(x, 1))
                 shape = q[2] if len(q) > 2 else 0.0
-                return (q[0] * slope * a * (brush + shape * (1 / np.sqrt(1 + x**2) - brush)) - fy) / load
+                return (q[0] * slope * a * (brush + shape * ((1 + x**2 + x**4) ** -0.25 - brush)) - fy) / load
 
             start, high = [1.0, 0.95, 0.5][:free], [2.0, 5.0, 1.0][:free]
             q = least_squares(off, start, bounds=([0.1, 0.0, 0.0][:free], high)).x

@@ -302,7 +302,7 @@ LATE_SD = 0.025
 
 
 def slip_of(config: Config, driven: str, stiffness: float, push: float) -> float:
-    """Return the slip at which tyres push [m/s2], found by search: brush and root as the class mixes them, grip 1, load moving."""
+    """Return the slip at which tyres push [m/s2], found by search: brush and the other curve as the class mixes them, grip 1, load moving."""
     base = config.lf + config.lr
     rest = config.mass * 9.81 * (config.lr if driven == "front" else config.lf) / base
     load = rest + (1 if driven == "rear" else -1) * config.mass * push * HEIGHT / base
@@ -311,7 +311,7 @@ def slip_of(config: Config, driven: str, stiffness: float, push: float) -> float
     def force(slip: float) -> float:
         q = stiffness * load / rest * slip / load
         brush = 1 - q / 3 + q**2 / 27 if q < 3 else 1 / q
-        return load * q * ((1 - shape) * brush + shape / np.sqrt(1 + q**2))
+        return load * q * ((1 - shape) * brush + shape * (1 + q**2 + q**4) ** -0.25)
 
     return float(brentq(lambda slip: force(slip) - config.mass * push, 0.0, 1.0))
 

@@ -219,7 +219,8 @@ static double root(double c, double a, double s, double load, double ax, double 
   (void)ax;
   (void)ay;
   (void)rear;
-  return most * c * a / sqrt(most * most + c * c * a * a);
+  const double q = c * a / most;
+  return c * a * pow(1 + q * q + pow(q, 4), -0.25);
 }
 static double half_root(double c, double a, double s, double load, double ax, double ay, int rear)
 {

@@ -20,7 +20,7 @@ from tse.impl.identify.fit import Fit
 from tse.impl.identify.problem import Problem
 from tse.impl.identify.unknowns import LATENCY, prior_of
 from tse.impl.rows import Log
-from tse.impl.vehicle import GRAVITY, Vehicle, grip_of, ordinary_car
+from tse.impl.vehicle import GRAVITY, Vehicle, ordinary_car
 
 STIFFNESS = "cx_front"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
@@ -59,8 +59,7 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
     """
     k = list(problem.names).index(STIFFNESS)
     at = dict(zip(problem.names, map(float, fit.x), strict=True))
-    sd = dict(zip(problem.names, np.sqrt(np.diag(fit.covariance)), strict=True))
-    found = _regression(problem.config, at, sd, logs, vehicle)
+    found = _regression(problem.config, at, logs, vehicle)
     mean, var = _beside(found, float(problem.mean[k]), float(problem.sd[k]) ** 2)
     shift = dict.fromkeys(problem.names, 0.0)
     if found is not None:
@@ -84,9 +83,8 @@ def longitudinal(
     values: settings that a fit has found; of the others the prior counts."""
     prior = prior_of(vehicle, config)
     at = dict(zip(prior.names, map(float, prior.mean), strict=True))
-    sd = dict(zip(prior.names, prior.sd, strict=True))
-    found = _regression(config, at | {n: values[n] for n in at if n in values}, sd, logs, vehicle) if logs else None
-    mean, var = _beside(found, at[STIFFNESS], sd[STIFFNESS] ** 2)
+    found = _regression(config, at | {n: values[n] for n in at if n in values}, logs, vehicle) if logs else None
+    mean, var = _beside(found, at[STIFFNESS], float(prior.sd[prior.names.index(STIFFNESS)]) ** 2)
     return mean, float(np.sqrt(var))
 
 
@@ -108,14 +106,12 @@ class _Found:
     later_sd: float
 
 
-def _regression(
-    config: Config, at: Mapping[str, float], sd: Mapping[str, float], logs: Sequence[Log], vehicle: Vehicle
-) -> _Found | None:
-    """Return what all logs show together; None: nothing, or two driven axles. at, sd: numbers of the car."""
+def _regression(config: Config, at: Mapping[str, float], logs: Sequence[Log], vehicle: Vehicle) -> _Found | None:
+    """Return what all logs show together; None: nothing, or two driven axles. at: numbers of the car."""
     moves = {"front": 1.0, "rear": config.rear_longitudinal_follows_front}  # with STIFFNESS
     if moves.get(vehicle.driven_axle, 0.0) != 1.0:
         return None
-    car = _Car(config, at, sd, vehicle)
+    car = _Car(config, at, vehicle)
     parts = [_pulls(car, log) for log in logs]
     x = np.vstack([np.column_stack([p[0], np.eye(len(parts))[[n] * len(p[0])]]) for n, p in enumerate(parts)])
     y, weight = (np.concatenate([p[i] for p in parts]) for i in (1, 2))
@@ -143,10 +139,15 @@ def _regression(
 class _Car:
     """What of the car the regression needs; forces per mass."""
 
-    def __init__(self, c: Config, at: Mapping[str, float], sd: Mapping[str, float], vehicle: Vehicle):
+    def __init__(self, c: Config, at: Mapping[str, float], vehicle: Vehicle):
         ordinary = ordinary_car(c)
-        inverse = "tyre_saturation_inverse_friction"
-        self.grip = grip_of(ordinary, at.get(inverse), sd.get(inverse))[0]
+        inverse = at.get("tyre_saturation_inverse_friction", 0.0)
+        # a fit without that effect: tyres of the class
+        self.grip, shape = (
+            (1.0 / inverse, c.tyre_saturation_shape)
+            if inverse > 0.0
+            else (ordinary["grip"], ordinary["tyre_saturation_shape"])
+        )
         self.front_driven = vehicle.driven_axle == "front"
         self.radius = c.wheel_radius_front, c.wheel_radius_rear
         self.base, self.mass = c.lf + c.lr, c.mass
@@ -162,8 +163,8 @@ class _Car:
         self.scale = (1.0 + at.get("imu_scale_ax_error", 0.0)) * (1.0 + GRAVITY * at.get("pitch_leak_gain", 0.0))
         self.drag, self.rolling = at["aero_drag_coefficient"], at["rolling_resistance_coefficient"]
         z = np.linspace(0.0, 1.0, 400)  # of the brush model, up to where it slides
-        brush, root = 1.0 - z + z * z / 3.0, 1.0 / np.sqrt(1.0 + 9.0 * z * z)
-        self.curve = 3.0 * z, 3.0 * z * (brush + ordinary["tyre_saturation_shape"] * (root - brush))
+        brush, other = 1.0 - z + z * z / 3.0, (1.0 + 9.0 * z**2 + 81.0 * z**4) ** -0.25
+        self.curve = 3.0 * z, 3.0 * z * (brush + shape * (other - brush))
 
     def slip(self, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return slip of the driven axle over the free one at the file's stiffness, and share of the driven one's grip, for what
