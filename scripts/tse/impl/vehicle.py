@@ -33,13 +33,14 @@ DESCRIPTIVE = (
     "source",
 )
 FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
+SHAPE = "tyre_saturation_shape"
 TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
 ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is thought to be misspelt
 MOST_UNKNOWN = 3  # keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
 # Limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
-LEAST_GRIP_SD = 0.1
+LEAST_GRIP_SD, LEAST_INVERSE = 0.1, 0.2
 CALIBRATED_MODEL_SD = 0.05
 LEAST_LATE_SD = 0.008  # s
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
@@ -108,11 +109,17 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     c = vehicle.calibration
     mean = dict(zip(c["names"], c["mean"], strict=True))
     sd = {name: float(np.sqrt(c["covariance"][i][i])) for i, name in enumerate(c["names"])}
-    found, plain = {"tyre_saturation_shape": ordinary["tyre_saturation_shape"]}, Config()
+    found, plain = {key: ordinary[key] for key in (SHAPE, "grip", "grip_sd")}, Config()
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
         found[setting] = float(min(sd.get(key, np.inf), ordinary.get(setting, getattr(plain, setting))))
-    found["grip"], found["grip_sd"] = grip_of(ordinary, mean.get(FRICTION), sd.get(FRICTION))
+    if FRICTION in mean:  # on the curve that it was found on
+        inverse = max(mean[FRICTION], LEAST_INVERSE)
+        found |= {
+            "grip": 1.0 / inverse,
+            "grip_sd": max(sd[FRICTION] / inverse**2, LEAST_GRIP_SD),
+            SHAPE: v.get(SHAPE, found[SHAPE]),
+        }
     # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
@@ -123,16 +130,6 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
 def ordinary_car(config: Config) -> dict[str, float]:
     """Return what an ordinary car has of this mass and these axles."""
     return _class_values(float(config.mass), float(config.lf), float(config.lr))
-
-
-def grip_of(ordinary: Mapping[str, float], inverse: float | None, sd: float | None) -> tuple[float, float]:
-    """Return grip and its sd: what a calibration found of 1/friction, and that tyres have about the grip of their class.
-
-    inverse, sd: None where nothing was found"""
-    prior = 1.0 / ordinary["grip"]
-    var, seen = (ordinary["grip_sd"] * prior) ** 2, (10.0 if sd is None else sd) ** 2
-    both = (prior / var + (prior if inverse is None else inverse) / seen) / (1.0 / var + 1.0 / seen)
-    return 1.0 / max(both, 0.2), max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
 
 
 def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:

@@ -22,7 +22,7 @@ from tse.impl.logs.agree import check_car
 from tse.impl.logs.log import read_log
 from tse.impl.noise import smooth
 from tse.impl.rows import DRIVES, Log, Reading, liveliest
-from tse.impl.vehicle import Vehicle, default_vehicle, fill_sensors, read_vehicle
+from tse.impl.vehicle import SHAPE, Vehicle, default_vehicle, fill_sensors, ordinary_car, read_vehicle
 
 Say = Callable[[str], None]
 SLOW = 4.0  # s
@@ -85,6 +85,8 @@ def _problem(
     fill_sensors(vehicle, logs[0])
     config = Config(vehicle.values)
     vehicle.values = stated
+    if SHAPE not in stated:
+        setattr(config, SHAPE, ordinary_car(config)[SHAPE])
     ready = _prepare(logs, config, notes, say)
     if not any(p.stretches for p in ready):
         raise UserError("; ".join(notes) or "no log can be used")
