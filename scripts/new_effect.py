@@ -58,14 +58,6 @@ static void test_{id}_does_what_its_equation_says(void)
   /* Replace: what got_r, got_x, got_y (yaw rate, accel_x, accel_y of every row) are then, computed another way. */
   TEST_FAIL_MESSAGE("write the formula of {id} in src/model/effects/{id}.h, and here what it does, by another one");
 }}
-
-int main(void)
-{{
-  UNITY_BEGIN();
-  RUN_TEST(test_{id}_is_off_at_0_to_the_last_bit);
-  RUN_TEST(test_{id}_does_what_its_equation_says);
-  return UNITY_END();
-}}
 """
 
 

@@ -172,9 +172,13 @@ def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):
                       "--typical", 0.01, 0.05)  # fmt: skip
     assert done.returncode == 0 and "test_effect_brake_pull.c" in done.stdout
     sources = [str(p.relative_to(copy)) for p in sorted((copy / "src").rglob("*.c"))]
+    test = copy / "tests/unit/model/test_effect_brake_pull.c"
+    subprocess.run(
+        ["cmake", f"-DSOURCE={test}", "-DRUNNER=run.c", "-P", "tests/unit/runner.cmake"], cwd=copy, check=True
+    )
     subprocess.run(
         ["cc", "-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc", "-Itests/unit",
-         f"-I{UNITY}", "tests/unit/model/test_effect_brake_pull.c", str(UNITY / "unity.c"), *sources, "-lm", "-o", "run"],
+         f"-I{UNITY}", "run.c", str(UNITY / "unity.c"), *sources, "-lm", "-o", "run"],
         cwd=copy, check=True,
     )  # fmt: skip
     said = subprocess.run([copy / "run"], capture_output=True, text=True).stdout

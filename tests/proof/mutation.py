@@ -263,15 +263,15 @@ class Bench:
             f"-I{UNITY}",
             "-DUNITY_INCLUDE_DOUBLE",
         ]
-        self.tests = {}
+        self.tests, self.includes = {}, {}
         for path in sorted((ROOT / "tests" / "unit").rglob("test_*.c")):
             if path.stem in ("test_ekf", "test_describe", "test_simulate", "test_replay_log"):
                 continue  # not of the core
             name = path.stem.replace("test_", "test_filter_") if path.parent.name == "filter" else path.stem
-            self.tests[name] = path
-        self.includes = {
-            name: set(re.findall(r'#include "([^"]+\.c)"', path.read_text())) for name, path in self.tests.items()
-        }
+            self.includes[name] = set(re.findall(r'#include "([^"]+\.c)"', path.read_text()))
+            self.tests[name] = work / "test" / f"{name}.c"
+            writer = ROOT / "tests" / "unit" / "runner.cmake"
+            subprocess.run(["cmake", f"-DSOURCE={path}", f"-DRUNNER={self.tests[name]}", "-P", writer], check=True)
         self.seconds: dict[str, float] = {}
         self.library = work / "obj" / "libtse.a"
 

@@ -67,10 +67,3 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
   }
   for (int a = 3; a < 6; a++) TEST_ASSERT_TRUE(sqrt(d.cov[a][a]) < 0.1); /* the drive teaches all stiffnesses */
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_estimates_are_those_of_a_kalman_filter_in_another_form);
-  return UNITY_END();
-}

@@ -563,29 +563,3 @@ static void test_reset_makes_a_new_instance_bit_for_bit(void)
   TEST_ASSERT_TRUE(real_of(c, AN_OUTPUT) != before); /* the mass is the default again */
   expect_same_and_free(bytes_of(c), bytes_of(fresh), "second run");
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_call_is_done_in_its_phases_and_refused_by_name_in_all_others);
-  RUN_TEST(test_a_component_that_is_none_is_an_error_and_touches_nothing);
-  RUN_TEST(test_an_instantiation_that_is_refused_says_why);
-  RUN_TEST(test_without_a_logger_nothing_is_said_and_nothing_breaks);
-  RUN_TEST(test_the_pool_of_instances_says_when_it_is_exhausted_and_is_whole_again_after_freeing);
-  RUN_TEST(test_a_freed_place_gives_a_new_instance_not_the_old_one);
-  RUN_TEST(test_long_names_and_texts_do_not_overflow);
-  RUN_TEST(test_a_missing_argument_is_named);
-  RUN_TEST(test_nothing_to_do_needs_no_arguments);
-  RUN_TEST(test_the_experiment_must_have_numbers_in_order);
-  RUN_TEST(test_a_step_size_that_is_no_positive_number_is_refused);
-  RUN_TEST(test_the_communication_point_may_be_off_by_what_summing_costs_and_no_more);
-  RUN_TEST(test_times_far_from_zero_are_compared_with_what_they_can_hold);
-  RUN_TEST(test_what_is_asked_about_steps);
-  RUN_TEST(test_derivatives_of_outputs_are_not_given);
-  RUN_TEST(test_the_logger_gets_environment_name_status_and_category);
-  RUN_TEST(test_categories_are_switched_on_and_off);
-  RUN_TEST(test_the_platform_is_the_standard_one);
-  RUN_TEST(test_instances_in_turn_do_what_each_does_alone);
-  RUN_TEST(test_reset_makes_a_new_instance_bit_for_bit);
-  return UNITY_END();
-}

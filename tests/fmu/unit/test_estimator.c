@@ -531,26 +531,3 @@ static void test_inputs_take_no_derivatives(void)
   const fmi2Real value = 0.5;
   REFUSED(fmi2SetRealInputDerivatives(c, &vr, 1, &order, &value), "accel_x takes no derivative");
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step);
-  RUN_TEST(test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step);
-  RUN_TEST(test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step);
-  RUN_TEST(test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins);
-  RUN_TEST(test_an_importer_that_sets_every_parameter_to_its_start_has_set_none);
-  RUN_TEST(test_a_car_that_cannot_be_is_refused_and_the_parameter_named);
-  RUN_TEST(test_before_the_first_sample_outputs_say_what_the_settings_say);
-  RUN_TEST(test_a_failing_sensor_is_a_warning_said_once);
-  RUN_TEST(test_a_steering_angle_that_is_gone_is_not_guessed);
-  RUN_TEST(test_of_several_missing_channels_the_first_is_named);
-  RUN_TEST(test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance);
-  RUN_TEST(test_the_ends_of_a_range_belong_to_it);
-  RUN_TEST(test_the_mask_of_missing_channels_is_as_good_as_nan);
-  RUN_TEST(test_a_sensor_missing_at_standstill_is_said_too);
-  RUN_TEST(test_a_fault_that_lasts_is_said_once_whatever_the_car_does_meanwhile);
-  RUN_TEST(test_a_gap_is_bridged_or_restarts_and_a_longer_one_than_an_hour_is_refused);
-  RUN_TEST(test_inputs_take_no_derivatives);
-  return UNITY_END();
-}

@@ -685,23 +685,3 @@ static void test_what_is_logged_has_status_category_and_environment(void)
   TEST_ASSERT_EQUAL_INT(n, said);
   TEST_ASSERT_EQUAL_STRING("3.0", fmi3GetVersion());
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_every_variable_has_the_bits_of_fmi_2_over_a_drive);
-  RUN_TEST(test_an_array_is_the_outputs_that_it_is_made_of);
-  RUN_TEST(test_arrays_and_single_values_come_in_the_order_of_the_call);
-  RUN_TEST(test_values_must_be_as_many_as_the_variables_have);
-  RUN_TEST(test_arguments_that_are_missing_or_of_another_type_are_named);
-  RUN_TEST(test_what_may_not_be_set_is_not_and_neither_is_what_stands_before_it);
-  RUN_TEST(test_an_instantiation_that_is_refused_says_why);
-  RUN_TEST(test_a_call_is_done_in_its_phases_and_refused_by_name_in_all_others);
-  RUN_TEST(test_an_instance_that_is_none_is_an_error_and_nothing_is_said);
-  RUN_TEST(test_the_experiment_and_the_steps_must_be_numbers_in_order);
-  RUN_TEST(test_an_input_that_is_no_number_is_a_warning_or_an_error_as_in_fmi_2);
-  RUN_TEST(test_instances_do_not_know_of_each_other);
-  RUN_TEST(test_a_serialized_state_goes_on_bit_for_bit_in_another_instance);
-  RUN_TEST(test_what_is_logged_has_status_category_and_environment);
-  return UNITY_END();
-}

@@ -377,22 +377,3 @@ static void test_no_forged_word_leaves_the_memory_of_the_model(void)
   go_on_with_forged_words(1);
 #endif
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_restored_state_goes_on_as_if_nothing_had_happened);
-  RUN_TEST(test_a_state_of_every_phase_brings_that_phase_back);
-  RUN_TEST(test_a_state_is_overwritten_in_place_and_freed_once);
-  RUN_TEST(test_the_pool_of_states_says_when_it_is_exhausted_and_is_whole_after_freeing);
-  RUN_TEST(test_freeing_an_instance_frees_its_states_and_no_others);
-  RUN_TEST(test_bytes_become_the_same_state);
-  RUN_TEST(test_equal_histories_have_equal_bytes);
-  RUN_TEST(test_every_changed_byte_is_noticed);
-  RUN_TEST(test_what_is_wrong_with_the_bytes_is_said);
-  RUN_TEST(test_truncated_bytes_are_refused_and_not_read_beyond);
-  RUN_TEST(test_a_forged_state_is_refused_whatever_its_checksum_says);
-  RUN_TEST(test_no_forged_word_leaves_the_memory_of_the_model);
-  RUN_TEST(test_a_larger_buffer_is_fine_a_smaller_one_is_refused_and_untouched);
-  return UNITY_END();
-}

@@ -225,19 +225,3 @@ static void test_what_was_tried_before_the_start_leaves_no_trace(void)
   OK(fmi2ExitInitializationMode(b));
   expect_same_and_free(bytes_of(a), bytes_of(b), "initialized after trials");
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_the_table_is_sound);
-  RUN_TEST(test_starts_are_there_from_the_start_and_after_a_reset);
-  RUN_TEST(test_every_variable_has_a_place_of_its_own);
-  RUN_TEST(test_every_parameter_is_refused_beyond_its_range_and_taken_at_its_ends);
-  RUN_TEST(test_of_several_values_none_is_set_when_one_is_refused);
-  RUN_TEST(test_unknown_references_and_wrong_types_are_named_and_nothing_is_written);
-  RUN_TEST(test_outputs_cannot_be_set_and_parameters_only_before_the_first_step);
-  RUN_TEST(test_booleans_are_true_or_false_whatever_number_says_so);
-  RUN_TEST(test_outputs_follow_parameters_in_initialization_mode);
-  RUN_TEST(test_what_was_tried_before_the_start_leaves_no_trace);
-  return UNITY_END();
-}

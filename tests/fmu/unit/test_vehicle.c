@@ -328,19 +328,3 @@ static void test_the_seed_decides_and_nothing_else_does(void)
   }
   TEST_ASSERT_TRUE(first[0] == first[1] && first[0] != first[2]);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_with_ramp_every_output_has_the_bits_of_the_simulator);
-  RUN_TEST(test_without_ramp_inputs_are_held_during_the_step);
-  RUN_TEST(test_a_held_torque_acts_from_its_communication_point_on);
-  RUN_TEST(test_a_derivative_says_where_an_input_is_at_the_end_of_the_step);
-  RUN_TEST(test_derivatives_that_are_none_are_refused_and_none_of_several_is_set);
-  RUN_TEST(test_a_wrong_input_is_an_error_that_names_it_and_changes_nothing);
-  RUN_TEST(test_a_derivative_that_leads_out_of_range_is_an_error_too);
-  RUN_TEST(test_ends_of_ranges_are_taken_and_steps_up_to_a_second);
-  RUN_TEST(test_wrong_inputs_and_settings_at_the_start_are_refused_by_name);
-  RUN_TEST(test_the_seed_decides_and_nothing_else_does);
-  return UNITY_END();
-}

@@ -589,28 +589,3 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
     TEST_ASSERT_EQUAL_MEMORY(&x, &y, sizeof x);
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_channels_late_by_whole_rows_give_the_same_bits_later);
-  RUN_TEST(test_accel_x_is_not_interpolated_in_even_rows);
-  RUN_TEST(test_random_latencies_are_interpolated);
-  RUN_TEST(test_a_value_missing_on_either_side_is_missing_and_on_neither_where_a_row_is_met);
-  RUN_TEST(test_a_value_that_repeats_itself_does_so_when_interpolated);
-  RUN_TEST(test_until_all_channels_are_known_the_start_is_reported);
-  RUN_TEST(test_nothing_is_read_across_a_gap);
-  RUN_TEST(test_a_step_takes_the_whole_time_since_the_last_one);
-  RUN_TEST(test_refused_rows_change_nothing);
-#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
-  RUN_TEST(test_a_channel_that_is_no_number_is_missing);
-#endif
-  RUN_TEST(test_channels_late_by_a_microsecond_wait_for_nothing);
-  RUN_TEST(test_a_row_is_read_when_its_latest_channel_is_known);
-  RUN_TEST(test_a_full_memory_goes_on);
-  RUN_TEST(test_latencies_that_do_not_fit_the_memory_are_refused_by_name);
-  RUN_TEST(test_rows_that_come_faster_than_set_are_left_out);
-  RUN_TEST(test_any_latencies_and_rows_leave_numbers_and_a_sound_filter);
-  RUN_TEST(test_effects_act_on_the_row_that_was_put_together);
-  return UNITY_END();
-}

@@ -75,15 +75,3 @@ static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
   TEST_ASSERT_TRUE(fabs(number(y.vel_x) - 60 * 0.33) < 1);
 }
 #endif
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_every_form_works_in_every_format);
-  RUN_TEST(test_a_wrong_setting_is_named_in_every_format);
-#if defined(TSE_REAL_FIXED)
-  RUN_TEST(test_what_does_not_fit_is_refused_by_name);
-  RUN_TEST(test_a_state_at_the_end_of_the_range_goes_on_as_numbers);
-#endif
-  return UNITY_END();
-}

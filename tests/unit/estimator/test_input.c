@@ -300,23 +300,3 @@ static void test_check_of_no_row_is_refused(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_input_check(NULL, &wrong));
   TEST_ASSERT_EQUAL_STRING("untouched", wrong);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_good_row_becomes_speeds_in_metres_and_measurements_in_sigmas);
-  RUN_TEST(test_each_channel_is_accepted_at_both_limits);
-  RUN_TEST(test_channel_that_is_not_a_number_is_missing_and_the_others_are_kept);
-  RUN_TEST(test_channel_whose_bit_is_set_is_missing_whatever_its_value);
-  RUN_TEST(test_missing_bits_are_six_different_ones);
-  RUN_TEST(test_row_without_any_channel_is_accepted_and_all_held);
-  RUN_TEST(test_driving_channel_out_of_range_or_infinite_is_refused_by_name);
-  RUN_TEST(test_measured_channel_out_of_range_or_infinite_is_missing_and_the_others_are_kept);
-  RUN_TEST(test_a_default_row_is_a_row_in_which_nothing_moves);
-  RUN_TEST(test_of_two_wrong_channels_the_first_is_named_and_dt_before_both);
-  RUN_TEST(test_time_step_must_be_positive_finite_and_at_most_an_hour);
-  RUN_TEST(test_first_row_ignores_its_time_step);
-  RUN_TEST(test_first_row_is_refused_like_any_other_when_an_input_is_out_of_range);
-  RUN_TEST(test_check_of_no_row_is_refused);
-  return UNITY_END();
-}

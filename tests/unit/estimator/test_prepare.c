@@ -724,37 +724,3 @@ static void test_stiffness_in_newtons_skips_what_is_not_asked_for(void)
   tse_stiffness_si(&c, NULL, x, x, x);
   expect_near(-1, of_setting(x[0]), 0, "untouched", 0);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_defaults_are_those_of_the_table_and_pass_the_check);
-  RUN_TEST(test_other_forms_are_the_defaults_but_for_a_few_settings);
-  RUN_TEST(test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond);
-  RUN_TEST(test_each_setting_that_is_not_finite_is_refused_by_name);
-  RUN_TEST(test_of_two_wrong_settings_the_first_is_named);
-  RUN_TEST(test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_else_changes);
-  RUN_TEST(test_null_arguments_are_refused_and_change_nothing);
-  RUN_TEST(test_settings_of_the_tests_below_are_none_of_the_defaults);
-  RUN_TEST(test_vehicle_constants_are_normalised_by_mass);
-  RUN_TEST(test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axles);
-  RUN_TEST(test_sensor_constants_are_normalised_by_the_sensors_sd);
-  RUN_TEST(test_the_car_of_the_model_is_that_of_the_settings);
-  RUN_TEST(test_the_prior_of_the_state_is_that_of_the_settings);
-  RUN_TEST(test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs);
-  RUN_TEST(test_filter_constants_follow_their_formulas);
-  RUN_TEST(test_off_is_off);
-  RUN_TEST(test_damping_is_that_of_the_stiffest_direction);
-  RUN_TEST(test_both_meanings_of_the_initial_sd_come_out_of_the_statistics);
-  RUN_TEST(test_constants_are_finite_at_both_ends_of_every_range);
-  RUN_TEST(test_no_seed_gives_the_key_of_only_zeros);
-  RUN_TEST(test_same_settings_give_the_same_bytes);
-  RUN_TEST(test_fingerprint_changes_with_every_setting);
-  RUN_TEST(test_fingerprint_changes_with_every_bit_of_a_setting);
-  RUN_TEST(test_fingerprint_tells_settings_that_were_exchanged);
-  RUN_TEST(test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only);
-  RUN_TEST(test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on);
-  RUN_TEST(test_stiffness_in_newtons_is_nominal_times_relative);
-  RUN_TEST(test_stiffness_in_newtons_skips_what_is_not_asked_for);
-  return UNITY_END();
-}

@@ -103,15 +103,8 @@ static void test_a_bit_says_missing_as_well_as_nan(void)
                                     replay_forms[form].name);
 }
 
-int main(void)
+void suiteSetUp(void)
 {
   row_count = replay_read("replay/drive.csv", rows);
-  UNITY_BEGIN();
   read_golden();
-  RUN_TEST(test_the_drive_holds_what_it_should);
-  RUN_TEST(test_estimates_are_the_golden_ones_in_all_printed_digits);
-  RUN_TEST(test_all_outputs_have_the_golden_bits_with_every_resampling_scheme);
-  RUN_TEST(test_every_warning_but_recovery_is_met_on_the_way);
-  RUN_TEST(test_a_bit_says_missing_as_well_as_nan);
-  return UNITY_END();
 }

@@ -533,24 +533,3 @@ static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
     for (int q = 0; q < TSE_DOUBTS; q++) expect_near(i >= GX, number_of(k.doubt[q][i]), 0, "uncertain", i);
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows_it);
-  RUN_TEST(test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it);
-  RUN_TEST(test_a_second_amplitude_is_that_of_a_filter_that_knows_both);
-  RUN_TEST(test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it);
-  RUN_TEST(test_an_event_that_is_given_up_leaves_what_the_state_may_be);
-  RUN_TEST(test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there);
-  RUN_TEST(test_tyres_that_are_back_are_known_as_before);
-  RUN_TEST(test_another_road_gives_no_more_grip_than_there_is);
-  RUN_TEST(test_the_likeliest_event_keeps_its_place);
-  RUN_TEST(test_a_road_that_is_given_up_opens_the_slip_stiffness);
-  RUN_TEST(test_a_change_is_reported_once);
-  RUN_TEST(test_soon_after_a_change_nothing_is_a_fault);
-  RUN_TEST(test_without_evidence_nothing_is_believed);
-  RUN_TEST(test_events_are_opened_in_turn);
-  RUN_TEST(test_where_the_motion_is_placed_anew_events_know_nothing_of_it);
-  return UNITY_END();
-}

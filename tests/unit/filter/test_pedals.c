@@ -173,14 +173,3 @@ static void test_what_is_not_given_changes_no_bit(void)
   }
   TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_the_axle_that_rolls_freely_is_that_of_the_pedals);
-  RUN_TEST(test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip);
-  RUN_TEST(test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone);
-  RUN_TEST(test_four_driven_wheels_are_excited_where_an_axle_has_no_torque);
-  RUN_TEST(test_what_is_not_given_changes_no_bit);
-  return UNITY_END();
-}

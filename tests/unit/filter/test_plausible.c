@@ -148,14 +148,3 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
   }
 #endif
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_mistake_is_named_with_its_factor);
-  RUN_TEST(test_a_channel_that_comes_seldom_contradicts_nobody);
-  RUN_TEST(test_axles_that_are_exchanged_are_no_other_factor);
-  RUN_TEST(test_a_speed_that_is_hardly_off_contradicts_nobody);
-  RUN_TEST(test_what_is_kept_is_numbers_or_all_starts_over);
-  return UNITY_END();
-}

@@ -221,15 +221,3 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
     }
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_row_is_the_time_update_of_a_kalman_filter);
-  RUN_TEST(test_at_rest_gravity_forgets_and_stiffness_does_not);
-  RUN_TEST(test_noise_does_not_depend_on_how_often_rows_come);
-  RUN_TEST(test_all_starts_as_the_settings_say);
-  RUN_TEST(test_motion_is_placed_from_wheels_and_gyro);
-  RUN_TEST(test_of_a_sum_its_part_is_that_of_a_filter_of_both);
-  return UNITY_END();
-}

@@ -249,20 +249,3 @@ static void test_d_stays_positive_in_a_long_run(void)
     }
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_diagonal_is_its_variances);
-  RUN_TEST(test_variances_and_covariances_are_those_of_the_matrix);
-  RUN_TEST(test_a_measurement_is_that_of_a_kalman_filter);
-  RUN_TEST(test_a_measurement_of_nothing_changes_nothing);
-  RUN_TEST(test_time_is_f_p_f_and_noise);
-  RUN_TEST(test_more_along_a_vector_is_rank_one);
-  RUN_TEST(test_a_state_fades_with_all_that_it_has_in_common);
-  RUN_TEST(test_states_that_start_anew_leave_the_others_as_they_are);
-  RUN_TEST(test_a_block_is_its_covariance);
-  RUN_TEST(test_a_block_that_is_no_covariance_becomes_one_of_its_variances);
-  RUN_TEST(test_d_stays_positive_in_a_long_run);
-  return UNITY_END();
-}

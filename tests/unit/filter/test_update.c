@@ -396,20 +396,3 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   const double r = pow(number(p.sensor_sd[2]) / number(state_unit[BR]), 2);
   expect_near(r / (200 + r), number(ud_variance(&k.p, BR)), BY_NUMBER(1e-10, 1e-5, 1e-6), "its variance", 0);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_row_is_that_of_a_kalman_filter_where_all_is_known);
-  RUN_TEST(test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain);
-  RUN_TEST(test_doubt_never_makes_anything_surer);
-  RUN_TEST(test_a_reading_far_off_pulls_the_less_the_further_off);
-  RUN_TEST(test_a_missing_channel_is_not_used);
-  RUN_TEST(test_the_log_likelihood_is_that_of_the_innovations);
-  RUN_TEST(test_stiffness_stays_within_its_bounds);
-  RUN_TEST(test_a_channel_at_fault_has_to_agree_for_a_while);
-  RUN_TEST(test_what_happens_near_the_end_of_tyres_counts_more);
-  RUN_TEST(test_more_force_than_of_the_slip_is_no_road_with_less_grip);
-  RUN_TEST(test_at_standstill_the_gyro_teaches_its_bias);
-  return UNITY_END();
-}

@@ -824,31 +824,3 @@ static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(vo
   u.given = TSE_GIVEN_ins_vel_x;
   TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_step(&p, &paper.filter, &u, NULL));
 }
-
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_opened_extra_states_are_their_variances_and_the_others_stay);
-  RUN_TEST(test_a_measurement_is_that_of_a_kalman_filter_of_all_states);
-  RUN_TEST(test_what_moves_the_others_keeps_what_they_share_with_the_extra_states);
-  RUN_TEST(test_sums_fading_ties_and_what_is_forgotten_are_those_of_the_matrix);
-  RUN_TEST(test_rates_are_those_of_the_motion_and_slopes_are_their_differences);
-  RUN_TEST(test_a_row_is_that_of_a_dense_schmidt_kalman_filter);
-  RUN_TEST(test_what_is_not_given_is_not_read_and_changes_no_bit);
-  RUN_TEST(test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle);
-  RUN_TEST(test_what_cannot_be_a_velocity_is_not_there);
-  RUN_TEST(test_an_ins_that_is_mounted_straight_shows_the_speed_across);
-  RUN_TEST(test_where_an_ins_sits_and_looks_is_found);
-  RUN_TEST(test_course_and_speed_show_the_speed_across);
-  RUN_TEST(test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm);
-  RUN_TEST(test_a_frozen_velocity_is_none);
-  RUN_TEST(test_an_outlier_pulls_no_further_than_three_sd);
-  RUN_TEST(test_a_jump_is_left_out_and_named_until_it_fits);
-  RUN_TEST(test_a_course_with_another_zero_is_found_again);
-  RUN_TEST(test_velocities_come_and_go_and_gaps_are_survived);
-  RUN_TEST(test_a_velocity_beside_channels_that_are_late);
-  RUN_TEST(test_no_velocity_whatever_breaks_the_filter);
-  RUN_TEST(test_forms_with_particles_refuse_a_velocity_as_one_without_effect);
-  return UNITY_END();
-}

@@ -449,24 +449,3 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
     TEST_ASSERT_TRUE_MESSAGE(prepared(&c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_rows_describe_every_byte_of_the_structs_but_padding);
-  RUN_TEST(test_rows_describe_every_byte_of_the_simulators_output_but_dt_and_missing);
-  RUN_TEST(test_names_are_unique_and_texts_are_there);
-  RUN_TEST(test_inputs_are_the_columns_of_a_log);
-  RUN_TEST(test_output_names_lead_to_their_members);
-  RUN_TEST(test_simulator_names_lead_to_their_members);
-  RUN_TEST(test_described_ranges_of_the_simulators_input_are_the_enforced_ones);
-  RUN_TEST(test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text);
-  RUN_TEST(test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text);
-  RUN_TEST(test_unknown_struct_is_null_with_no_rows);
-  RUN_TEST(test_count_and_size_need_not_be_asked_for);
-  RUN_TEST(test_build_tells_version_format_capacity_and_sizes);
-  RUN_TEST(test_effects_that_were_once_there_stay);
-  RUN_TEST(test_parameters_of_effects_are_settings_with_sizes_that_make_sense);
-  RUN_TEST(test_a_strength_sets_the_bit_of_its_effect);
-  return UNITY_END();
-}

@@ -920,38 +920,7 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
   }
 }
 
-int main(void)
+void suiteSetUp(void)
 {
   write_both();
-  UNITY_BEGIN();
-  RUN_TEST(test_crc_has_the_published_check_value);
-  RUN_TEST(test_saved_bytes_are_those_of_the_format);
-  RUN_TEST(test_any_damaged_byte_is_detected_and_changes_nothing);
-  RUN_TEST(test_what_is_too_short_too_long_or_something_else_is_refused);
-  RUN_TEST(test_a_newer_format_differs_from_damage);
-  RUN_TEST(test_the_formats_before_differ_from_damage);
-  RUN_TEST(test_numbers_that_cannot_be_are_refused_by_name);
-  RUN_TEST(test_what_is_wrong_with_the_frame_is_said);
-  RUN_TEST(test_extreme_numbers_make_a_start_of_numbers);
-  RUN_TEST(test_correlations_that_contradict_each_other_make_a_start_of_numbers);
-  RUN_TEST(test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not);
-  RUN_TEST(test_calls_out_of_order_are_refused_and_change_nothing);
-  RUN_TEST(test_a_filter_without_a_mark_or_with_rows_that_wait_is_refused);
-  RUN_TEST(test_bytes_that_say_format_0_are_damaged);
-#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
-  RUN_TEST(test_what_is_saved_lies_inside_what_may_be_loaded);
-  RUN_TEST(test_what_is_no_number_is_not_saved);
-#endif
-  RUN_TEST(test_reset_forgets_what_was_loaded);
-  RUN_TEST(test_variances_grow_with_age_as_the_settings_say);
-  RUN_TEST(test_of_unknown_age_nothing_is_trusted_more_than_the_settings_start);
-  RUN_TEST(test_before_the_first_step_what_was_learnt_is_reported);
-  RUN_TEST(test_particles_start_at_the_learnt_means_as_uncertain_as_they_are);
-  RUN_TEST(test_the_filter_starts_at_the_learnt_means_with_their_covariance);
-  RUN_TEST(test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_the_start);
-  RUN_TEST(test_nothing_learnt_starts_as_the_settings_say_bit_for_bit);
-  RUN_TEST(test_saved_and_loaded_and_saved_again_is_the_same_knowledge);
-  RUN_TEST(test_only_what_was_once_valid_counts_as_learnt_and_what_was_loaded_stays);
-  RUN_TEST(test_the_next_drive_starts_where_the_last_one_ended);
-  return UNITY_END();
 }

@@ -617,30 +617,3 @@ static void test_a_reading_that_overflows_alone_is_refused_too(void)
     TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, NULL));
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit);
-  RUN_TEST(test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator);
-  RUN_TEST(test_an_angle_set_between_rows_is_a_jump_also_with_effects);
-  RUN_TEST(test_every_effect_is_continuous_at_zero);
-  RUN_TEST(test_integration_is_of_second_order_with_all_effects);
-  RUN_TEST(test_the_shortest_lags_change_nothing_and_stay_stable);
-  RUN_TEST(test_with_lags_the_car_settles_at_walking_pace);
-  RUN_TEST(test_biases_are_added_to_what_is_read);
-  RUN_TEST(test_the_start_is_where_it_is_told);
-  RUN_TEST(test_profiles_of_the_road_act_as_slopes_do);
-  RUN_TEST(test_disturbances_enter_where_they_say);
-  RUN_TEST(test_what_is_given_is_linear_within_a_row);
-  RUN_TEST(test_wheel_torque_of_a_braked_axle_is_negative);
-  RUN_TEST(test_odd_calls_are_refused_and_the_row_is_named);
-  RUN_TEST(test_what_is_no_number_is_refused_and_never_put_out);
-  RUN_TEST(test_outputs_that_are_not_wanted_are_left_out);
-  RUN_TEST(test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is);
-  RUN_TEST(test_a_row_of_two_steps_is_two_rows);
-  RUN_TEST(test_one_row_has_the_torque_of_its_slip_alone);
-  RUN_TEST(test_any_number_but_zero_says_that_the_wheels_know_the_speed);
-  RUN_TEST(test_a_reading_that_overflows_alone_is_refused_too);
-  return UNITY_END();
-}

@@ -8,10 +8,3 @@ static void test_this_build_computes_as_it_is_tested(void)
   TEST_ASSERT_EQUAL_STRING("nothing", wrong);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_self_test(NULL));
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_this_build_computes_as_it_is_tested);
-  return UNITY_END();
-}

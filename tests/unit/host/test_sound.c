@@ -485,21 +485,3 @@ static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
   c.mass = setting(-1);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_sim_check(&sim, &c, &s));
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_filter_that_was_stepped_is_sound_at_every_row);
-  RUN_TEST(test_a_filter_is_sound_whatever_the_rows_were);
-  RUN_TEST(test_a_filter_is_sound_at_both_ends_of_every_setting);
-  RUN_TEST(test_what_belongs_to_something_else_is_refused);
-  RUN_TEST(test_what_every_filter_has_is_held_to_its_range);
-  RUN_TEST(test_where_a_filter_starts_is_held_to_its_range);
-  RUN_TEST(test_rows_that_wait_are_held_to_their_ranges);
-  RUN_TEST(test_the_state_of_the_filter_is_held_to_its_ranges);
-  RUN_TEST(test_particles_are_held_to_their_ranges);
-  RUN_TEST(test_a_filter_may_be_larger_than_its_form_needs_and_not_smaller);
-  RUN_TEST(test_a_simulation_is_held_to_its_ranges);
-  RUN_TEST(test_a_simulation_of_other_settings_is_refused_whichever_it_is);
-  return UNITY_END();
-}

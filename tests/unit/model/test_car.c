@@ -594,32 +594,3 @@ static void test_any_state_makes_numbers(void)
       }
     }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-#if defined(TSE_REAL_DOUBLE)
-  RUN_TEST(test_slopes_are_those_of_the_car);
-  RUN_TEST(test_slopes_of_a_car_with_load_transfer_are_within_a_tenth);
-#endif
-  RUN_TEST(test_the_slope_over_the_trail_is_exact_while_the_car_brakes);
-  RUN_TEST(test_load_stays_on_an_axle_however_hard_the_car_brakes);
-  RUN_TEST(test_a_tyre_ends_at_its_grip_times_its_load);
-  RUN_TEST(test_a_brush_is_its_cubic);
-  RUN_TEST(test_a_tyre_is_within_a_thirteenth_of_magic_formulas);
-  RUN_TEST(test_a_secant_is_force_over_slip);
-  RUN_TEST(test_left_is_the_mirror_of_right);
-  RUN_TEST(test_a_steady_turn_obeys_the_understeer_equation);
-  RUN_TEST(test_a_car_that_coasts_loses_what_drag_and_road_take);
-  RUN_TEST(test_sliding_sideways_gives_energy_away);
-  RUN_TEST(test_slip_angles_build_up_over_the_relaxation_length);
-  RUN_TEST(test_the_body_rolls_as_a_spring_and_a_damper);
-#if defined(TSE_REAL_DOUBLE)
-  RUN_TEST(test_the_error_of_a_row_is_of_second_order);
-#endif
-  RUN_TEST(test_parameters_do_not_move);
-  RUN_TEST(test_a_long_row_takes_no_more_substeps_than_there_are);
-  RUN_TEST(test_sensors_read_what_textbooks_say);
-  RUN_TEST(test_any_state_makes_numbers);
-  return UNITY_END();
-}

@@ -560,33 +560,3 @@ static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
     expect_near(0, sin(turned - 0.1), BY_FORMAT(1e-11, 1e-5), "direction", i);
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_steering_offset_turns_the_car_that_is_steered_straight);
-  RUN_TEST(test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_it);
-  RUN_TEST(test_superelevation_takes_a_share_of_the_side_force);
-  RUN_TEST(test_conicity_is_a_side_force_at_each_axle);
-  RUN_TEST(test_crosswind_pushes_at_its_arm);
-  RUN_TEST(test_crosswind_turns_with_the_heading);
-  RUN_TEST(test_aligning_moment_in_steady_cornering);
-  RUN_TEST(test_a_point_ahead_of_the_memory_is_where_time_has_brought_it);
-  RUN_TEST(test_saturation_is_the_brush_model);
-  RUN_TEST(test_saturation_ends_at_friction_times_load);
-  RUN_TEST(test_combined_slip_takes_from_the_lateral_force);
-  RUN_TEST(test_lateral_load_transfer_takes_with_the_square_of_the_acceleration_that_remains);
-  RUN_TEST(test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind);
-  RUN_TEST(test_stiffness_drifts_between_two_times);
-  RUN_TEST(test_drag_slows_a_coasting_car_by_its_square);
-  RUN_TEST(test_drag_acts_against_the_motion_backwards_too);
-  RUN_TEST(test_rolling_resistance_slows_a_coasting_car_evenly_and_stops_with_it);
-  RUN_TEST(test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it);
-  RUN_TEST(test_drag_and_rolling_resistance_show_in_slip_and_torque);
-  RUN_TEST(test_wheel_torque_holds_the_inertia_of_the_wheels);
-  RUN_TEST(test_exact_kinematics_roll_about_the_turning_centre);
-  RUN_TEST(test_exact_kinematics_are_those_of_vectors);
-  RUN_TEST(test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body);
-  RUN_TEST(test_misalignment_turns_the_acceleration_and_keeps_its_length);
-  return UNITY_END();
-}

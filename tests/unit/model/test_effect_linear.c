@@ -405,28 +405,3 @@ static void test_effects_along_the_car_have_their_transfer_functions(void)
   c.imu_delay_time = setting(0.02);
   expect_along(&c, 0, 0, 1, 1, 0, 0.05, 0.02, "imu_scale_ax, imu_delay");
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_without_effects_the_car_is_the_linear_one);
-  RUN_TEST(test_mass_changes_the_car_but_not_its_yaw_inertia);
-  RUN_TEST(test_yaw_inertia_changes_as_set);
-  RUN_TEST(test_cg_shift_moves_the_centre_back);
-  RUN_TEST(test_wheel_radius_makes_the_car_faster_than_its_log);
-  RUN_TEST(test_steering_ratio_scales_the_angle);
-  RUN_TEST(test_steering_delay_turns_the_phase_only);
-  RUN_TEST(test_steering_lag_is_of_first_or_second_order);
-  RUN_TEST(test_steering_compliance_is_a_softer_front_axle);
-  RUN_TEST(test_rear_roll_steer_follows_the_roll_mode);
-  RUN_TEST(test_relaxation_is_of_first_order_over_the_way);
-  RUN_TEST(test_stiffness_that_has_drifted_is_another_stiffness);
-  RUN_TEST(test_aligning_moment_shifts_where_lateral_forces_act);
-  RUN_TEST(test_lever_arm_reads_the_yaw_acceleration);
-  RUN_TEST(test_body_roll_is_a_mode_of_the_lateral_acceleration);
-  RUN_TEST(test_scales_and_misalignment_scale_what_is_read);
-  RUN_TEST(test_imu_delay_turns_the_phase_of_what_is_read);
-  RUN_TEST(test_effects_of_different_places_add_up);
-  RUN_TEST(test_effects_along_the_car_have_their_transfer_functions);
-  return UNITY_END();
-}

@@ -420,23 +420,3 @@ static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
   set_program(&c, 2, full, TSE_FORMULA_OPS);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_number_at_a_place_is_the_disturbance_there);
-  RUN_TEST(test_a_share_of_the_stiffness_is_another_stiffness);
-  RUN_TEST(test_a_reading_is_off_and_the_car_is_not);
-  RUN_TEST(test_every_operation_without_memory_has_its_value);
-  RUN_TEST(test_switched_off_it_changes_no_bit);
-  RUN_TEST(test_functions_with_memory_are_their_recurrences);
-  RUN_TEST(test_a_lag_of_less_than_half_a_step_is_none);
-  RUN_TEST(test_late_of_nothing_is_now);
-  RUN_TEST(test_a_quotient_is_one_but_by_nothing);
-  RUN_TEST(test_lags_and_modes_have_their_gain);
-  RUN_TEST(test_at_rest_a_memory_holds_what_is);
-  RUN_TEST(test_what_is_no_number_is_nothing);
-  RUN_TEST(test_programs_that_do_not_fit_are_refused);
-  RUN_TEST(test_every_operation_is_known_and_a_program_may_fill_its_room);
-  return UNITY_END();
-}

@@ -231,13 +231,3 @@ static void test_steering_compliance_is_the_same_but_for_the_relaxation(void)
   look(&c, 0.03, 0);
   expect_same("compliance", 0.03, 0.02);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_each_effect_that_both_have_is_the_same);
-  RUN_TEST(test_all_of_them_together_are_the_same);
-  RUN_TEST(test_tyres_that_saturate_are_the_same);
-  RUN_TEST(test_steering_compliance_is_the_same_but_for_the_relaxation);
-  return UNITY_END();
-}

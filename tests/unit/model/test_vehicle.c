@@ -525,28 +525,3 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
     TEST_ASSERT_TRUE(left.y != TSE_R(0));
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_slips_match_the_reference_from_standstill_to_70_ms_and_in_reverse);
-  RUN_TEST(test_accelerations_match_forces_in_newtons_over_mass_and_inertia);
-  RUN_TEST(test_driving_wheels_push_and_braked_wheels_drag);
-  RUN_TEST(test_rear_longitudinal_stiffness_follows_the_front_by_its_share);
-  RUN_TEST(test_tyre_forces_oppose_the_velocity_of_their_contact_in_both_directions);
-  RUN_TEST(test_driving_backwards_mirrors_the_forces_exactly);
-  RUN_TEST(test_slips_stay_bounded_and_continuous_through_standstill);
-  RUN_TEST(test_observation_rows_are_the_derivatives_of_the_accelerations);
-  RUN_TEST(test_row_of_a_missing_measurement_vanishes_and_the_other_stays);
-  RUN_TEST(test_state_prediction_depends_on_w_as_g_says);
-  RUN_TEST(test_trajectories_match_a_fine_integration_of_the_same_equations);
-  RUN_TEST(test_halving_the_step_divides_the_error_by_four);
-  RUN_TEST(test_one_step_is_the_stability_function_of_an_l_stable_method_of_order_two);
-  RUN_TEST(test_lateral_motion_at_constant_speed_matches_the_matrix_exponential);
-  RUN_TEST(test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook);
-  RUN_TEST(test_disturbances_never_grow_and_die_out_at_any_speed_and_step);
-  RUN_TEST(test_car_at_rest_stays_at_rest_exactly);
-  RUN_TEST(test_free_rolling_straight_ahead_is_kept_exactly);
-  RUN_TEST(test_turning_right_is_turning_left_mirrored_bit_for_bit);
-  return UNITY_END();
-}

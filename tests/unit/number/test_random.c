@@ -401,25 +401,3 @@ static void test_extreme_words_give_finite_numbers(void)
       TEST_ASSERT_TRUE(fabs(number(a)) < 6.7 && fabs(number(b)) < 6.7); /* sqrt(2 ln 2^32) */
     }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_words_are_threefry2x32_20);
-  RUN_TEST(test_no_two_steps_purposes_or_particles_share_their_words);
-  RUN_TEST(test_last_particle_of_the_largest_filter_does_not_reach_the_next_purpose);
-  RUN_TEST(test_another_seed_gives_other_words_and_the_same_seed_the_same);
-  RUN_TEST(test_every_bit_is_set_half_of_the_time);
-  RUN_TEST(test_neighbouring_streams_are_uncorrelated);
-  RUN_TEST(test_uniform_numbers_are_uniform);
-  RUN_TEST(test_normal_numbers_are_normal);
-  RUN_TEST(test_normal_numbers_are_those_of_box_and_muller);
-  RUN_TEST(test_two_normal_numbers_are_independent);
-  RUN_TEST(test_student_variates_are_those_of_bailey);
-  RUN_TEST(test_each_student_variate_and_every_projection_has_the_t_distribution);
-  RUN_TEST(test_three_student_variates_share_one_chi_square);
-  RUN_TEST(test_directions_are_uniform_on_the_sphere);
-  RUN_TEST(test_student_variates_are_uncorrelated);
-  RUN_TEST(test_extreme_words_give_finite_numbers);
-  return UNITY_END();
-}

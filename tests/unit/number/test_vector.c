@@ -211,19 +211,3 @@ static void test_sums_element_by_element(void)
     expect_near(least, number(r_long_scaled(r_end(r_plus(r_start(x[0]), r_coef(real(a[1] / 60)), x[1])), ROW_UP)), near, "x + a y", n);
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_a_number_of_a_row_is_the_nearest_and_stops);
-  RUN_TEST(test_a_row_more_is_that_of_each_number);
-  RUN_TEST(test_two_rows_that_change_each_other_do_so_in_the_order_that_is_said);
-  RUN_TEST(test_rows_that_are_scaled_are_multiplied_as_if_they_were_not);
-  RUN_TEST(test_a_sum_of_products_is_rounded_once);
-  RUN_TEST(test_quotients_by_one_number_share_its_reciprocal);
-  RUN_TEST(test_slopes_are_brought_into_units_and_multiply_rows);
-  RUN_TEST(test_the_product_of_two_of_rows_is_that_of_their_numbers);
-  RUN_TEST(test_a_factor_knows_its_number);
-  RUN_TEST(test_sums_element_by_element);
-  return UNITY_END();
-}

@@ -211,19 +211,3 @@ static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
   }
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_one_sample_time_forgets_by_lambda);
-  RUN_TEST(test_other_time_steps_forget_by_a_power_of_lambda);
-  RUN_TEST(test_two_short_steps_forget_as_much_as_a_long_one);
-  RUN_TEST(test_forgetting_changes_only_gamma_and_nu);
-  RUN_TEST(test_degrees_of_freedom_never_fall_below_six);
-  RUN_TEST(test_what_is_forgotten_is_not_forgotten_further);
-  RUN_TEST(test_the_mean_may_forget_faster_than_the_covariance);
-  RUN_TEST(test_the_mean_forgets_faster_where_innovations_last);
-  RUN_TEST(test_learning_and_forgetting_settle_at_the_memory_of_lambda);
-  RUN_TEST(test_bias_variance_grows_with_time_by_the_squared_walk);
-  return UNITY_END();
-}

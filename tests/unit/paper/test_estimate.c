@@ -225,17 +225,3 @@ static void test_estimating_changes_neither_particles_nor_weights(void)
   paper_estimate(&p, &f, &y);
   TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_estimates_are_the_weighted_moments_and_padding_does_not_count);
-  RUN_TEST(test_weighted_means_are_those_of_any_rows);
-  RUN_TEST(test_one_particle_with_all_the_weight_is_the_estimate);
-  RUN_TEST(test_equal_weights_give_the_number_of_particles_as_effective_size);
-  RUN_TEST(test_identical_particles_have_no_spread_of_their_own);
-  RUN_TEST(test_millimetres_a_second_on_twenty_metres_a_second_survive);
-  RUN_TEST(test_sideslip_is_zero_at_standstill_and_right_in_every_quadrant);
-  RUN_TEST(test_estimating_changes_neither_particles_nor_weights);
-  return UNITY_END();
-}

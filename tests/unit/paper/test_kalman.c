@@ -258,14 +258,3 @@ static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
   }
   expect_near(expected_total, total, BY_FORMAT(1e-6, 3e-3), "log evidence of all rows", 0);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_straight_on_the_evidence_is_that_of_a_kalman_filter);
-  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_systematic_resampling);
-  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_stratified_resampling);
-  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_residual_resampling);
-  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_multinomial_resampling);
-  return UNITY_END();
-}

@@ -381,18 +381,3 @@ static void test_states_and_weights_are_left_alone(void)
   TEST_ASSERT_EQUAL_MEMORY(before.p.logw, f.p.logw, sizeof f.p.logw);
   TEST_ASSERT_EQUAL_MEMORY(before.weight, f.weight, sizeof f.weight);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_draws_follow_the_exact_conditional_given_the_sample);
-  RUN_TEST(test_draws_differ_between_steps_seeds_and_particles);
-  RUN_TEST(test_a_draw_does_not_depend_on_how_many_particles_there_are);
-  RUN_TEST(test_updates_one_by_one_equal_the_batch_posterior);
-  RUN_TEST(test_lambda_is_scaled_down_to_the_largest_spread);
-  RUN_TEST(test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness);
-  RUN_TEST(test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper_cut);
-  RUN_TEST(test_stiffness_stays_within_its_bounds_whatever_the_input);
-  RUN_TEST(test_states_and_weights_are_left_alone);
-  return UNITY_END();
-}

@@ -382,22 +382,3 @@ static void test_decaying_states_become_zero(void)
   for (int i = 0; i < PADDED; i++)
     for (int a = 1; a < 3; a++) expect_near(0, number(filter.p.x[a][i]), 16 * QUANTUM, "state", a);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_long_time_steps_are_divided_into_the_fewest_equal_steps_of_at_most_one_and_a_half_samples);
-  RUN_TEST(test_steps_shorten_with_the_speed_down_to_hold_speed);
-  RUN_TEST(test_row_of_30_ms_equals_three_rows_of_10_ms_whose_inputs_lie_on_a_line);
-  RUN_TEST(test_result_depends_on_the_row_length_in_second_order_only);
-  RUN_TEST(test_bridging_a_second_matches_a_fine_integration);
-  RUN_TEST(test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row);
-  RUN_TEST(test_a_held_steering_angle_is_that_of_the_last_row);
-  RUN_TEST(test_every_particle_moves_and_none_beyond_the_padding);
-  RUN_TEST(test_nothing_but_the_states_changes);
-  RUN_TEST(test_order_of_the_particles_does_not_matter_bit_for_bit);
-  RUN_TEST(test_each_particle_moves_with_the_stiffness_it_drew);
-  RUN_TEST(test_no_particle_leaves_the_speeds_of_a_car);
-  RUN_TEST(test_decaying_states_become_zero);
-  return UNITY_END();
-}

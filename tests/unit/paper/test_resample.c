@@ -357,26 +357,3 @@ static void test_a_kernel_scales_lambda_by_a_factor_of_mean_one(void)
     expect_near(var, square - mean * mean, 4.5 * var * sqrt(4.0 / n), "variance", 0);
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
-  RUN_TEST(test_positions_that_rounding_leaves_beyond_all_weights_take_the_last_ancestor);
-#endif
-  RUN_TEST(test_ancestors_ascend_and_lie_in_range_for_every_scheme_and_number_of_particles);
-  RUN_TEST(test_every_scheme_gives_n_q_copies_on_average);
-  RUN_TEST(test_copies_keep_within_the_bounds_of_each_scheme);
-  RUN_TEST(test_schemes_scatter_as_theory_says);
-  RUN_TEST(test_multinomial_copies_pass_a_chi_square_test);
-  RUN_TEST(test_a_particle_that_has_all_the_weight_takes_every_place);
-  RUN_TEST(test_a_weight_as_small_as_the_filter_makes_them_is_as_good_as_none);
-  RUN_TEST(test_equal_weights_keep_every_particle_once_except_at_random_ones);
-  RUN_TEST(test_a_particle_without_weight_is_never_chosen);
-  RUN_TEST(test_the_same_seed_and_step_choose_the_same_and_another_step_does_not);
-  RUN_TEST(test_survivors_keep_their_places_and_the_multiset_stays);
-  RUN_TEST(test_one_survivor_fills_all_places);
-  RUN_TEST(test_copying_moves_every_field_of_a_particle_and_leaves_the_padding);
-  RUN_TEST(test_a_kernel_scales_lambda_by_a_factor_of_mean_one);
-  return UNITY_END();
-}

@@ -309,21 +309,3 @@ static void test_restart_keeps_everything_but_the_states_bit_for_bit(void)
   memcpy(filter.p.x, before.p.x, sizeof before.p.x);
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_states_start_around_wheel_speed_and_gyro_with_the_sd_of_the_settings);
-  RUN_TEST(test_velocity_starts_at_the_wheels_or_at_the_setting_and_yaw_rate_at_the_gyro_or_zero);
-  RUN_TEST(test_statistics_start_as_the_settings_say_and_are_common_to_all_particles);
-  RUN_TEST(test_biases_start_with_the_variance_of_the_settings);
-  RUN_TEST(test_all_particles_in_use_start_with_the_same_weight_and_the_padding_with_none);
-  RUN_TEST(test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound);
-  RUN_TEST(test_same_seed_and_step_start_with_the_same_bits_and_others_do_not);
-  RUN_TEST(test_start_of_a_particle_does_not_depend_on_how_many_there_are);
-  RUN_TEST(test_restart_moves_states_to_wheels_and_gyro_less_its_bias);
-  RUN_TEST(test_restart_subtracts_each_particles_own_gyro_bias);
-  RUN_TEST(test_states_start_within_what_a_car_can_do);
-  RUN_TEST(test_restart_keeps_everything_but_the_states_bit_for_bit);
-  return UNITY_END();
-}

@@ -286,17 +286,3 @@ static void test_one_broken_particle_does_not_take_the_others_along(void)
     TEST_ASSERT_TRUE(number(f.weight[spoilt]) < 1e-30);
   }
 }
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_each_particles_density_is_the_students_t_for_every_combination_of_channels);
-  RUN_TEST(test_evidence_is_the_log_of_the_weighted_sum_over_several_rows);
-  RUN_TEST(test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom);
-  RUN_TEST(test_weights_are_the_powers_of_the_log_weights_and_padding_has_none);
-  RUN_TEST(test_extreme_innovations_stay_finite);
-  RUN_TEST(test_order_of_particles_survives_where_densities_underflow);
-  RUN_TEST(test_weights_that_are_no_numbers_count_as_equal);
-  RUN_TEST(test_one_broken_particle_does_not_take_the_others_along);
-  return UNITY_END();
-}
