@@ -1,8 +1,6 @@
 """Logs of a multi-body car that shares no code with tse: `commonroad-vehicle-models` 3.0.2 (BSD), 29 states, three cars.
 
-    python -m tests.gap.multibody OUT --car 1 [--seed N] [--log NAME ...] [--no-noise] [--tyre KIND] [--step MS]
-
-OUT gets four logs to fit (log_*.csv), two of other manoeuvres (hold_out_*.csv), the car as its engineer knows it (car.toml),
+`write` makes four logs to fit (log_*.csv), two of other manoeuvres (hold_out_*.csv), the car as its engineer knows it (car.toml),
 and what of src/tables/effects.toml it has beyond the model (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS
 tyre for all.
 
@@ -12,11 +10,8 @@ ISO 8855 (z up, y left). Here all is SAE until `sensors` turns it round; a `Prog
 
 from __future__ import annotations
 
-import argparse
 import copy
 import json
-import sys
-import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,34 +50,17 @@ Input = Callable[[int, list[float]], tuple[float, float]]
 # ---- the car and its tyres
 
 
-def parameters(number: int, kind: str = "package") -> VehicleParameters:
-    """The package's parameter set, with one of TYRES."""
-    return TYRES[kind](setup_vehicle_parameters(number))
+def parameters(number: int) -> VehicleParameters:
+    """The package's parameter set, whose tyres do as real ones where the package's do not.
 
-
-def smooth(p: VehicleParameters) -> VehicleParameters:
-    """A copy without the shifts of side force that the package turns with the sign of camber, which make it jump at 0."""
-    p = copy.deepcopy(p)
+    No shift of side force by the sign of camber, which makes it jump at 0; a wheel that leans to a side pushes to that side (the
+    package takes camber of ISO's axes for SAE's); side force by slip cancels from left to right; p_vx1 load, which the package
+    has within the sine of the magic formula, is left out."""
+    p = copy.deepcopy(setup_vehicle_parameters(number))
     p.tire.p_hy1 = p.tire.p_vy1 = 0.0
-    return p
-
-
-def physical(p: VehicleParameters) -> VehicleParameters:
-    """A copy whose tyres do as real ones where the package's do not.
-
-    No jump; a wheel that leans to a side pushes to that side (the package takes camber of ISO's axes for SAE's); side force by
-    slip cancels from left to right; p_vx1 load, which the package has within the sine of the magic formula, is left out."""
-    p = smooth(p)
     p.tire.p_hy3, p.tire.p_vy3 = -p.tire.p_hy3, -p.tire.p_vy3
     p.tire.r_vy1 = p.tire.r_vy3 = p.tire.p_vx1 = 0.0
     return p
-
-
-TYRES: dict[str, Callable[[VehicleParameters], VehicleParameters]] = {
-    "package": copy.deepcopy,
-    "smooth": smooth,
-    "physical": physical,
-}
 
 
 def static_load(p: VehicleParameters) -> np.ndarray:
@@ -203,10 +181,14 @@ def _keys(values: dict[str, float]) -> list[str]:
 # ---- driving
 
 
-def drive(p: VehicleParameters, x: list[float], wanted: Input, steps: int, step: float, every: int = 1) -> np.ndarray:
+def drive(p: VehicleParameters, x: list[float], wanted: Input, steps: int, every: int) -> np.ndarray:
     """RK4 from state x. Returns (steps//every + 1, 2, 29): state and its rate at every `every`-th step.
 
     `wanted` is asked at half steps 0 .. 2 steps. Fixed steps: the wheels' spin is the fastest (1/(2 ms) at 10 m/s)."""
+
+    def after(x: list[float], k: list[float], h: float) -> list[float]:
+        return [a + h * b for a, b in zip(x, k, strict=True)]
+
     kept = np.empty((steps // every + 1, 2, len(x)))
     for i in range(steps + 1):
         k1 = rates(x, wanted(2 * i, x), p)
@@ -214,13 +196,13 @@ def drive(p: VehicleParameters, x: list[float], wanted: Input, steps: int, step:
             kept[i // every] = x, k1
         if i == steps:
             break
-        y = [a + 0.5 * step * b for a, b in zip(x, k1, strict=True)]
+        y = after(x, k1, 0.5 * STEP)
         k2 = rates(y, wanted(2 * i + 1, y), p)
-        y = [a + 0.5 * step * b for a, b in zip(x, k2, strict=True)]
+        y = after(x, k2, 0.5 * STEP)
         k3 = rates(y, wanted(2 * i + 1, y), p)
-        y = [a + step * b for a, b in zip(x, k3, strict=True)]
+        y = after(x, k3, STEP)
         k4 = rates(y, wanted(2 * i + 2, y), p)
-        x = [a + step / 6 * (b + 2 * (c + d) + e) for a, b, c, d, e in zip(x, k1, k2, k3, k4, strict=True)]
+        x = [a + STEP / 6 * (b + 2 * (c + d) + e) for a, b, c, d, e in zip(x, k1, k2, k3, k4, strict=True)]
     return kept
 
 
@@ -233,9 +215,9 @@ class Program:
     accel: np.ndarray  # m/s2
 
 
-def driver(program: Program, step: float) -> Input:
+def driver(program: Program) -> Input:
     """Steers as the program says, and drives or brakes for its acceleration and speed."""
-    steer_rate = np.gradient(program.steer, 0.5 * step)
+    steer_rate = np.gradient(program.steer, 0.5 * STEP)
     signals = list(zip(*(v.tolist() for v in (program.steer, steer_rate, program.speed, program.accel)), strict=True))
 
     def wanted(i: int, x: list[float]) -> tuple[float, float]:
@@ -248,9 +230,9 @@ def driver(program: Program, step: float) -> Input:
 class Track:
     """A program in the making; time 0 is the start of the log."""
 
-    def __init__(self, p: VehicleParameters, rng: np.random.Generator, step: float) -> None:
+    def __init__(self, p: VehicleParameters, rng: np.random.Generator) -> None:
         self.rng, self.wheelbase = rng, p.a + p.b
-        self.t = np.arange(round(2 * (DURATION + SETTLE) / step) + 1) * 0.5 * step - SETTLE
+        self.t = np.arange(round(2 * (DURATION + SETTLE) / STEP) + 1) * 0.5 * STEP - SETTLE
         self.steer, self.accel = np.zeros_like(self.t), np.zeros_like(self.t)
         self.v0 = 20.0  # m/s at the start
 
@@ -356,19 +338,17 @@ def stream(seed: int, what: str) -> np.random.Generator:
     return np.random.default_rng([seed, *what.encode()])
 
 
-def program_of(p: VehicleParameters, name: str, seed: int, step: float = STEP) -> Program:
+def program_of(p: VehicleParameters, name: str, seed: int) -> Program:
     """A manoeuvre of FITTED or HELD_OUT, drawn by seed."""
-    track = Track(p, stream(seed, name), step)
+    track = Track(p, stream(seed, name))
     {**FITTED, **HELD_OUT}[name](track)
     return Program(track.steer, track.speed(), track.accel)
 
 
-def motion(p: VehicleParameters, program: Program, step: float = STEP) -> np.ndarray:
+def motion(p: VehicleParameters, program: Program) -> np.ndarray:
     """(samples, 2, 29): state and rate every SAMPLE from the start of the log."""
-    steps = round((DURATION + SETTLE) / step)
-    every = round(SAMPLE / step)
-    kept = drive(p, at_rest(p, float(program.speed[0])), driver(program, step), steps, step, every)
-    return kept[round(SETTLE / SAMPLE) :]
+    steps, every = round((DURATION + SETTLE) / STEP), round(SAMPLE / STEP)
+    return drive(p, at_rest(p, float(program.speed[0])), driver(program), steps, every)[round(SETTLE / SAMPLE) :]
 
 
 # ---- sensors
@@ -391,17 +371,14 @@ def imu(x: np.ndarray, f: np.ndarray, level: float) -> np.ndarray:
     return np.stack([body_x, -body_y, -body_r], -1)
 
 
-def sensors(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator | None) -> dict[str, np.ndarray]:
-    """Columns of a log, each (n,), ISO, SI. `rng` None: no noise."""
+def sensors(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Columns of a log, each (n,), ISO, SI."""
     x, f = kept[:, 0], kept[:, 1]
     omega = x[:, OMEGA]
     measured = imu(x, f, at_rest(p, 20.0)[PITCH])
     values = (np.arange(len(x)) * SAMPLE, -x[:, STEER], omega[:, :2].mean(1), omega[:, 2:].mean(1), *measured.T)
     log = dict(zip(COLUMNS, values, strict=True))
-    if rng is not None:
-        for name, sd in NOISE.items():
-            log[name] = log[name] + sd * rng.standard_normal(len(x))
-    return log
+    return {name: x + NOISE[name] * rng.standard_normal(len(x)) if name in NOISE else x for name, x in log.items()}
 
 
 # ---- what is true of this car, by experiments of its own
@@ -415,31 +392,28 @@ def held(p: VehicleParameters, speed: float, steer: float, seconds: float = 6.0)
         to = steer * min(1.0, 0.5 * i * STEP)
         return STEER_GAIN * (to - x[STEER]), 2.0 * (speed - x[VX])
 
-    return list(drive(p, at_rest(p, speed), wanted, steps, STEP, steps)[-1, 0])
+    return list(drive(p, at_rest(p, speed), wanted, steps, steps)[-1, 0])
 
 
-OUTPUTS = ("roll", "pitch", "force_x", "force_y", "body_y", "yaw_acc", "load_front", "load_rear")
+OUTPUTS = ("roll", "pitch", "force_x", "force_y", "load_front", "load_rear")
 
 
-def outputs(p: VehicleParameters, x: list[float], accel: float) -> np.ndarray:
-    """(8,) OUTPUTS: rad; all tyres' force over mass in m/s2; lateral acceleration of the body; rad/s2; N. SAE."""
-    f = rates(list(x), [0.0, accel], p)
+def outputs(p: VehicleParameters, x: list[float]) -> np.ndarray:
+    """(6,) OUTPUTS: rad; all tyres' force over mass in m/s2; N. SAE."""
     w = wheels(p, x)
     along, aside = w.body(x[STEER])
-    load = w.load.reshape(2, 2).sum(1)
-    lateral = f[VY] + x[YAW_RATE] * x[VX]
-    return np.array([x[ROLL], x[PITCH], along.sum() / p.m, aside.sum() / p.m, lateral, f[YAW_RATE], *load])
+    return np.array([x[ROLL], x[PITCH], along.sum() / p.m, aside.sum() / p.m, *w.load.reshape(2, 2).sum(1)])
 
 
 def response(p: VehicleParameters, speed: float, by: str, hertz: np.ndarray) -> dict[str, np.ndarray]:
     """OUTPUTS -> (len(hertz),) complex: response to steering (by = "steer"), throttle ("drive") or brakes ("brake").
 
-    Linearised about driving straight at `speed`, by central differences of the package's rates; of a smooth car only."""
+    Linearised about driving straight at `speed`, by central differences of the package's rates."""
     x = held(p, speed, 0.0, 3.0)
     n, step = len(x), 1e-6
 
     def both(y: list[float], accel: float) -> np.ndarray:
-        return np.concatenate([rates(list(y), [0.0, accel], p), outputs(p, y, accel)])
+        return np.concatenate([rates(list(y), [0.0, accel], p), outputs(p, y)])
 
     moved = np.empty((n + len(OUTPUTS), n))
     for i in range(n):
@@ -457,305 +431,129 @@ def response(p: VehicleParameters, speed: float, by: str, hertz: np.ndarray) -> 
     return dict(zip(OUTPUTS, found.T, strict=True))
 
 
-def mode(hertz: np.ndarray, wanted: np.ndarray) -> dict[str, float]:
-    """gain, frequency (Hz), damping of gain w^2/(s^2 + 2 z w s + w^2) nearest to a response (complex).
-
-    static: the response at the lowest frequency; misfit: rms over that."""
+def gain(hertz: np.ndarray, wanted: np.ndarray) -> float:
+    """Gain of the gain w^2/(s^2 + 2 z w s + w^2) nearest to a response (complex)."""
     s = 2j * np.pi * hertz
 
-    def form(q: np.ndarray) -> np.ndarray:
-        w = 2 * np.pi * q[1]
-        return q[0] * w**2 / (s**2 + 2 * q[2] * w * s + w**2)
-
     def off(q: np.ndarray) -> np.ndarray:
-        e = (form(q) - wanted) / abs(wanted[0])
+        w = 2 * np.pi * q[1]
+        e = (q[0] * w**2 / (s**2 + 2 * q[2] * w * s + w**2) - wanted) / abs(wanted[0])
         return np.concatenate([e.real, e.imag])
 
-    q = least_squares(off, [wanted[0].real, 1.5, 0.3]).x
-    misfit = float(np.sqrt(np.mean(off(q) ** 2) * 2))
-    return {"gain": q[0], "frequency": q[1], "damping": q[2], "static": float(wanted[0].real), "misfit": misfit}
+    return float(least_squares(off, [wanted[0].real, 1.5, 0.3]).x[0])
 
 
 ROLLING = np.linspace(0.1, 3.0, 59)  # Hz, where the modes are fitted
 
 
-def roll_truth(p: VehicleParameters) -> tuple[dict[str, float], float]:
-    """Parameters of body_roll, and how far body_y is from that form (rms, relative to the tyres' force)."""
-    y = response(smooth(p), 20.0, "steer", ROLLING)
-    lean = -y["roll"] / y["force_y"]  # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
-    found = mode(ROLLING, lean)
-    swing = -((2 * np.pi * ROLLING) ** 2) * lean
-    lever = lever_arm(p)
-    rest = y["body_y"] / y["force_y"] - 1 - lever * y["yaw_acc"] / y["force_y"]  # = coupling swing = -height swing
-    coupling = float((rest * swing.conj()).sum().real / (abs(swing) ** 2).sum())
-    misfit = float(np.sqrt(np.mean(abs(rest - coupling * swing) ** 2)))
-    return {**found, "height": -coupling, "coupling": coupling}, misfit
+def roll_gain(p: VehicleParameters) -> float:
+    """rad s2/m: of body_roll, linearised at 20 m/s, steering, 0.1 .. 3 Hz: roll over the tyres' force by a mode."""
+    y = response(p, 20.0, "steer", ROLLING)
+    return gain(
+        ROLLING, -y["roll"] / y["force_y"]
+    )  # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
 
 
-def lever_arm(p: VehicleParameters) -> float:
-    """m: the body's centre of gravity before that of the whole car."""
-    return (p.m_ur * p.b - p.m_uf * p.a) / p.m
+def pitch_and_load(p: VehicleParameters) -> tuple[float, float]:
+    """Gains of pitch_leak (nose up > 0) and longitudinal_load_transfer, linearised at 20 m/s; means of brakes and
+    throttle, and of axles.
 
-
-def pitch_truth(p: VehicleParameters) -> dict[str, dict[str, float]]:
-    """Parameters of pitch_leak (nose up > 0) and longitudinal_load_transfer, by brakes and by throttle."""
-    found = {}
+    Stiffness is in proportion to load: its relative change per acceleration by the tyres, at 0.1 Hz; in the package it comes with
+    the pitch mode, not at once."""
+    pitch, transfer, load = [], [], static_load(p)
     for by in ("brake", "drive"):
-        y = response(smooth(p), 20.0, by, ROLLING)
-        found[by] = mode(ROLLING, y["pitch"] / y["force_x"])
-        load = static_load(p)
-        found[by]["load_front"] = float(-(y["load_front"] / y["force_x"])[0].real / load[0])
-        found[by]["load_rear"] = float((y["load_rear"] / y["force_x"])[0].real / load[1])
-    return found
+        y = response(p, 20.0, by, ROLLING)
+        pitch.append(gain(ROLLING, y["pitch"] / y["force_x"]))
+        ahead = (y["load_front"] / y["force_x"])[0].real / load[0]
+        transfer.append(0.5 * ((y["load_rear"] / y["force_x"])[0].real / load[1] - ahead))
+    return 0.5 * sum(pitch), 0.5 * sum(transfer)
 
 
-def turns(p: VehicleParameters, speed: float = 20.0) -> list[dict[str, float]]:
-    """Steady left turns at rising lateral acceleration: what an axle's secant stiffness over the nominal one then is, and roll.
+def rear_camber_steer(p: VehicleParameters) -> float:
+    """1: slip angle into the turn that the rear axle's side force by camber amounts to, per roll angle.
 
-    Slip angle as the single-track model has it, of the axle's middle."""
-    nominal, rows = slopes(p), []
-    for wanted in (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 5.5):
-        x = held(p, speed, -wanted * (p.a + p.b) / speed**2)
-        _, aside = wheels(p, x).body(x[STEER])
-        across = np.array([x[VY] + p.a * x[YAW_RATE], x[VY] - p.b * x[YAW_RATE]])
-        angle = np.arctan(across / x[VX]) - np.array([x[STEER], 0.0])
-        both = -aside / angle / [nominal["cornering_stiffness_front"], nominal["cornering_stiffness_rear"]]
-        rows.append({"accel_y": float(-aside.sum() / p.m), "cy_front": both[0], "cy_rear": both[1], "roll": x[ROLL]})
-    return rows
-
-
-def camber_steer(p: VehicleParameters) -> tuple[float, float]:
-    """1: slip angle into the turn that an axle's side force by camber amounts to, per roll angle, front and rear.
-
-    In a steady turn of 2 m/s2 without the jump: each axle's force less that without camber, over its stiffness, over roll."""
-    p = smooth(p)
+    In a steady turn of 2 m/s2: the axle's force less that without camber, over its stiffness, over roll. In the package a
+    wheel that leans out pushes in; the front axle has its own, for which the catalogue has no effect."""
     x = held(p, 20.0, -2.0 * (p.a + p.b) / 400)
     w = wheels(p, x)
-    upright = np.array([tyre_force(p, s, a, 0.0, z)[1] for s, a, z in zip(w.slip, w.angle, w.load, strict=True)])
-    more = -(w.aside - upright).reshape(2, 2).sum(1)  # to the left, as the turn
-    nominal = slopes(p)
-    found = more / [nominal["cornering_stiffness_front"], nominal["cornering_stiffness_rear"]] / x[ROLL]
-    return float(found[0]), float(found[1])
+    rear = zip(w.slip[2:], w.angle[2:], w.load[2:], strict=True)
+    upright = sum(tyre_force(p, s, a, 0.0, z)[1] for s, a, z in rear)
+    return float((upright - w.aside[2:].sum()) / slopes(p)["cornering_stiffness_rear"] / x[ROLL])
 
 
-def saturation(p: VehicleParameters) -> dict[str, float]:
-    """1/friction of tyre_saturation by the tyre alone, no camber; axle load as tse has it, m g lr/L and m g lf/L.
-
-    peak: load over the most force. brush, blend: least squares up to 5.5 m/s2 of the catalogue's form with stiffness free, of
-    the brush and of any shape; stiffness: what these find over the slope at 0."""
-    found, load_of = {}, p.m * GRAVITY / (p.a + p.b) * np.array([p.b, p.a])
-    for axle, load, carried in zip(("front", "rear"), load_of, static_load(p), strict=True):
-        angle = np.linspace(0, 0.3, 1201)
-        force = np.array([-2 * tyre_force(p, free_slip(p, carried / 2), float(a), 0.0, carried / 2)[1] for a in angle])
-        found[f"peak_{axle}"] = load / force.max()
-        used = force <= 5.5 / GRAVITY * load
-        a, fy, slope = angle[used], force[used], slopes(p)[f"cornering_stiffness_{axle}"]
-        for name, free in (("brush", 2), ("blend", 3)):
-
-            def off(q: np.ndarray, a=a, fy=fy, slope=slope, load=load) -> np.ndarray:
-                x = q[0] * slope * a * q[1] / load
-                brush = np.where(x < 3, 1 - x / 3 + x**2 / 27, 1 / np.maximum(x, 1))
-                shape = q[2] if len(q) > 2 else 0.0
-                return (q[0] * slope * a * (brush + shape * ((1 + x**2 + x**4) ** -0.25 - brush)) - fy) / load
-
-            start, high = [1.0, 0.95, 0.5][:free], [2.0, 5.0, 1.0][:free]
-            q = least_squares(off, start, bounds=([0.1, 0.0, 0.0][:free], high)).x
-            found[f"{name}_{axle}"], found[f"{name}_stiffness_{axle}"] = q[1], q[0]
-            if free > 2:
-                found[f"shape_{axle}"] = q[2]
-    return {k: float(v) for k, v in found.items()}
+def inverse_friction(p: VehicleParameters) -> float:
+    """1: load of an axle as tse has it, m g lr/L and m g lf/L, over the most side force of its tyres without
+    camber; mean of the axles."""
+    found, angle = [], np.linspace(0, 0.3, 1201)
+    for load, carried in zip(p.m * GRAVITY / (p.a + p.b) * np.array([p.b, p.a]), static_load(p), strict=True):
+        free = free_slip(p, carried / 2)
+        found.append(load / max(-2 * tyre_force(p, free, float(a), 0.0, carried / 2)[1] for a in angle))
+    return float(np.mean(found))
 
 
-def combined(p: VehicleParameters) -> dict[str, float]:
+def combined(p: VehicleParameters) -> float:
     """k of 1/sqrt(1 + k slip^2) nearest to the tyre's weight of side force by slip up to 3.5 %, of both signs.
 
-    Mean of -20 and 20 mrad, at the front's static load, without the side force that slip makes by itself. driving, braking: the
-    weight at 2 % of slip. side_*: N/N, side force by 2 % of slip at no angle, to the left, over load."""
+    Mean of -20 and 20 mrad, at the front's static load, without the side force that slip makes by itself."""
     load, slip = 0.5 * static_load(p)[0], np.linspace(-0.035, 0.035, 71)
-    q = copy.deepcopy(p)
-    q.tire.r_vy1 = q.tire.r_vy3 = 0.0
-    fy = np.array([[tyre_force(q, s, a, 0.0, load)[1] for s in slip] for a in (-0.02, 0.02)])
+    fy = np.array([[tyre_force(p, s, a, 0.0, load)[1] for s in slip] for a in (-0.02, 0.02)])
     weight = (fy / fy[:, 35:36]).mean(0)  # the package's tyre is not quite the same to both sides
-    k = least_squares(lambda k: 1 / np.sqrt(1 + k * slip**2) - weight, [50.0], bounds=(0, np.inf)).x[0]
-    found = {"k": float(k), "driving": float(weight[55]), "braking": float(weight[15])}
-    return {
-        **found,
-        **{f"side_{n}": -tyre_force(p, s, 0.0, 0.0, load)[1] / load for n, s in (("drive", 0.02), ("brake", -0.02))},
-    }
+    return float(least_squares(lambda k: 1 / np.sqrt(1 + k * slip**2) - weight, [50.0], bounds=(0, np.inf)).x[0])
 
 
-def lateral_transfer(p: VehicleParameters) -> tuple[float, float]:
-    """s4/m2: k of C (1 - k ay^2), front and rear.
+def lateral_transfer(p: VehicleParameters) -> float:
+    """s4/m2: k of C (1 - k ay^2), mean of the axles: none, the tyre is linear in load.
 
     Side force of an axle whose wheels carry what they do at 5 m/s2, no camber, at a small angle, over that of equal loads."""
-    x = held(smooth(p), 20.0, -5.0 * (p.a + p.b) / 400)
-    loads, found = wheels(smooth(p), x).load.reshape(2, 2), []
+    loads, found = wheels(p, held(p, 20.0, -5.0 * (p.a + p.b) / 400)).load.reshape(2, 2), []
     for pair in loads:
         uneven = sum(tyre_force(p, 0.0, 1e-4, 0.0, z)[1] for z in pair)
         even = 2 * tyre_force(p, 0.0, 1e-4, 0.0, pair.mean())[1]
         found.append(float((1 - uneven / even) / 25))
-    return found[0], found[1]
+    return 0.5 * sum(found)
 
 
-def truth(p: VehicleParameters, number: int) -> dict:
-    """What truth.json says: every effect that may be missing, its parameters and how they were found, and what is outside."""
-    rolls, roll_misfit = roll_truth(p)
-    pitches = pitch_truth(p)
-    load = static_load(p)
-    sat, mix, camber, lateral = saturation(p), combined(p), camber_steer(p), lateral_transfer(p)
-    rolling = [free_slip(p, 0.5 * z) for z in load]
-    nod = {k: 0.5 * (pitches["brake"][k] + pitches["drive"][k]) for k in pitches["brake"]}
-    jump = [
-        2 * abs(tyre_force(p, 0.0, 0.0, 1e-12, 0.5 * z)[1] - tyre_force(p, 0.0, 0.0, 0.0, 0.5 * z)[1]) for z in load
-    ]
-    spin = 4 * p.I_y_w / p.R_w**2
-    none = "the package has none"
-    rows: list[tuple[str, dict[str, float], str]] = [
-        ("mass", {"change": 0.0}, "as told"),
-        ("yaw_inertia", {"change": 0.0}, "as told; the package turns the whole car by I_z and the tyres' moment"),
-        ("cg_shift", {"distance": 0.0},
-         "arms of the tyres' moment are a and b, as told. The axle loads' centre of gravity is imu_lever_arm further back: who "
-         "weighs the axles finds that, and then needs aligning_moment.trail of the same size"),
-        ("wheel_radius", {"change": float(-np.mean(rolling)), "front": -rolling[0], "rear": -rolling[1]},
-         "slip without force at static load: the magic formula is shifted by p_hx1 and, within its sine, by p_vx1 load"),
-        *((name, {key: 0.0}, "what is logged is the state that steers")
-          for name, key in (("steering_ratio", "change"), ("steering_offset", "angle"), ("steering_delay", "time"),
-                            ("steering_lag", "time"))),
-        ("steering_compliance", {"angle_per_moment": 0.0}, none),
-        ("rear_roll_steer", {"gain": camber[1], "gain_beyond_front": camber[1] - camber[0], "roll": rolls["gain"],
-                             "frequency": rolls["frequency"], "damping": rolls["damping"]},
-         "no steering: side force by camber over stiffness over roll, in a steady turn of 2 m/s2 with and without camber. In "
-         "the package a wheel that leans out pushes in; the front has its own, see outside"),
-        ("relaxation", {"length": 0.0}, none + ": force follows slip at once"),
-        ("longitudinal_relaxation", {"length": 0.0}, none),
-        ("stiffness_drift", {"change": 0.0}, none),
-        ("combined_slip", {"factor": mix["k"], "weight_driving_2": mix["driving"], "weight_braking_2": mix["braking"]},
-         "least squares on the tyre's own weight up to 3.5 % of slip, both signs, at -20 and 20 mrad; weight_..._2: at 2 %"),
-        ("tyre_saturation", {"inverse_friction": 0.5 * (sat["peak_front"] + sat["peak_rear"]), **sat},
-         "inverse_friction: load (m g lr/L) over the most side force, mean of the axles; brush, blend: least squares up to "
-         "5.5 m/s2 on the axle's own curve without camber, stiffness free, shape 0 or free"),
-        ("longitudinal_load_transfer", {"gain": 0.5 * (nod["load_front"] + nod["load_rear"]), "front": nod["load_front"],
-                                        "rear": nod["load_rear"]},
-         "stiffness is in proportion to load: relative change of axle load per acceleration by the tyres, linearised, 0.1 Hz; "
-         "in the package it comes with the pitch mode, not at once"),
-        ("lateral_load_transfer", {"gain": 0.5 * sum(lateral), "front": lateral[0], "rear": lateral[1]},
-         "force of an axle with the wheel loads of a 5 m/s2 turn over that with equal ones: none, the tyre is linear in load"),
-        ("aero_drag", {"coefficient": 0.0}, none),
-        ("rolling_resistance", {"coefficient": 0.0}, none + ": the shift of the formula is a slip, see wheel_radius"),
-        ("grade", {"angle": 0.0}, "level road; the IMU is levelled at rest"),
-        ("bank", {"angle": 0.0, "superelevation": 0.0}, "level road"),
-        ("crosswind", {"speed": 0.0}, none),
-        ("conicity", {"front": 0.0, "rear": 0.0}, "none without slip and camber; see outside"),
-        ("aligning_moment", {"trail": 0.0}, none),
-        ("imu_lever_arm", {"x": lever_arm(p), "y": 0.0},
-         "the IMU is at the body's centre of gravity, that of the whole car is (m_ur b - m_uf a)/m behind it"),
-        ("body_roll", rolls,
-         "linearised at 20 m/s, steering, 0.1 .. 3 Hz: roll over the tyres' force by a mode; height, coupling: what else of "
-         "the body's acceleration goes with roll''. Slip angles are by the speed of the body's centre: coupling < 0"),
-        ("pitch_leak", {**{k: nod[k] for k in ("gain", "frequency", "damping", "static", "misfit")}, "height": 0.0},
-         "linearised at 20 m/s, mean of throttle and brakes, 0.1 .. 3 Hz; the package swings nothing forwards: height 0"),
-        ("imu_misalignment", {"angle": 0.0}, "none"),
-        *((name, {"error": 0.0}, "none") for name in ("imu_scale_ax", "imu_scale_ay", "gyro_scale")),
-        ("imu_delay", {"time": 0.0}, "none"),
-    ]  # fmt: skip
-    outside = {
-        "camber_jump": {
-            "front": jump[0], "rear": jump[1], "accel": sum(jump) / p.m, "jumps": bool(p.tire.p_vy1 or p.tire.p_hy1),
-            "how": "N: side force that pushes an axle into the turn as soon as the body leans (sign(camber) in the tyre): its "
-                   "jump where roll changes sign is twice that; accel: m/s2, both axles",
-        },
-        "front_camber_steer": {"gain": camber[0], "how": "as rear_roll_steer, front axle; the catalogue has none"},
-        "side_force_by_slip": {
-            "driving": mix["side_drive"], "braking": mix["side_brake"],
-            "how": "share of load that pushes to the left at 2 % of slip: S_vy of the tyre, not mirrored from left to right",
-        },
-        "wheel_spin_inertia": {"mass": spin, "share": spin / p.m, "how": "kg that the wheels add to the mass for torque"},
-        "compliant_joints": {
-            "misfit": roll_misfit,
-            "how": "rms, over the tyres' force, of the body's acceleration without roll and lever arm, 0.1 .. 3 Hz",
-        },
-        "load": {
-            "front": float(load[0]), "rear": float(load[1]), "front_by_lengths": p.m * GRAVITY * p.b / (p.a + p.b),
-            "how": "N: load that the tyres carry at rest, and m g lr/L, which tse takes",
-        },
-        "pitch_at_rest": {"angle": at_rest(p, 20.0)[PITCH], "how": "rad: tyres pressed in unevenly; taken out of the IMU"},
-        "steady_turns": {
-            "rows": turns(p),
-            "how": "20 m/s: secant stiffness over nominal, of the single-track slip angle, with all that camber does",
-        },
-    }  # fmt: skip
-    effects = []
-    for key, found, how in rows:
-        first = next(iter(found))
-        effects.append({"id": key, "parameter": first, "value": found[first], "parameters": found, "how": how})
-    checked = check(p, held(p, 20.0, -4.0 * (p.a + p.b) / 400, 1.5))
-    return {
-        "car": number, "name": NAMES[number], "effects": effects, "outside": outside, "vehicle": vehicle(p),
-        "by_brake_and_drive": pitches, "noise": NOISE,
-        "check": {"value": checked, "how": "m/s2: `wheels` against the package's rates, in a turn that builds up"},
-    }  # fmt: skip
+# Effects that the car has none of, and the parameter of each. What is steered is the state that is logged; the package turns
+# the whole car by I_z and the tyres' moment, at arms a and b; its road is level, and the IMU levelled at rest.
+NONE = {
+    "mass": "change", "yaw_inertia": "change", "cg_shift": "distance", "steering_ratio": "change", "steering_offset": "angle",
+    "steering_delay": "time", "steering_lag": "time", "steering_compliance": "angle_per_moment", "relaxation": "length",
+    "longitudinal_relaxation": "length", "stiffness_drift": "change", "aero_drag": "coefficient",
+    "rolling_resistance": "coefficient", "grade": "angle", "bank": "angle", "crosswind": "speed", "conicity": "front",
+    "aligning_moment": "trail", "imu_misalignment": "angle", "imu_scale_ax": "error", "imu_scale_ay": "error",
+    "gyro_scale": "error", "imu_delay": "time",
+}  # fmt: skip
 
 
-# ---- command line
+def truth(p: VehicleParameters) -> dict:
+    """What truth.json says: every effect that may be missing, its first parameter and that one's value."""
+    pitch, transfer = pitch_and_load(p)
+    has = {
+        # without force a tyre slips at static load: the magic formula is shifted by p_hx1
+        "wheel_radius": ("change", -np.mean([free_slip(p, 0.5 * z) for z in static_load(p)])),
+        "rear_roll_steer": ("gain", rear_camber_steer(p)),
+        "combined_slip": ("factor", combined(p)),
+        "tyre_saturation": ("inverse_friction", inverse_friction(p)),
+        "longitudinal_load_transfer": ("gain", transfer),
+        "lateral_load_transfer": ("gain", lateral_transfer(p)),
+        # the IMU is at the body's centre of gravity, that of the whole car is behind it, where who weighs the axles finds it
+        "imu_lever_arm": ("x", (p.m_ur * p.b - p.m_uf * p.a) / p.m),
+        "body_roll": ("gain", roll_gain(p)),
+        "pitch_leak": ("gain", pitch),
+    }
+    every = {key: (parameter, 0.0) for key, parameter in NONE.items()} | has
+    return {"effects": [{"id": key, "parameter": at, "value": float(x)} for key, (at, x) in every.items()]}
 
 
-def plain(value: object) -> object:
-    """Numbers of numpy as Python's, for JSON; 6 digits."""
-    if isinstance(value, dict):
-        return {k: plain(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [plain(v) for v in value]
-    if isinstance(value, bool | str | int):
-        return value
-    return float(f"{float(value):.6g}") + 0.0
-
-
-def main(arguments: list[str]) -> int:
-    """Command line."""
-    names = [*FITTED, *HELD_OUT]
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="the folder to write")
-    parser.add_argument("--car", type=int, choices=NAMES, default=1, help="parameter set (default: 1)")
-    parser.add_argument("--seed", type=int, default=1, help="of noise and of sizes of the manoeuvres (default: 1)")
-    parser.add_argument("--log", nargs="+", choices=names, default=names, help="these only")
-    parser.add_argument("--no-noise", action="store_true", help="what the sensors would read without noise")
-    parser.add_argument(
-        "--tyre", choices=TYRES, default="package", help="the package's, or without what no tyre does (see there)"
-    )
-    parser.add_argument(
-        "--step", type=float, default=1e3 * STEP, help="of the integration, ms; divides 10 (default: 1)"
-    )
-    given = parser.parse_args(arguments)
-    p = parameters(given.car, given.tyre)
-    step = given.step / 1e3
-    if abs(SAMPLE / step - round(SAMPLE / step)) > 1e-9:
-        parser.error("--step must divide 10 ms")
-    given.out.mkdir(parents=True, exist_ok=True)
-    for name in given.log:
-        start = clock.perf_counter()
-        kept = motion(p, program_of(p, name, given.seed, step), step)
-        log = sensors(p, kept, None if given.no_noise else stream(given.seed, f"{name} noise"))
-        path = given.out / f"{'log' if name in FITTED else 'hold_out'}_{name}.csv"
+def write(folder: Path, number: int, seed: int = 1) -> None:
+    """Write the logs of a car, its vehicle file and, last, its truth. seed: of noise and of sizes of the manoeuvres."""
+    p = parameters(number)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (*FITTED, *HELD_OUT):
+        log = sensors(p, motion(p, program_of(p, name, seed)), stream(seed, f"{name} noise"))
+        path = folder / f"{'log' if name in FITTED else 'hold_out'}_{name}.csv"
         np.savetxt(
             path, np.column_stack(list(log.values())), fmt="%.7g", delimiter=",", header=",".join(COLUMNS), comments=""
         )
-        least = min(wheels(p, list(x)).load.min() for x in kept[::5, 0])
-        v, ax, ay = kept[:, 0, VX], abs(log["accel_x"]).max(), abs(log["accel_y"]).max()
-        print(f"{path}: {v.min():.1f} .. {v.max():.1f} m/s, |ax| {ax:.1f}, |ay| {ay:.1f} m/s2, least wheel load {least:.0f} N,"
-              f" {clock.perf_counter() - start:.1f} s")  # fmt: skip
-    (given.out / "car.toml").write_text(vehicle_toml(p, given.car), encoding="utf-8")
-    start = clock.perf_counter()
-    told = {
-        **truth(p, given.car),
-        "tyre": given.tyre,
-        "seed": given.seed,
-        "with_noise": not given.no_noise,
-        "step": step,
-    }
-    (given.out / "truth.json").write_text(json.dumps(plain(told), indent=1) + "\n", encoding="utf-8")
-    print(f"{given.out / 'truth.json'}: {clock.perf_counter() - start:.1f} s")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    (folder / "car.toml").write_text(vehicle_toml(p, number), encoding="utf-8")
+    (folder / "truth.json").write_text(json.dumps(truth(p), indent=1) + "\n", encoding="utf-8")

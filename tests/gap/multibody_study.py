@@ -3,8 +3,8 @@ manoeuvres that were held out.
 
     python -m tests.gap.multibody_study [--cars 1 2 3] [--jobs N]     from the root of the repository; some minutes a car
 
-Car 1 was looked at while the workflow was made, 2 and 3 were not. Tyres as the package has them but for its two errors of camber
-(`--tyre physical`, multibody.py). Cars that are done are kept in build/multibody; --again starts anew. The table goes to
+Car 1 was looked at while the workflow was made, 2 and 3 were not. Tyres as the package has them but for its errors of camber
+(multibody.parameters). Cars that are done are kept in build/multibody; --again starts anew. The table goes to
 scripts/results/gap-multibody.md.
 """
 
@@ -33,7 +33,7 @@ def run(car: int) -> dict:
     done = folder / "result.json"
     if not done.exists():
         if not (folder / "truth.json").exists():  # its last file
-            multibody.main([str(folder), "--car", str(car), "--tyre", "physical"])
+            multibody.write(folder, car)
         logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
         verdict = gap(logs, folder / "car.toml", held).as_json()
         done.write_text(
