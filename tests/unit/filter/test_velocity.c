@@ -428,8 +428,6 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
 
 /* ------------------------------------------------------------------------------- drives */
 
-static tse_filter f, other;
-
 typedef struct sensor { /* what measures the velocity, and how far it is off */
   double late, lever_x, lever_y, turn, zero, sd, course_sd;
   int every;
@@ -438,41 +436,34 @@ typedef struct sensor { /* what measures the velocity, and how far it is off */
   double heading;
 } sensor;
 
+/* What begin() has set: the filter and its settings, the car, what measures its velocity, and the noise. */
+static tse_filter f, other;
+static tse_config c;
+static truth w;
+static sensor s;
+static uint32_t seed;
+
 /* A row with the velocities in `which`: read at t - late. */
-static tse_input measured_row(truth *w, sensor *s, uint32_t which, uint32_t *seed)
+static tse_input measured_row(uint32_t which)
 {
-  const double before = number(w->x[YAW]);
-  tse_input u = truth_row(w, 0.01);
-  s->heading += 0.005 * (before + number(w->x[YAW]));
-  double *const now = s->past[s->rows % 64];
-  for (int i = 0; i < 3; i++) now[i] = number(w->x[VX + i]);
-  now[3] = s->heading;
-  const int late = (int)(s->late / 0.01 + 0.5);
-  s->rows++;
-  if (s->rows <= late || s->rows % s->every) return u;
-  const double *const then = s->past[(s->rows - 1 - late) % 64];
-  const double vx = then[0] - then[2] * s->lever_y, vy = then[1] + then[2] * s->lever_x;
+  const double before = number(w.x[YAW]);
+  tse_input u = truth_row(&w, 0.01);
+  s.heading += 0.005 * (before + number(w.x[YAW]));
+  double *const now = s.past[s.rows % 64];
+  for (int i = 0; i < 3; i++) now[i] = number(w.x[VX + i]);
+  now[3] = s.heading;
+  const int late = (int)(s.late / 0.01 + 0.5);
+  s.rows++;
+  if (s.rows <= late || s.rows % s.every) return u;
+  const double *const then = s.past[(s.rows - 1 - late) % 64];
+  const double vx = then[0] - then[2] * s.lever_y, vy = then[1] + then[2] * s.lever_x;
   u.given = which;
-  u.ins_vel_x = real(vx + s->turn * vy + s->sd * next_normal(seed));
-  u.ins_vel_y = real(vy - s->turn * vx + s->sd * next_normal(seed));
-  u.gnss_speed = real(hypot(vx, vy) + s->sd * next_normal(seed));
-  const double course = s->zero + then[3] + atan2(vy, vx) + s->course_sd * next_normal(seed);
+  u.ins_vel_x = real(vx + s.turn * vy + s.sd * next_normal(&seed));
+  u.ins_vel_y = real(vy - s.turn * vx + s.sd * next_normal(&seed));
+  u.gnss_speed = real(hypot(vx, vy) + s.sd * next_normal(&seed));
+  const double course = s.zero + then[3] + atan2(vy, vx) + s.course_sd * next_normal(&seed);
   u.gnss_course = real(course - 6.283185307179586 * floor(course / 6.283185307179586 + 0.5));
   return u;
-}
-
-static tse_config a_drive(void)
-{
-  tse_config c;
-  tse_config_default(&c);
-  c.grip = setting(1);
-  c.grip_sd = setting(0.15);
-  c.relaxation_length = setting(0.4);
-  c.initial_cx_sd = c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2);
-  c.accel_x_sd = c.accel_y_sd = setting(0.1);
-  c.model_sd = setting(0.05);
-  c.steer_ratio_sd = setting(0.02);
-  return c;
 }
 
 static const uint32_t ins = TSE_GIVEN_ins_vel_x | TSE_GIVEN_ins_vel_y, gnss = TSE_GIVEN_gnss_speed | TSE_GIVEN_gnss_course;
@@ -487,41 +478,60 @@ static tse_output stepped(const tse_params *p, tse_filter *to, const tse_input *
   return y;
 }
 
-static void begin(truth *w, tse_config *c, sensor *s, int every)
+/* A drive from its start, with a velocity every so many rows. */
+static void begin_with(const tse_config *config, int every)
 {
-  memset(s, 0, sizeof *s);
-  s->every = every;
-  s->sd = 0.03;
-  s->course_sd = 0.004;
-  s->zero = 2.9;
-  truth_start(w, c, 20, 0.7, 12);
-  w->amplitude = 0.025;
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w->p, &f, sizeof f));
+  c = *config;
+  memset(&s, 0, sizeof s);
+  s.every = every;
+  s.sd = 0.03;
+  s.course_sd = 0.004;
+  s.zero = 2.9;
+  seed = 5;
+  truth_start(&w, &c, 20, 0.7, 12);
+  w.amplitude = 0.025;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &other, sizeof other));
+}
+
+static tse_config a_drive(void)
+{
+  tse_config config;
+  tse_config_default(&config);
+  config.grip = setting(1);
+  config.grip_sd = setting(0.15);
+  config.relaxation_length = setting(0.4);
+  config.initial_cx_sd = config.initial_cy_front_sd = config.initial_cy_rear_sd = setting(0.2);
+  config.accel_x_sd = config.accel_y_sd = setting(0.1);
+  config.model_sd = setting(0.05);
+  config.steer_ratio_sd = setting(0.02);
+  return config;
+}
+
+static void begin(int every)
+{
+  const tse_config config = a_drive();
+  begin_with(&config, every);
 }
 
 /* Root of the mean square of vel_y less the truth after `from` rows. */
-static double off_across(truth *w, sensor *s, uint32_t which, int rows, int from)
+static double off_across(uint32_t which, int rows, int from)
 {
-  uint32_t seed = 77;
   double sum = 0;
+  seed = 77;
   for (int n = 0; n < rows; n++) {
-    const tse_input u = measured_row(w, s, which, &seed);
-    const tse_output y = stepped(&w->p, &f, &u);
-    if (n >= from) sum += pow(number(y.vel_y) - number(w->x[VY]), 2);
+    const tse_input u = measured_row(which);
+    const tse_output y = stepped(&w.p, &f, &u);
+    if (n >= from) sum += pow(number(y.vel_y) - number(w.x[VY]), 2);
   }
   return sqrt(sum / (rows - from));
 }
 
 static void test_what_is_not_given_is_not_read_and_changes_no_bit(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 9;
-  begin(&w, &c, &s, 1);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &other, sizeof other));
+  begin(1);
   for (int n = 0; n < 300; n++) {
-    tse_input u = measured_row(&w, &s, 0, &seed), zero = u;
+    tse_input u = measured_row(0), zero = u;
     zero.given = 0;
     zero.ins_vel_x = zero.ins_vel_y = zero.gnss_speed = zero.gnss_course = TSE_R(0);
     (void)stepped(&w.p, &f, &u);
@@ -534,13 +544,9 @@ static void test_what_is_not_given_is_not_read_and_changes_no_bit(void)
 /* Without a steering angle nothing is measured: a velocity would have a stiffness make up for the angle. */
 static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 9;
-  begin(&w, &c, &s, 1);
+  begin(1);
   for (int n = 0; n < 1500; n++) {
-    tse_input u = measured_row(&w, &s, ins, &seed);
+    tse_input u = measured_row(ins);
     const int missing = n > 1000 && n % 50 < 20;
     const tse_real was[3] = { f.k.x[LCX], f.k.x[LCF], f.k.x[LCR] };
     if (missing) {
@@ -556,13 +562,9 @@ static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(
  * prediction. */
 static void test_what_cannot_be_a_velocity_is_not_there(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 9;
-  begin(&w, &c, &s, 1);
+  begin(1);
   for (int n = 0; n < 100; n++) {
-    tse_input u = measured_row(&w, &s, ins | gnss, &seed);
+    tse_input u = measured_row(ins | gnss);
     u.ins_vel_x = TSE_R(121);
     u.ins_vel_y = TSE_R(-61);
     u.gnss_speed = TSE_R(-1);
@@ -575,33 +577,29 @@ static void test_what_cannot_be_a_velocity_is_not_there(void)
 /* A road that leans by 12 %, eight times what the filter expects, moves the car to the side, and nothing but a velocity shows it. */
 static void test_an_ins_that_is_mounted_straight_shows_the_speed_across(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  c.velocity_heading_sd = setting(0.0005);
-  begin(&w, &c, &s, 1);
+  tse_config config = a_drive();
+  config.velocity_heading_sd = setting(0.0005);
+  begin_with(&config, 1);
   w.x[GY] = real(1.2);
-  const double without = off_across(&w, &s, 0, 3000, 1000);
-  begin(&w, &c, &s, 1);
+  const double without = off_across(0, 3000, 1000);
+  begin_with(&config, 1);
   w.x[GY] = real(1.2);
-  const double with = off_across(&w, &s, ins, 3000, 1000);
+  const double with = off_across(ins, 3000, 1000);
   TEST_ASSERT_TRUE(with < 0.8 * without);
 }
 
 static void test_where_an_ins_sits_and_looks_is_found(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  c.velocity_latency_sd = setting(0.05);
-  c.velocity_lever_sd = setting(0.5);
-  begin(&w, &c, &s, 1);
-  const double without = off_across(&w, &s, 0, 3000, 1000);
-  begin(&w, &c, &s, 1);
+  tse_config config = a_drive();
+  config.velocity_latency_sd = setting(0.05);
+  config.velocity_lever_sd = setting(0.5);
+  begin_with(&config, 1);
+  const double without = off_across(0, 3000, 1000);
+  begin_with(&config, 1);
   s.late = 0.04;
   s.lever_x = 0.6;
   s.turn = 0.02;
-  const double with = off_across(&w, &s, ins, 3000, 1000);
+  const double with = off_across(ins, 3000, 1000);
   TEST_ASSERT_TRUE(without < 0.02 && with < 0.02); /* a model without error needs none, and is not disturbed */
   expect_near(0.02, number(f.k.x[V_TURN]), 0.005, "heading offset", 0);
   expect_near(0.04, number(f.k.x[V_LATE]), 0.025, "latency", 0);
@@ -612,17 +610,15 @@ static void test_where_an_ins_sits_and_looks_is_found(void)
 /* Ten values a second, 0.1 s late, a course from any zero that wraps. */
 static void test_course_and_speed_show_the_speed_across(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  c.velocity_latency = setting(0.1);
-  begin(&w, &c, &s, 10);
+  tse_config config = a_drive();
+  config.velocity_latency = setting(0.1);
+  begin_with(&config, 10);
   w.x[GY] = real(1.2);
-  const double without = off_across(&w, &s, 0, 4000, 1500);
-  begin(&w, &c, &s, 10);
+  const double without = off_across(0, 4000, 1500);
+  begin_with(&config, 10);
   w.x[GY] = real(1.2);
   s.late = 0.1;
-  const double with = off_across(&w, &s, gnss, 4000, 1500);
+  const double with = off_across(gnss, 4000, 1500);
   TEST_ASSERT_TRUE(with < 0.9 * without);
   TEST_ASSERT_EQUAL_INT(0, velocity_fault(&f.k));
   double off = number(f.k.x[PSI]) - s.heading - s.zero;
@@ -633,30 +629,22 @@ static void test_course_and_speed_show_the_speed_across(void)
 /* 0.2 s late and nobody says so: it does no harm to speak of. */
 static void test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  begin(&w, &c, &s, 10);
-  const double without = off_across(&w, &s, 0, 4000, 1500);
-  begin(&w, &c, &s, 10);
+  begin(10);
+  const double without = off_across(0, 4000, 1500);
+  begin(10);
   s.late = 0.2;
-  const double with = off_across(&w, &s, gnss | ins, 4000, 1500);
+  const double with = off_across(gnss | ins, 4000, 1500);
   TEST_ASSERT_TRUE(with < 1.5 * without + 0.03);
 }
 
 /* A value that repeats is the same value, held: a channel that freezes leaves no trace but the states that it has opened. */
 static void test_a_frozen_velocity_is_none(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 5;
-  begin(&w, &c, &s, 1);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &other, sizeof other));
+  begin(1);
   tse_input last;
   memset(&last, 0, sizeof last);
   for (int n = 0; n < 800; n++) {
-    tse_input u = measured_row(&w, &s, ins | gnss, &seed), none = u;
+    tse_input u = measured_row(ins | gnss), none = u;
     if (n > 400) {
       u.ins_vel_x = last.ins_vel_x;
       u.ins_vel_y = last.ins_vel_y;
@@ -672,16 +660,12 @@ static void test_a_frozen_velocity_is_none(void)
 
 static void test_an_outlier_pulls_no_further_than_three_sd(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 5;
-  begin(&w, &c, &s, 1);
+  begin(1);
   for (int n = 0; n < 800; n++) {
-    const tse_input u = measured_row(&w, &s, ins | gnss, &seed);
+    const tse_input u = measured_row(ins | gnss);
     (void)stepped(&w.p, &f, &u);
   }
-  tse_input u = measured_row(&w, &s, ins | gnss, &seed), bad = u;
+  tse_input u = measured_row(ins | gnss), bad = u;
   other = f;
   bad.ins_vel_y = real(20);
   bad.gnss_course = real(number(u.gnss_course) > 0 ? -1.2 : 1.2);
@@ -693,15 +677,11 @@ static void test_an_outlier_pulls_no_further_than_three_sd(void)
 /* A velocity that does not fit is left out, named, and used again when it fits; the estimate outlives it. */
 static void test_a_jump_is_left_out_and_named_until_it_fits(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 5;
   int named = 0, restored = 0;
   double most = 0;
-  begin(&w, &c, &s, 1);
+  begin(1);
   for (int n = 0; n < 3000; n++) {
-    tse_input u = measured_row(&w, &s, ins, &seed);
+    tse_input u = measured_row(ins);
     const int wrong = n >= 1500 && n < 2000;
     if (wrong) u.ins_vel_y = real(number(u.ins_vel_y) + 3);
     const tse_output y = stepped(&w.p, &f, &u);
@@ -717,15 +697,11 @@ static void test_a_jump_is_left_out_and_named_until_it_fits(void)
 /* A receiver that starts anew has another zero: the heading follows. */
 static void test_a_course_with_another_zero_is_found_again(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 5;
   int used = 0;
-  begin(&w, &c, &s, 10);
+  begin(10);
   for (int n = 0; n < 4500; n++) {
     if (n == 1500) s.zero -= 1.3;
-    const tse_input u = measured_row(&w, &s, gnss, &seed);
+    const tse_input u = measured_row(gnss);
     const tse_output y = stepped(&w.p, &f, &u);
     used += n > 3500 && y.fault_channel == 0;
     TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 1);
@@ -736,16 +712,11 @@ static void test_a_course_with_another_zero_is_found_again(void)
 /* Standstill and gaps place the motion anew; the heading is found again. Velocities may come and go. */
 static void test_velocities_come_and_go_and_gaps_are_survived(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 5;
-  begin(&w, &c, &s, 10);
+  begin(10);
   tse_output y;
   for (int n = 0; n < 4000; n++) {
-    tse_input u = measured_row(&w, &s, n % 900 < 500 ? gnss : n % 700 < 300 ? ins
-                                                                            : 0,
-                               &seed);
+    tse_input u = measured_row(n % 900 < 500 ? gnss : n % 700 < 300 ? ins
+                                                                    : 0);
     if (n == 2000) u.dt = TSE_R(3);
     if (n % 50 == 7) u.missing = TSE_MISSING_yaw_rate;
     if (n % 50 == 9) u.missing = TSE_MISSING_steer_angle;
@@ -760,21 +731,18 @@ static void test_velocities_come_and_go_and_gaps_are_survived(void)
 /* Channels that are late make rows wait; a velocity does not wait, and is that much less late. */
 static void test_a_velocity_beside_channels_that_are_late(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 5;
-  c.velocity_latency = setting(0.1);
-  begin(&w, &c, &s, 1);
+  tse_config config = a_drive();
+  config.velocity_latency = setting(0.1);
+  begin_with(&config, 1);
   s.late = 0.1;
-  tse_config waits = c;
+  tse_config waits = config;
   waits.steer_angle_latency = setting(0.05);
   const tse_params p = prepared(&waits);
   expect_near(0.05, number(p.velocity_late), 1e-6, "late behind the row that is stepped to", 0);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   double steer[8] = { 0 }, sum = 0, truth_then[8] = { 0 };
   for (int n = 0; n < 3000; n++) {
-    tse_input u = measured_row(&w, &s, ins, &seed);
+    tse_input u = measured_row(ins);
     steer[n % 8] = number(u.steer_angle);
     truth_then[n % 8] = number(w.x[VY]);
     u.steer_angle = real(steer[(n + 3) % 8]); /* five rows ago */
@@ -788,14 +756,10 @@ static void test_a_velocity_beside_channels_that_are_late(void)
 /* Whatever is in their ranges: numbers, a state that is sound, and no longer than that the car's own velocity again. */
 static void test_no_velocity_whatever_breaks_the_filter(void)
 {
-  truth w;
-  sensor s;
-  tse_config c = a_drive();
-  uint32_t seed = 31;
-  begin(&w, &c, &s, 1);
+  begin(1);
   tse_output y;
   for (int n = 0; n < 4000; n++) {
-    tse_input u = measured_row(&w, &s, ins | gnss, &seed);
+    tse_input u = measured_row(ins | gnss);
     if (n < 2000) {
       u.given = next_word(&seed) & 15u;
       u.ins_vel_x = real(next_between(&seed, -120, 120));
@@ -811,11 +775,11 @@ static void test_no_velocity_whatever_breaks_the_filter(void)
 static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(void)
 {
   static tse_filter_paper paper;
-  tse_config c;
+  tse_config config;
   tse_input u;
-  tse_config_paper(&c);
-  c.particles = 60;
-  const tse_params p = prepared(&c);
+  tse_config_paper(&config);
+  config.particles = 60;
+  const tse_params p = prepared(&config);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &paper.filter, sizeof paper));
   memset(&u, 0, sizeof u);
   u.dt = real(0.01);
