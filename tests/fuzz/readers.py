@@ -52,8 +52,9 @@ class Broken(Exception):
 # ---- a command, as a user runs it
 
 
-def command(folder: Path, *args: str, made: tuple[str, ...] = ()) -> int:
-    """Run tselab in `folder`. `made`: files that it may make; when it refuses those that are there stay as they are."""
+def command(folder: Path, line: str, *made: str) -> int:
+    """Run tselab in `folder`. `line`: what stands behind its name; `made`: files that it may make;
+    when it refuses those that are there stay as they are."""
     for name in made:
         (folder / name).write_text("as before\n")
     before = {p.name for p in folder.iterdir()}
@@ -61,7 +62,7 @@ def command(folder: Path, *args: str, made: tuple[str, ...] = ()) -> int:
     argv, here = sys.argv, Path.cwd()
     code: object = None
     try:
-        sys.argv = ["tselab", *args]
+        sys.argv = ["tselab", *line.split()]
         os.chdir(folder)
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
             warnings.simplefilter("always")
@@ -137,7 +138,7 @@ def logs() -> list[bytes]:
 def read_log(data: bytes, folder: Path) -> None:
     (folder / "in.csv").write_bytes(data)
     (folder / "car.toml").write_bytes(SMALL_CAR)
-    if command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--out", "est.csv", made=("est.csv",)) != 2:
+    if command(folder, "estimate in.csv --vehicle car.toml --out est.csv", "est.csv") != 2:
         est = pd.read_csv(folder / "est.csv")
         numbers = est.select_dtypes("number").drop(columns="time")
         if np.isinf(numbers.to_numpy(float)).any() or (est["yaw_rate"].abs() > 20.001).any():
@@ -153,7 +154,7 @@ def cars() -> list[bytes]:
 
 def read_car(data: bytes, folder: Path) -> None:
     (folder / "car.toml").write_bytes(data)
-    command(folder, "vehicle", "car.toml")
+    command(folder, "vehicle car.toml")
 
 
 def filters() -> list[bytes]:
@@ -167,18 +168,7 @@ def read_filter(data: bytes, folder: Path) -> None:
     (folder / "in.csv").write_bytes(good_log())
     (folder / "car.toml").write_bytes(SMALL_CAR)
     (folder / "filter.toml").write_bytes(data)
-    command(
-        folder,
-        "estimate",
-        "in.csv",
-        "--vehicle",
-        "car.toml",
-        "--config",
-        "filter.toml",
-        "--out",
-        "est.csv",
-        made=("est.csv",),
-    )
+    command(folder, "estimate in.csv --vehicle car.toml --config filter.toml --out est.csv", "est.csv")
 
 
 def formulas() -> list[bytes]:
@@ -190,7 +180,7 @@ def formulas() -> list[bytes]:
 
 def read_formula(data: bytes, folder: Path) -> None:
     (folder / "f.toml").write_bytes(data)
-    command(folder, "formula", "f.toml", "--c", "f.h", made=("f.h",))
+    command(folder, "formula f.toml --c f.h", "f.h")
 
 
 @functools.cache
@@ -199,18 +189,7 @@ def good_learnt() -> bytes:
         folder = Path(name)
         (folder / "in.csv").write_bytes(good_log())
         (folder / "car.toml").write_bytes(SMALL_CAR)
-        command(
-            folder,
-            "estimate",
-            "in.csv",
-            "--vehicle",
-            "car.toml",
-            "--out",
-            "e.csv",
-            "--save-learnt",
-            "l",
-            made=("e.csv", "l"),
-        )
+        command(folder, "estimate in.csv --vehicle car.toml --out e.csv --save-learnt l", "e.csv", "l")
         return (folder / "l").read_bytes()
 
 
@@ -218,18 +197,7 @@ def read_learnt(data: bytes, folder: Path) -> None:
     (folder / "in.csv").write_bytes(good_log())
     (folder / "car.toml").write_bytes(SMALL_CAR)
     (folder / "learnt").write_bytes(data)
-    command(
-        folder,
-        "estimate",
-        "in.csv",
-        "--vehicle",
-        "car.toml",
-        "--load-learnt",
-        "learnt",
-        "--out",
-        "e.csv",
-        made=("e.csv",),
-    )
+    command(folder, "estimate in.csv --vehicle car.toml --load-learnt learnt --out e.csv", "e.csv")
 
 
 # Runs of a study: text that grows by a row, and what made them.

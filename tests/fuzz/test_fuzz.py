@@ -113,7 +113,7 @@ def test_a_reader_that_breaks_is_noticed(tmp_path, monkeypatch):
     def leave(data: bytes, folder: Path) -> None:
         (folder / "car.toml").write_bytes(readers.SMALL_CAR)
         monkeypatch.setattr(readers, "main", lambda: (folder / "left").write_text("x") and sys.exit(0))
-        readers.command(folder, "vehicle", "car.toml")
+        readers.command(folder, "vehicle car.toml")
 
     def fail(data: bytes, folder: Path) -> None:
         raise ZeroDivisionError(len(data))
@@ -145,6 +145,6 @@ def test_a_refusal_that_changes_a_result_is_noticed(made, tmp_path, monkeypatch)
     monkeypatch.setattr(readers, "main", refuse)
     if made == "changed":
         with pytest.raises(readers.Broken, match="is changed"):
-            readers.command(tmp_path, "estimate", made=("out",))
+            readers.command(tmp_path, "estimate", "out")
     else:
-        assert readers.command(tmp_path, "estimate", made=("out",)) == 2
+        assert readers.command(tmp_path, "estimate", "out") == 2
