@@ -88,12 +88,14 @@ def wasm(cc: list[str] | None = None) -> bytes:
     call([sys.executable, str(ROOT / "scripts" / "amalgamate.py"), "--out", str(BUILD / "src")])
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or compilers()[0]
+    libc = ROOT / "tests" / "embedded" / "wasm"  # what a compiler calls of a C library
     of = [repr((cc, FLAGS, LINK)).encode(), call([*cc, "--version"]).encode(), (SOURCES / "page.c").read_bytes()]
+    of += [(libc / "string.h").read_bytes()]
     of += [f.read_bytes() for f in sorted((BUILD / "src").iterdir()) if f.is_file()]
     wanted = hashlib.sha256(b"".join(of)).hexdigest()
     if out.exists() and mark.exists() and mark.read_text() == wanted:
         return out.read_bytes()
-    places = [f"-I{BUILD / 'src'}", f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests' / 'embedded' / 'wasm'}"]
+    places = [f"-I{BUILD / 'src'}", f"-I{ROOT / 'include'}", f"-I{libc}"]
     call([*cc, *FLAGS, *places, str(BUILD / "src" / "tse.c"), str(SOURCES / "page.c"), "-o", str(out), *LINK])
     mark.write_text(wanted)
     return out.read_bytes()

@@ -1,10 +1,11 @@
 /* docs/page/page.c - the library as WebAssembly for a page: memory for what the page runs, and where everything lies in it.
  *
- * There is no C library here: what it takes of one is in tests/embedded/wasm.c's place below. JavaScript finds every struct by
+ * There is no C library here: what it takes of one is in tests/embedded/wasm/string.h. JavaScript finds every struct by
  * tse_describe(), so that no offset is typed there; of tse_field itself, and of what is not in its tables, page_layout() says it.
  *
  * Two desks: what stands on one - settings, filter, rows, a simulation - knows nothing of the other. The page estimates a log on
  * one and drives on the other. */
+#define WASM_STRING
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -131,42 +132,4 @@ int32_t EXPORT(page_sim_step)(desk *d)
     d->row[0].dt = d->sim_input.dt;
   }
   return status;
-}
-
-/* ---- what compilers call, where there is no C library */
-
-void *memset(void *to, int byte, size_t bytes)
-{
-  unsigned char *const at = to;
-  for (size_t i = 0; i < bytes; i++) ((volatile unsigned char *)at)[i] = (unsigned char)byte; /* volatile: not a call of itself */
-  return to;
-}
-
-void *memcpy(void *restrict to, const void *restrict from, size_t bytes)
-{
-  for (size_t i = 0; i < bytes; i++) ((volatile unsigned char *)to)[i] = ((const unsigned char *)from)[i];
-  return to;
-}
-
-void *memmove(void *to, const void *from, size_t bytes)
-{
-  if ((const char *)from >= (char *)to) return memcpy(to, from, bytes);
-  for (size_t i = bytes; i-- > 0;) ((volatile unsigned char *)to)[i] = ((const unsigned char *)from)[i];
-  return to;
-}
-
-int memcmp(const void *a, const void *b, size_t bytes)
-{
-  for (size_t i = 0; i < bytes; i++) {
-    const int less = ((const unsigned char *)a)[i] - ((const unsigned char *)b)[i];
-    if (less) return less;
-  }
-  return 0;
-}
-
-size_t strlen(const char *text)
-{
-  size_t n = 0;
-  while (((const volatile char *)text)[n]) n++;
-  return n;
 }

@@ -1,5 +1,7 @@
-/* tests/embedded/wasm.c - port.h in WebAssembly, which wasm.js runs. There is no C library: what a compiler makes calls of is here. */
-#include <stddef.h>
+/* tests/embedded/wasm.c - port.h in WebAssembly, which wasm.js runs. There is no C library: what a compiler makes calls of is in
+ * wasm/string.h. */
+#define WASM_STRING
+#include <string.h>
 
 #include "port.h"
 
@@ -10,39 +12,3 @@ uint32_t port_instructions(void) { return 0; }
 uint32_t port_stack(void) { return 0; }
 
 __attribute__((export_name("run"))) int run(void) { return program(); }
-
-void *memset(void *to, int byte, size_t count)
-{
-  unsigned char *const at = to;
-  for (size_t i = 0; i < count; i++) ((volatile unsigned char *)at)[i] = (unsigned char)byte; /* volatile: not a call of itself */
-  return to;
-}
-
-void *memcpy(void *restrict to, const void *restrict from, size_t count)
-{
-  for (size_t i = 0; i < count; i++) ((volatile unsigned char *)to)[i] = ((const unsigned char *)from)[i];
-  return to;
-}
-
-void *memmove(void *to, const void *from, size_t count)
-{
-  if ((const char *)from >= (char *)to) return memcpy(to, from, count);
-  for (size_t i = count; i-- > 0;) ((volatile unsigned char *)to)[i] = ((const unsigned char *)from)[i];
-  return to;
-}
-
-int memcmp(const void *a, const void *b, size_t count)
-{
-  for (size_t i = 0; i < count; i++) {
-    const int less = ((const unsigned char *)a)[i] - ((const unsigned char *)b)[i];
-    if (less) return less;
-  }
-  return 0;
-}
-
-size_t strlen(const char *text)
-{
-  size_t n = 0;
-  while (((const volatile char *)text)[n]) n++;
-  return n;
-}
