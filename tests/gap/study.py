@@ -1,4 +1,4 @@
-"""The study of the gap workflow on logs in which the effect is hidden: every case of generator/study.py, judged against its truth.
+"""The study of the gap workflow on logs in which the effect is hidden: every case of generator/case.py, judged against its truth.
 
     python -m tests.gap.study [--seeds N] [--sizes N] [--only PART ...] [--jobs N] [--out DIR]     from the root of the repository
 
@@ -235,7 +235,7 @@ def tables(cases: list[dict]) -> dict[str, str]:
 def chosen(seeds: int, only: list[str], sizes: int | None = None) -> list:
     """The cases of the study with at most so many seeds each, whose name holds one of the parts; `sizes`: most seeds of half and
     double size, which come last."""
-    from tests.gap.generator.study import study
+    from tests.gap.generator import study
 
     most = {"clean": 7 * seeds}
     seen: dict[str, int] = {}

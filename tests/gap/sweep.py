@@ -50,8 +50,7 @@ VALUES: dict[str, tuple[float, float]] = {
 
 def run(asked: tuple[str, str, float | None]) -> None:
     """One case with one constant changed (None: none): the names, and how probable what is there is."""
-    from tests.gap.generator import make_cases
-    from tests.gap.generator.study import study
+    from tests.gap.generator import make_cases, study
     from tse.impl.gap.catalogue import catalogue
     from tse.impl.gap.fit import fit
     from tse.impl.gap.infer.excerpt import excerpt

@@ -18,10 +18,18 @@ from generator.case import _careful, _prepare, drive_of
 from generator.effects import hide
 from generator.filters import backlash, bessel, delayed, second_order, sticking
 from generator.manoeuvres import SETTLE, Program
-from generator.model import OUTPUTS, SLOW, STEP, simulate
-from generator.road import slope
+from generator.model import (
+    LATERAL_C,
+    OUTPUTS,
+    SLOW,
+    STEP,
+    load_factor,
+    magic_formula,
+    side_force_weight,
+    simulate,
+    slope,
+)
 from generator.sensors import imu
-from generator.tyre import LATERAL_C, load_factor, magic_formula, side_force_weight
 
 G = 9.81
 ROOT = Path(__file__).resolve().parents[2]

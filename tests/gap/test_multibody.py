@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 pytest.importorskip("vehiclemodels", reason="the package commonroad-vehicle-models is not installed")
-from tests.gap import multibody, multibody_study
+from tests.gap import multibody
 from tse.impl.gap.catalogue import catalogue
 
 
@@ -41,5 +41,5 @@ def test_the_table_says_sizes_beside_the_cars():
     ]
     channels = ("accel_x", "accel_y", "yaw_rate")
     gap = {"held_out": {"before": dict.fromkeys(channels, 4.0), "after": dict.fromkeys(channels, 1.0)}}
-    text = multibody_study.table({1: ({"effects": effects, "formula": None, "gap": gap}, truth)})
+    text = multibody.table({1: ({"effects": effects, "formula": None, "gap": gap}, truth)})
     assert "body_roll 0.015 (0.016), mass 0.1 (not there)" in text and text.count("4.00 -> 1.00, -75 %") == 3

@@ -4,10 +4,9 @@ make_case({"body_roll": 1.0}, seed=3).write("case")     # log_*.csv, hold_out_*.
 for case in make_cases(study()): ...                    # every case of the study, many logs at once
 """
 
-from .case import Case, Spec, make_case, make_cases
+from .case import Case, Spec, make_case, make_cases, study
 from .effects import CATALOGUE, EFFECTS, OUTSIDE
 from .manoeuvres import CORE, HOLD_OUT, MANOEUVRES
-from .study import study
 
 __all__ = [
     "CATALOGUE", "CORE", "EFFECTS", "HOLD_OUT", "MANOEUVRES", "OUTSIDE", "Case", "Spec", "make_case", "make_cases", "study",

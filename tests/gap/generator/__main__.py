@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .case import Spec, make_cases
+from .case import Spec, make_cases, study
 from .effects import EFFECTS
 from .manoeuvres import HOLD_OUT, MANOEUVRES
-from .study import study
 
 
 def _table() -> str:

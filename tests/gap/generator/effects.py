@@ -13,7 +13,7 @@ import numpy as np
 
 from .car import GRAVITY, NOMINAL, PARTS
 from .filters import BESSEL
-from .tyre import LATERAL_C, load_factor, magic_formula, side_force_weight, trail_weight
+from .model import LATERAL_C, load_factor, magic_formula, side_force_weight, trail_weight
 
 Car = dict[str, float]
 DEGREE = np.pi / 180

@@ -13,8 +13,6 @@ from types import SimpleNamespace
 import numpy as np
 
 from .car import GRAVITY, NOMINAL, RIGID, understeer
-from .road import slope
-from .tyre import LATERAL_C, LONGITUDINAL_C, load_factor, magic_formula, side_force_weight, trail_weight
 
 STEP = 0.001  # s
 DRIVE_LAG, BRAKE_LAG, RACK_LAG = 0.08, 0.04, 0.01  # s
@@ -25,6 +23,60 @@ SINGLE = ("vx", "vy", "r", "psi", "s", "roll", "droll", "pitch", "dpitch", "driv
 STATES = len(SINGLE) + 12  # and per wheel: rotation rate, lateral and longitudinal deflection over relaxation length
 OUTPUTS = ("fx", "fy", "yaw_acc", "r", "roll", "pitch")  # at every step, for the IMU
 SLOW = ("vx", "vy", "r", "psi", "s", "wf", "wr", "tf", "tr", "steer")  # at every sample
+
+
+# ---- tyres of one wheel each: Pacejka, Tire and Vehicle Dynamics, ch. 4
+
+
+LATERAL_C, LONGITUDINAL_C = 1.35, 1.6  # shape factors of the magic formula
+COMBINED_C = 1.1  # of the weighting of side force by longitudinal slip
+TRAIL_B, TRAIL_C = 8.0, 1.1  # of the pneumatic trail
+DEGRESSIVE = 0.5  # static load over the load at which cornering stiffness is largest
+
+
+def magic_formula(slip: np.ndarray, stiffness: np.ndarray, peak: np.ndarray, c: float, e: np.ndarray) -> np.ndarray:
+    """Force at a slip; `stiffness` is its slope at zero, `peak` its largest value."""
+    x = stiffness / (c * peak) * slip
+    return peak * np.sin(c * np.arctan(x - e * (x - np.arctan(x))))
+
+
+def load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarray:
+    """Cornering stiffness over that at static load; `load` relative to static: sin(2 atan(Fz/Fz_max)), normalised."""
+    return load * (1 + ratio**2) / (1 + (ratio * load) ** 2)
+
+
+def side_force_weight(slip: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """What longitudinal slip leaves of the side force."""
+    return np.cos(COMBINED_C * np.arctan(b * slip))
+
+
+def trail_weight(slip_angle: np.ndarray) -> np.ndarray:
+    """Pneumatic trail over that at zero slip angle."""
+    return np.cos(TRAIL_C * np.arctan(TRAIL_B * slip_angle))
+
+
+# ---- slope of the road over distance: sums of sines with random phases, hence smooth and without a period in a log
+
+
+WAVES = 6
+LENGTHS = {"grade": (120.0, 900.0), "bank": (80.0, 500.0)}  # m, wave lengths
+
+
+def profile(rng: np.random.Generator, rms: float, mean: float, lengths: tuple[float, float]) -> np.ndarray:
+    """Rows amplitude, wave number, phase of one profile; the constant is a wave without a wave number."""
+    amplitude = rng.uniform(0.5, 1.5, WAVES)
+    amplitude *= rms * np.sqrt(2) / np.sqrt((amplitude**2).sum())
+    number = 2 * np.pi / np.exp(rng.uniform(*np.log(lengths), WAVES))
+    phase = rng.uniform(0, 2 * np.pi, WAVES)
+    return np.array([[*amplitude, mean], [*number, 0.0], [*phase, 0.5 * np.pi]])
+
+
+def slope(waves: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Angle of slope at distance s, rad. `waves`: (3, waves, cars)."""
+    return (waves[0] * np.sin(waves[1] * s + waves[2])).sum(0)
+
+
+# ---- motion
 
 
 @dataclass
