@@ -26,7 +26,7 @@ FIRST = [
 # What takes long, and seldom finds what the others do not: with --all (scripts/test.sh --all, as CI does), or when it is named
 HEAVY = {
     "tests/dropin/test_amalgamation.py", "tests/embedded/test_machines.py",
-    "tests/fmu/test_fmu_platforms.py", "tests/gap/test_study.py", "tests/lab/test_fmu_cli.py", "tests/lab/test_gap_alike.py",
+    "tests/fmu/test_fmu_platforms.py", "tests/gap/test_study.py", "tests/lab/test_fmu_cli.py",
     "tests/lab/test_gap_latency.py", "tests/mistakes/test_front_ends.py",
     "tests/proof/test_proof.py",
 }  # fmt: skip

@@ -1,13 +1,16 @@
-"""The gap workflow on logs whose channels are late, and a vehicle file that says so."""
+"""The gap workflow on logs whose channels are late: a vehicle file that says so, and a drive so gentle that it
+cannot tell delays apart."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from conftest import tselab
 from gap_logs import car, write_log
 from tse.impl.gap.infer.hypotheses import SENSORS
 from tse.impl.gap.run import workflow
@@ -68,3 +71,26 @@ def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str
     assert verdict["sensors"] or "imu_delay" in named["not told"] or "steering_delay" in named["not told"]
     physics = {n.effect.id for n in results["not told"].naming.named if n.effect.id not in SENSORS and not n.message}
     assert physics <= {"body_roll"}, results["not told"].words
+
+
+GENTLE, DELAY = "steering sine sweep 0.2 .. 3 Hz, 2 m/s2, at 20 m/s", 0.02  # s
+ALIKE = {"steering_delay", "imu_delay"}
+
+
+def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(tmp_path: Path) -> None:
+    """At one speed and without braking the car is a linear system: late wheels and a late IMU are the same thing to it."""
+    vehicle, out = car(tmp_path), tmp_path / "out"
+    log = write_log(tmp_path / "gentle.csv", vehicle, GENTLE, {"imu_delay_time": DELAY}, 7, seconds=12.0)
+    done = tselab("gap", log, "--vehicle", vehicle, "--out", out, "--jobs", 1)
+    assert done.code == 11, done.out + done.err
+    verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
+    assert verdict["verdict"] == "named"
+    (effect,) = verdict["effects"]
+    assert {effect["id"], *effect["look_alikes"]} >= ALIKE
+    assert effect["parameters"]["time"]["value"] == pytest.approx(
+        DELAY, rel=0.1
+    )  # of a lag, too: seen below its corner
+    sentence = f"These logs cannot exclude {', '.join(effect['look_alikes'])} in its place."
+    assert verdict["words"][0].startswith("Stiffness at no slip") and sentence in verdict["words"][1]
+    assert sentence in done.out
+    assert sentence in (out / "vehicle_improved.toml").read_text(encoding="utf-8")
