@@ -3,7 +3,8 @@
     python -m tests.cars.uncalibrated [--seeds N] [--first SEED] [--jobs J] [--out FILE]
 
 The car is one of its class (tse_config_uncalibrated) with the relaxation and roll of the table, and each axle's stiffness is not
-its class's. Truth: stiffness at no slip, which the simulator is told.
+its class's; or it is the car of the default settings, whose yaw inertia is not its class's, either. Truth: stiffness at no slip,
+which the simulator is told.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
 from tse.impl import maneuvers
 from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
-from tse.impl.core import STIFFNESS, Config, SimConfig
+from tse.impl.core import NOMINAL, STIFFNESS, Config, SimConfig
 from tse.impl.logs.log import read_frame
 from tse.impl.simulate import simulate
 from tse.impl.tables import markdown_table
@@ -41,25 +42,34 @@ SPREAD = 0.2  # sd of ln of the true stiffness over that of the class
 LEAST = 40.0  # s: what a shorter manoeuvre lasts here
 
 
-def one(job: tuple[str, float, float, int]) -> dict[str, float | str]:
+CARS = ("one of its class", "the car of the default settings")
+FACTS = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
+
+
+def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     """Simulate a manoeuvre, and return what the filter made of it: rows with an estimate, valid, off, outside their interval."""
-    maneuver, relaxation, roll, seed = job
-    vehicle, rng = make_vehicle(dict(CAR), Path("car.toml")), np.random.default_rng([seed, 71])
-    car = Config(filter_values(vehicle) | {"relaxation_length": relaxation, "body_roll_gain": roll})
-    true = {key: float(np.exp(SPREAD * rng.standard_normal())) for key in STIFFNESS}
-    sim = SimConfig({f"true_{key}": value for key, value in true.items()} | {"seed": seed})
+    maneuver, relaxation, roll, seed, which = job
+    effects, rng = {"relaxation_length": relaxation, "body_roll_gain": roll}, np.random.default_rng([seed, 71])
+    of_class = which == CARS[0]
+    facts = CAR if of_class else {key: getattr(Config(), key) for key in FACTS} | {"driven_axle": "front"}
+    vehicle = make_vehicle(dict(facts), Path("car.toml"))
+    car = Config((filter_values(vehicle) if of_class else {}) | effects)
+    factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
+    sim = SimConfig({f"true_{key}": value for key, value in factor.items()} | {"seed": seed})
     duration = max(LEAST, maneuvers.KINDS[maneuver].duration)
     plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
     log = read_frame(simulate(plan, car, sim).log)
-    out = outputs(make_config(vehicle, log)[0], log)
+    config, _ = make_config(vehicle, log)
+    out = outputs(config, log)
     counts = (log.time > SETTLED) & (out["vel_x"] > SLOW)
-    found: dict[str, float | str] = {"maneuver": maneuver, "relaxation": relaxation, "roll": roll}
+    found: dict[str, float | str] = {"car": which, "maneuver": maneuver, "relaxation": relaxation, "roll": roll}
     for key in STIFFNESS:
-        error = out[key][counts] - true[key]
+        true = factor[key] * getattr(car, NOMINAL[key]) / getattr(config, NOMINAL[key])
+        error = out[key][counts] - true
         valid = out[f"{key}_valid"][counts] == 0
         outside = np.abs(error) > 1.96 * out[f"{key}_sd"][counts]
         found |= {f"{key} rows": counts.sum(), f"{key} valid": valid.sum(), f"{key} outside": outside.sum()}
-        found |= {f"{key} off": (valid & (np.abs(error) > OFF * true[key])).sum()}
+        found |= {f"{key} off": (valid & (np.abs(error) > OFF * true)).sum()}
         found |= {f"{key} valid outside": (valid & outside).sum()}
     return found
 
@@ -79,20 +89,24 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-uncalibrated.md", help="the table")
     given = parser.parse_args(arguments)
     seeds = range(given.first, given.first + given.seeds)
-    jobs = list(product(maneuvers.KINDS, RELAXATION, ROLL, seeds))
+    jobs = list(product(maneuvers.KINDS, RELAXATION, ROLL, seeds, CARS))
     with ProcessPoolExecutor(given.jobs) as pool:
         runs = pd.DataFrame(tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr))
     lengths, rolls = (", ".join(map(str, x)) for x in (RELAXATION, ROLL))
     head = f"""# Not calibrated
 
 `python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of the simulator,
-{len(maneuvers.KINDS)} manoeuvres x relaxation of {lengths} m x roll of {rolls} rad per m/s2 x {given.seeds} seeds. The car is one
-of its class; its stiffness is off the class's by a factor of its own for each, sd of its logarithm {SPREAD:g}. The filter knows the
-class and nothing else. Front longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
+{len(maneuvers.KINDS)} manoeuvres x relaxation of {lengths} m x roll of {rolls} rad per m/s2 x {given.seeds} seeds, of two
+cars: *{CARS[0]}*, its stiffness is off the class's by a factor of its own for each, sd of its logarithm {SPREAD:g}; *{CARS[1]}*,
+whose yaw inertia is off the class's, too. The filter knows mass, axles, radii and driven axle, and the class.
+Front longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
 *Off*: by more than {100 * OFF:.0f} %; *outside*: of the 95 % interval.
 """
-    parts = ("maneuver", "relaxation", "roll")
-    text = head + "".join("\n" + "\n".join(table(runs.assign(all="all"), by)) + "\n" for by in ("all", *parts))
+    text = head
+    for which, mine in runs.groupby("car", sort=False):
+        parts = ("all", "maneuver", "relaxation", "roll")
+        text += f"\n## {which[0].upper()}{which[1:]}\n"
+        text += "".join("\n" + "\n".join(table(mine.assign(all="all"), by)) + "\n" for by in parts)
     given.out.write_text(text, encoding="utf-8")
     print(f"{given.out}: {len(runs)} runs")
     return 0
