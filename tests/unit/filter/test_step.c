@@ -6,6 +6,7 @@
 #include "filter_support.h"
 
 static tse_filter f, before;
+static truth w; /* the car that is driven */
 
 /* A car of which much is uncertain. */
 static tse_config a_car(void)
@@ -42,29 +43,35 @@ static void step(const tse_params *p, const tse_input *u, tse_output *y)
   for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y->stiffness_sd[a]) >= 0 && number(y->stiffness[a]) > 0);
 }
 
-static tse_output drive(truth *w, int rows)
+/* A car of these settings, drawn as truth_start() does, and the filter before its first row. */
+static void start(const tse_config *c, double speed, double spread, uint32_t seed)
+{
+  truth_start(&w, c, speed, spread, seed);
+  reset(&w.p);
+}
+
+static tse_output drive(int rows)
 {
   tse_output y;
   for (int n = 0; n < rows; n++) {
-    const tse_input u = truth_row(w, 0.01);
-    step(&w->p, &u, &y);
+    const tse_input u = truth_row(&w, 0.01);
+    step(&w.p, &u, &y);
   }
   return y;
 }
 
 /* How far a stiffness is off, in its own sd. */
-static double off(const truth *w, const tse_output *y, int a) { return fabs(number(y->stiffness[a]) - truth_stiffness(w,
-                                                                                                                      a)) /
-                                                                       number(y->stiffness_sd[a]); }
+static double off(const tse_output *y, int a)
+{
+  return fabs(number(y->stiffness[a]) - truth_stiffness(&w, a)) / number(y->stiffness_sd[a]);
+}
 
 /* In fixed point a row of the filter holds numbers up to 256, where it stops: one of more than 240 is said, wherever it is. */
 static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
 {
-  static truth w;
   const tse_config c = a_car();
-  truth_start(&w, &c, 20, 0, 8);
-  reset(&w.p);
-  (void)drive(&w, 2000);
+  start(&c, 20, 0, 8);
+  (void)drive(2000);
   before = f;
   const int said = BY_NUMBER(TSE_OK, TSE_OK, TSE_W_RANGE); /* the others have no end that near */
   const tse_input u = truth_row(&w, 0.01);
@@ -85,15 +92,13 @@ static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
 
 static void test_stiffness_lies_in_its_interval_in_drives_of_its_own_model(void)
 {
-  static truth w;
   int missed = 0, valid = 0, all = 0;
   const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 12; seed++) {
-    truth_start(&w, &c, 20, 1, seed);
-    reset(&w.p);
-    const tse_output y = drive(&w, 3000);
+    start(&c, 20, 1, seed);
+    const tse_output y = drive(3000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++, all++) {
-      missed += off(&w, &y, a) > 1.96;
+      missed += off(&y, a) > 1.96;
       valid += y.reason[a] == TSE_VALID;
     }
   }
@@ -105,14 +110,13 @@ static void test_stiffness_lies_in_its_interval_in_drives_of_its_own_model(void)
 /* And it is learnt, not only left at the prior with a wide interval. */
 static void test_a_lively_drive_teaches_the_stiffness(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 4; seed++) {
     truth_start(&w, &c, 20, 0, seed); /* as told, but for the stiffness */
     w.x[LCF] = real(log(0.8));
     w.x[LCR] = real(log(1.25));
     reset(&w.p);
-    const tse_output y = drive(&w, 3000);
+    const tse_output y = drive(3000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
       TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) < 0.1 * number(y.stiffness[a]));
       expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), 0.1 * truth_stiffness(&w, a), "stiffness", a);
@@ -125,20 +129,18 @@ static void test_a_lively_drive_teaches_the_stiffness(void)
 
 static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
 {
-  static truth w;
   tse_config c = a_car();
   int roads = 0;
   c.steer_ratio_sd = setting(0.005); /* what else could explain it is known well */
   for (uint32_t seed = 1; seed <= 4; seed++) {
-    truth_start(&w, &c, 20, 0.3, seed);
-    reset(&w.p);
-    tse_output y = drive(&w, 2000);
+    start(&c, 20, 0.3, seed);
+    tse_output y = drive(2000);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
     for (int i = LCX; i <= LMU; i++) w.x[i] += real(log(0.6));
-    y = drive(&w, 400);
+    y = drive(400);
     TEST_ASSERT_TRUE(y.change_kind != TSE_CHANGE_NONE && number(y.change_age) < 4);
     roads += y.change_kind == TSE_CHANGE_ROAD; /* else one axle, which was corrected a moment later */
-    y = drive(&w, 1000);
+    y = drive(1000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
       expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a)),
                   "stiffness after it", a);
@@ -148,14 +150,13 @@ static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
 
 static void test_a_road_that_stays_is_never_believed_to_be_another(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (uint32_t seed = 11; seed <= 13; seed++) {
     truth_start(&w, &c, 22, 0.7, seed);
     w.frequency = 0.25;
     reset(&w.p);
     for (int n = 0; n < 4000; n++) {
-      const tse_output y = drive(&w, 1);
+      const tse_output y = drive(1);
       TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
       TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
     }
@@ -165,12 +166,10 @@ static void test_a_road_that_stays_is_never_believed_to_be_another(void)
 /* Whenever it happens: an event that was opened a moment before it must not stand in the way. */
 static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
 {
-  static truth w;
   tse_config c = a_car();
   for (int later = 0; later < 100; later += 9) {
-    truth_start(&w, &c, 20, 0.3, 5);
-    reset(&w.p);
-    (void)drive(&w, 1000 + later);
+    start(&c, 20, 0.3, 5);
+    (void)drive(1000 + later);
     tse_output y;
     int found = 0;
     for (int n = 0; n < 300; n++) {
@@ -180,23 +179,22 @@ static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
       found += y.fault_channel == 1 + TSE_CHANNEL_yaw_rate;
     }
     TEST_ASSERT_TRUE(found > 100);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 4);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 4);
   }
 }
 
 /* With noise alone, and nothing that happens: what is not excited is not learnt, and not valid. */
 static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
 {
-  static truth w;
   const tse_config c = a_car();
   int missed = 0;
   for (uint32_t seed = 3; seed <= 8; seed++) {
     truth_start(&w, &c, 20, 1, seed);
     w.amplitude = w.throttle = 0;
     reset(&w.p);
-    const tse_output y = drive(&w, 2000);
+    const tse_output y = drive(2000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
-      missed += off(&w, &y, a) > 1.96;
+      missed += off(&y, a) > 1.96;
       TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.1 * number(y.stiffness[a]));
     }
   }
@@ -216,12 +214,11 @@ static void freeze(tse_input *u, const tse_input *at, int channel)
  * happens, and that is the largest unevenness which is no outlier. The innovation's mean square is 1 or more. */
 static void test_an_uneven_road_happens(void)
 {
-  static truth w;
   const tse_config c = a_car();
   truth_start(&w, &c, 20, 1, 3);
   w.amplitude = w.throttle = 0;
   reset(&w.p);
-  drive(&w, 500);
+  drive(500);
   const double even = number(f.k.activity[ACCEL_Y]);
   tse_output y;
   for (int n = 0; n < 3000; n++) {
@@ -237,15 +234,13 @@ static void test_an_uneven_road_happens(void)
 
 static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (int channel = 0; channel < TSE_SENSORS; channel++) {
     tse_input last;
     tse_output y;
     int found = 0;
-    truth_start(&w, &c, 20, 0.3, 7);
-    reset(&w.p);
-    (void)drive(&w, 1500);
+    start(&c, 20, 0.3, 7);
+    (void)drive(1500);
     last = truth_row(&w, 0.01);
     step(&w.p, &last, &y);
     for (int n = 0; n < 300; n++) {
@@ -256,24 +251,22 @@ static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
       TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
     }
     TEST_ASSERT_TRUE(found > 200);
-    y = drive(&w, 500);
+    y = drive(500);
     TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
     TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 3);
   }
 }
 
 /* A steering angle that freezes is named, is missing then, and what the tyres have made up for it is forgotten. */
 static void test_a_steering_angle_that_freezes_is_missing(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 3; seed++) {
     tse_output y;
     int found = 0, restarts = 0;
-    truth_start(&w, &c, 20, 0.3, seed);
-    reset(&w.p);
-    (void)drive(&w, 1500);
+    start(&c, 20, 0.3, seed);
+    (void)drive(1500);
     const tse_real angle = truth_row(&w, 0.01).steer_angle;
     for (int n = 0; n < 2000; n++) {
       tse_input u = truth_row(&w, 0.01);
@@ -285,9 +278,9 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
     }
     TEST_ASSERT_TRUE(found > 1800);
     TEST_ASSERT_TRUE(restarts == 1 || restarts == 2); /* of the first 0.02 s one row or two */
-    y = drive(&w, 1500);
+    y = drive(1500);
     TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 3);
   }
 }
 
@@ -295,14 +288,12 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
  * changed, and what was learnt is as good afterwards. */
 static void test_an_imu_that_freezes_teaches_nothing(void)
 {
-  static truth w;
   const tse_config c = a_car();
   tse_input last;
   tse_output y;
   int named = 0;
-  truth_start(&w, &c, 20, 0.3, 7);
-  reset(&w.p);
-  (void)drive(&w, 1500);
+  start(&c, 20, 0.3, 7);
+  (void)drive(1500);
   last = truth_row(&w, 0.01);
   step(&w.p, &last, &y);
   for (int n = 0; n < 600; n++) {
@@ -315,23 +306,21 @@ static void test_an_imu_that_freezes_teaches_nothing(void)
   TEST_ASSERT_TRUE(named > 500);
   for (int i = LCF; i <= LCR; i++) expect_near(number(before.k.x[i]), number(f.k.x[i]), 0.01, "logarithm of a stiffness, while all are frozen", i);
   for (int i = BX; i <= BR; i++) expect_near(number(before.k.x[i]), number(f.k.x[i]), 0.01, "bias, while all are frozen", i);
-  y = drive(&w, 1000);
+  y = drive(1000);
   TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
   TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
-  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 3);
 }
 
 /* While accel_y is frozen and named, the gyro alone shows another road. */
 static void test_another_road_is_found_while_a_channel_is_frozen(void)
 {
-  static truth w;
   const tse_config c = a_car();
   tse_input last;
   tse_output y;
-  truth_start(&w, &c, 20, 0.3, 7);
-  reset(&w.p);
+  start(&c, 20, 0.3, 7);
   w.throttle = 0; /* else it shows along, too */
-  (void)drive(&w, 3000);
+  (void)drive(3000);
   last = truth_row(&w, 0.01);
   step(&w.p, &last, &y);
   for (int n = 0; n < 1500; n++) {
@@ -347,12 +336,10 @@ static void test_another_road_is_found_while_a_channel_is_frozen(void)
 /* What a gyro said before it was at fault, or before the car stood, does not make a wheel that is held still a frozen one. */
 static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(void)
 {
-  static truth w;
   const tse_config c = a_car();
   tse_output y;
-  truth_start(&w, &c, 20, 0.3, 5);
-  reset(&w.p);
-  (void)drive(&w, 1500);
+  start(&c, 20, 0.3, 5);
+  (void)drive(1500);
   for (int n = 0; n < 800; n++) {
     if (n == 400) {
       w.amplitude = 0;
@@ -369,12 +356,10 @@ static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(voi
 /* At standstill the gyro's bias is not learnt of one that is frozen. */
 static void test_a_frozen_gyro_says_no_bias_at_standstill(void)
 {
-  static truth w;
   const tse_config c = a_car();
   tse_output y;
-  truth_start(&w, &c, 20, 0.3, 7);
-  reset(&w.p);
-  (void)drive(&w, 1550);
+  start(&c, 20, 0.3, 7);
+  (void)drive(1550);
   tse_input last = truth_row(&w, 0.01);
   last.yaw_rate = real(0.3);
   for (int n = 0; n < 300; n++) {
@@ -392,19 +377,17 @@ static void test_a_frozen_gyro_says_no_bias_at_standstill(void)
 /* The prior that a restart leaves is nothing that tyres may be back at. */
 static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
 {
-  static truth w;
   const tse_config c = a_car();
   tse_output y;
-  truth_start(&w, &c, 20, 0.3, 1);
-  reset(&w.p);
-  (void)drive(&w, 3000);
+  start(&c, 20, 0.3, 1);
+  (void)drive(3000);
   for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
   memset(&y, 0, sizeof y);
   for (int n = 0; n < 1000 && y.change_kind != TSE_CHANGE_ROAD; n++) {
     f.k.change_kind = TSE_CHANGE_RESTART;
     f.k.change_age = TSE_R(0);
     for (int i = 0; i < 4; i++) f.k.change_from[i] = f.k.change_from_var[i] = TSE_R(0);
-    y = drive(&w, 1);
+    y = drive(1);
   }
   TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
   for (int i = 0; i < 4; i++) TEST_ASSERT_TRUE(number(f.k.change_from_var[i]) > 0);
@@ -413,10 +396,8 @@ static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
 /* Readings of few digits repeat themselves, for seconds on a straight road: no channel of them is frozen. */
 static void test_readings_of_few_digits_are_not_frozen(void)
 {
-  static truth w;
   const tse_config c = a_car();
-  truth_start(&w, &c, 20, 0.3, 8);
-  reset(&w.p);
+  start(&c, 20, 0.3, 8);
   w.noise = 0.2;
   for (int n = 0; n < 6000; n++) {
     tse_output y;
@@ -435,18 +416,16 @@ static void test_readings_of_few_digits_are_not_frozen(void)
  * before. Tyres that give more force than of their slip are on no road with less grip. */
 static void test_a_road_that_shows_along_alone_is_believed(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 6; seed++) {
     const double share = seed <= 3 ? 0.35 : 1.8;
-    truth_start(&w, &c, 20, 0.3, seed);
-    reset(&w.p);
-    tse_output y = drive(&w, 3000);
+    start(&c, 20, 0.3, seed);
+    tse_output y = drive(3000);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
     w.amplitude = 0;
-    y = drive(&w, 200);
+    y = drive(200);
     for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(share));
-    y = drive(&w, 500);
+    y = drive(500);
     TEST_ASSERT_EQUAL_INT(share < 1 ? TSE_CHANGE_ROAD : TSE_CHANGE_NONE, y.change_kind);
     if (share < 1) TEST_ASSERT_TRUE(y.reason[TSE_CY_FRONT] != TSE_VALID && y.reason[TSE_CY_REAR] != TSE_VALID);
   }
@@ -455,17 +434,15 @@ static void test_a_road_that_shows_along_alone_is_believed(void)
 /* The driver turned on the road before and goes straight on the new one: what was seen in those turns is not of this road. */
 static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 3; seed++) {
-    truth_start(&w, &c, 20, 0.3, seed);
-    reset(&w.p);
-    (void)drive(&w, 3000);
+    start(&c, 20, 0.3, seed);
+    (void)drive(3000);
     w.amplitude = 0;
-    (void)drive(&w, 40);
+    (void)drive(40);
     for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
-    tse_output y = drive(&w, 1);
-    for (int n = 0; n < 500 && y.change_kind == TSE_CHANGE_NONE; n++) y = drive(&w, 1);
+    tse_output y = drive(1);
+    for (int n = 0; n < 500 && y.change_kind == TSE_CHANGE_NONE; n++) y = drive(1);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.9 * number(CHANGE_SD) * number(y.stiffness[a]));
   }
@@ -475,18 +452,16 @@ static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
  * 1 .. 200): more than 3 of 40 would be one in 100. */
 static void test_a_road_that_is_back_is_found_within_seconds(void)
 {
-  static truth w;
   const tse_config c = a_car();
   int wrong = 0;
   for (uint32_t seed = 1; seed <= 40; seed++) {
     int off = 0;
-    truth_start(&w, &c, 20, 0.3, seed);
-    reset(&w.p);
-    (void)drive(&w, 2000 + 23 * (int)(seed % 10));
+    start(&c, 20, 0.3, seed);
+    (void)drive(2000 + 23 * (int)(seed % 10));
     for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.3));
-    (void)drive(&w, 1500);
+    (void)drive(1500);
     for (int i = LCX; i <= LCR; i++) w.x[i] -= real(log(0.3));
-    const tse_output y = drive(&w, 800);
+    const tse_output y = drive(800);
     TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
     for (int a = 0; a < 3; a++)
       off = off || fabs(number(y.stiffness[a]) - truth_stiffness(&w, a)) > fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a));
@@ -499,19 +474,17 @@ static void test_a_road_that_is_back_is_found_within_seconds(void)
  * would be one in 50); and then the stiffness is what it was. */
 static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 {
-  static truth w;
   const tse_config c = a_car();
   int more = 0;
   for (uint32_t seed = 1; seed <= 40; seed++) {
     int reported = 0;
-    truth_start(&w, &c, 20, 0.3, seed);
-    reset(&w.p);
-    const tse_output dry = drive(&w, 2000);
+    start(&c, 20, 0.3, seed);
+    const tse_output dry = drive(2000);
     tse_output y = dry;
     for (int n = 0; n < 1000; n++) {
       for (int i = LCX; i <= LCR; i++) w.x[i] += real(n == 0 ? log(0.4) : n == 300 ? -log(0.4)
                                                                                    : 0);
-      y = drive(&w, 1);
+      y = drive(1);
       reported += y.change_kind != TSE_CHANGE_NONE && !(y.change_age > TSE_R(0));
     }
     TEST_ASSERT_TRUE(reported >= 1);
@@ -527,21 +500,19 @@ static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 /* 10, 20, 30 % of the rows come 0.12 s after the one before. */
 static void test_late_rows_leave_stiffness_in_its_interval(void)
 {
-  static truth w;
   const tse_config c = a_car();
   int missed = 0;
   for (int late = 10; late <= 30; late += 10)
     for (uint32_t seed = 1; seed <= 3; seed++) {
       tse_output y;
-      truth_start(&w, &c, 20, 0.7, seed);
-      reset(&w.p);
+      start(&c, 20, 0.7, seed);
       uint32_t which = seed;
       for (int n = 0; n < 1500; n++) {
         const tse_input u = truth_row(&w, next_uniform(&which) < 0.01 * late ? 0.12 : 0.01);
         step(&w.p, &u, &y);
         TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
       }
-      for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) missed += off(&w, &y, a) > 1.96;
+      for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) missed += off(&y, a) > 1.96;
     }
   printf("%d of 18 missed\n", missed);
   TEST_ASSERT_TRUE(missed <= 3);
@@ -553,11 +524,9 @@ static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
   static const double gap[] = { 0.3, 1, 60, 3600 };
   const tse_config c = a_car();
   for (int g = 0; g < ROWS(gap); g++) {
-    static truth w;
     tse_output y;
-    truth_start(&w, &c, 20, 0.5, 2);
-    reset(&w.p);
-    const tse_output last = drive(&w, 1500);
+    start(&c, 20, 0.5, 2);
+    const tse_output last = drive(1500);
     tse_input u = truth_row(&w, 0.01);
     u.dt = real(gap[g]);
     step(&w.p, &u, &y);
@@ -568,21 +537,19 @@ static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
     }
     expect_near(number(w.x[VX]), number(y.vel_x), 1, "vel_x", g);
     expect_near(number(w.x[YAW]), number(y.yaw_rate), 0.1, "yaw rate", g);
-    y = drive(&w, 500);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+    y = drive(500);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 3);
   }
 }
 
 static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stiffness_moved(void)
 {
-  static truth w;
   static const double dt[] = { BY_NUMBER(1e-30, 1e-30, 2.4e-10), 3600, BY_NUMBER(5e-324, 1e-45, 2.4e-10), 1e-6, 0.2501 };
   const tse_config c = a_car();
   for (int k = 0; k < ROWS(dt); k++) {
     tse_output y;
-    truth_start(&w, &c, 20, 0.5, 4);
-    reset(&w.p);
-    (void)drive(&w, 1000);
+    start(&c, 20, 0.5, 4);
+    (void)drive(1000);
     for (int n = 0; n < 1500; n++) {
       tse_input u = truth_row(&w, 0.01);
       if (n < 1000 && n % 10 == 0) { /* one row again, so much later */
@@ -592,35 +559,33 @@ static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stif
       }
       step(&w.p, &u, &y);
     }
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&w, &y, a), 4, "stiffness, in its sd", 10 * k + a);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&y, a), 4, "stiffness, in its sd", 10 * k + a);
   }
 }
 
 /* Any channels missing for any time: numbers, and a stiffness that stays in its interval. */
 static void test_missing_channels_leave_numbers_and_no_stiffness_moved(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (uint32_t which = 1; which < 64; which++) {
     tse_output y;
-    truth_start(&w, &c, 20, 0.5, which);
-    reset(&w.p);
+    start(&c, 20, 0.5, which);
     for (int n = 0; n < 900; n++) {
       tse_input u = truth_row(&w, 0.01);
       if (n > 200 && n < 700) u.missing = which;
       step(&w.p, &u, &y);
     }
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&w, &y, a), 4, "stiffness, in its sd", (int)which);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&y, a), 4, "stiffness, in its sd", (int)which);
   }
 }
 
 /* Whatever the filter thinks, these rows are not about how the tyres are. */
-static void expect_learns_nothing(const truth *w, const tse_input *row, int rows, tse_status least)
+static void expect_learns_nothing(const tse_input *row, int rows, tse_status least)
 {
   tse_output y;
   const tse_kalman was = f.k;
   for (int n = 0; n < rows; n++) {
-    step(&w->p, row, &y);
+    step(&w.p, row, &y);
     TEST_ASSERT_TRUE(y.status >= (int32_t)least);
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
   }
@@ -633,12 +598,10 @@ static void expect_learns_nothing(const truth *w, const tse_input *row, int rows
 
 static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learnt(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (int kind = 0; kind < 3; kind++) {
-    truth_start(&w, &c, 20, 0.5, 6);
-    reset(&w.p);
-    (void)drive(&w, 1000);
+    start(&c, 20, 0.5, 6);
+    (void)drive(1000);
     tse_input u;
     memset(&u, 0, sizeof u);
     u.dt = real(0.01);
@@ -647,7 +610,7 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
     if (kind == 2) u.steer_angle = real(1.1);
     u.accel_x = real(0.3);
     u.yaw_rate = real(kind ? -0.3 : 0.003);
-    expect_learns_nothing(&w, &u, 300, TSE_W_HELD);
+    expect_learns_nothing(&u, 300, TSE_W_HELD);
     if (kind == 0) { /* the gyro's bias is */
       expect_near(0.003, number(f.k.x[BR]), 0.001, "bias of the gyro", 0);
       expect_near(0, number(f.k.x[VX]), 0, "vel_x", 0);
@@ -657,12 +620,10 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
 
 static void test_a_refused_row_changes_nothing(void)
 {
-  static truth w;
   const tse_config c = a_car();
   tse_output y, untouched;
-  truth_start(&w, &c, 20, 0.5, 7);
-  reset(&w.p);
-  (void)drive(&w, 300);
+  start(&c, 20, 0.5, 7);
+  (void)drive(300);
   const tse_input good = truth_row(&w, 0.01);
   before = f;
   memset(&y, 0x5a, sizeof y);
@@ -684,13 +645,11 @@ static void test_a_refused_row_changes_nothing(void)
 /* What some importers hand on at first, and loggers that lose a row: wheels at rest between rows at 20 m/s. */
 static void test_a_row_of_zeros_leaves_the_stiffness(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (int at = 0; at < 2; at++) {
     tse_output y;
-    truth_start(&w, &c, 20, 0, 9);
-    reset(&w.p);
-    if (at) (void)drive(&w, 2000);
+    start(&c, 20, 0, 9);
+    if (at) (void)drive(2000);
     tse_input u = truth_row(&w, 0.01);
     const tse_real dt = u.dt;
     memset(&u, 0, sizeof u);
@@ -701,10 +660,10 @@ static void test_a_row_of_zeros_leaves_the_stiffness(void)
     TEST_ASSERT_EQUAL_INT(TSE_W_GAP, y.status);
     expect_near(number(u.wheel_speed_rear) * number(w.p.radius_rear), number(y.vel_x), 0.5, "speed", at);
     for (int n = 0; n < 4; n++) {
-      y = drive(&w, 500);
+      y = drive(500);
       TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
       TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
-      for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 2.6);
+      for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 2.6);
     }
   }
 }
@@ -712,13 +671,11 @@ static void test_a_row_of_zeros_leaves_the_stiffness(void)
 /* Memory that a bit fell over in: said so, and the drive is learnt from anew. */
 static void test_a_state_that_is_no_number_is_started_over(void)
 {
-  static truth w;
   const tse_config c = a_car();
   for (int k = 0; k < 3; k++) {
     tse_output y;
-    truth_start(&w, &c, 20, 0, 9);
-    reset(&w.p);
-    (void)drive(&w, 500);
+    start(&c, 20, 0, 9);
+    (void)drive(500);
     f.start.loaded = 1; /* what an earlier drive taught may have led here */
     if (k == 0) f.k.x[LCF] = broken();
     if (k == 1) f.k.p.d[VY] = broken();
@@ -732,9 +689,9 @@ static void test_a_state_that_is_no_number_is_started_over(void)
     TEST_ASSERT_TRUE(number(y.regime[TSE_REGIME_RESTARTED]) > 0.99);
     expect_near(1, number(y.change_ratio[TSE_CY_FRONT]), 1e-6, "no change of the stiffness is claimed", k);
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
-    y = drive(&w, 3000);
+    y = drive(3000);
     TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 2.6 && y.reason[a] == TSE_VALID);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 2.6 && y.reason[a] == TSE_VALID);
   }
 }
 
@@ -767,15 +724,13 @@ static void test_readings_at_their_ends_leave_numbers(void)
 /* Each part of the sd is one, and none is more than all of it; what is told exactly is no part. */
 static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
 {
-  static truth w;
   tse_config c = a_car();
   tse_real sd[3];
   c.mass_sd = setting(0.04);
   c.cg_sd = setting(0.02);
   c.trail_sd = setting(0.02);
-  truth_start(&w, &c, 20, 0.5, 9);
-  reset(&w.p);
-  const tse_output y = drive(&w, 1500);
+  start(&c, 20, 0.5, 9);
+  const tse_output y = drive(1500);
   const char *names[TSE_UNCERTAINTIES];
   for (int k = 0; k < TSE_UNCERTAINTIES; k++) names[k] = field_of(TSE_STRUCT_CONFIG, "mass_sd")[k].name;
   for (int32_t k = 0; k < TSE_UNCERTAINTIES; k++) {
@@ -808,7 +763,6 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
 /* With every wheel driven on a road that may climb nothing says how fast the car is, and so how its wheels slip. */
 static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_road_alone(void)
 {
-  static truth w;
   static const struct {
     int driven;
     double grade_sd;
@@ -819,9 +773,8 @@ static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_ro
     c.initial_cx_sd = setting(0.05); /* as known as something can be that needs no drive */
     c.driven_axle = cases[n].driven;
     c.grade_sd = setting(cases[n].grade_sd);
-    truth_start(&w, &c, 20, 1, 1);
-    reset(&w.p);
-    const tse_output y = drive(&w, 500);
+    start(&c, 20, 1, 1);
+    const tse_output y = drive(500);
     TEST_ASSERT_EQUAL_INT(!cases[n].shows, y.reason[TSE_CX_FRONT] == TSE_NOT_EXCITED);
   }
 }
@@ -830,7 +783,6 @@ static void test_uncertain_parameters_widen_the_interval(void)
 {
   double sd[2][3];
   for (int loosely = 0; loosely < 2; loosely++) {
-    static truth w;
     tse_config c = a_car();
     if (loosely) {
       c.mass_sd = setting(0.05);
@@ -838,9 +790,8 @@ static void test_uncertain_parameters_widen_the_interval(void)
       c.trail_sd = setting(0.04);
       c.accel_y_scale_sd = setting(0.04);
     }
-    truth_start(&w, &c, 20, 0, 10);
-    reset(&w.p);
-    const tse_output y = drive(&w, 1500);
+    start(&c, 20, 0, 10);
+    const tse_output y = drive(1500);
     for (int a = 0; a < 3; a++) sd[loosely][a] = number(y.stiffness_sd[a]) / number(y.stiffness[a]);
   }
   for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(sd[1][a] > 1.2 * sd[0][a]);
