@@ -32,18 +32,18 @@ MOST_LABELS = 16  # events named in the plot; the others have a line
 MOST_SHADES = 150  # shaded intervals per plot; shorter gaps are bridged
 
 
+LOOKS = {  # of every figure
+    "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK}, "paper_bgcolor": "white", "plot_bgcolor": "white",
+    "legend": {"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
+}  # fmt: skip
+AXIS = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4"}
+
+
 def layout(figure: Any, height: int, **more: object) -> Any:
     """Give a figure of plotly the looks of these pages."""
-    figure.update_layout(
-        height=height,
-        margin={"l": 66, "r": 18, "t": 64, "b": 48},
-        font={"family": "system-ui, sans-serif", "size": 13, "color": INK},
-        paper_bgcolor="white",
-        plot_bgcolor="white",
-        legend={"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
-    )
+    figure.update_layout(height=height, margin={"l": 66, "r": 18, "t": 64, "b": 48}, **LOOKS)
     figure.update_layout(**more)
-    axis = {"showgrid": True, "gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4", "title_font_size": 13}
+    axis = {**AXIS, "showgrid": True, "title_font_size": 13}
     figure.update_xaxes(**axis, ticks="outside", tickcolor="#c8ced4")
     figure.update_yaxes(**axis, title_standoff=6)
     for note in figure.layout.annotations:
@@ -227,25 +227,11 @@ class Figure:
         self.data: list[dict[str, Any]] = []
         rows, total = len(titles), sum(heights)
         gap = 0.11 / rows + 0.012
-        axis = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4", "automargin": True}
+        axis = {**AXIS, "automargin": True}
         self.layout: dict[str, Any] = {
-            "height": self.height,
-            "margin": {"l": 62, "r": 18, "t": 70, "b": 40},
-            "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
-            "paper_bgcolor": "white",
-            "plot_bgcolor": "white",
-            "hovermode": "x unified",
-            "legend": {
-                "orientation": "h",
-                "y": 0.995,
-                "yanchor": "top",
-                "x": 0,
-                "xanchor": "left",
-                "yref": "container",
-            },
-            "annotations": [],
-            "shapes": [],
-        }
+            "height": self.height, "margin": {"l": 62, "r": 18, "t": 70, "b": 40}, **LOOKS, "hovermode": "x unified",
+            "annotations": [], "shapes": [],
+        }  # fmt: skip
         top = 1.0
         for row, (title, height) in enumerate(zip(titles, heights, strict=True), 1):
             bottom = max(0.0, top - height / total * (1 - gap * (rows - 1)))
