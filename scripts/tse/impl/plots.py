@@ -3,14 +3,18 @@ number of every line and take a hundred times as long to be made."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from tse.impl.core import GRIP, NOMINAL, STATUS, STIFFNESS, Config, library
+from tse.impl.errors import UserError
 from tse.impl.estimate import BLOCK, Block
+from tse.impl.files import atomic
 from tse.impl.regimes import REGIMES, Change, Spell, spoken_of
 from tse.impl.rows import MEASURES, Log
 from tse.impl.verdict import NAMES, UNITS
@@ -49,6 +53,27 @@ def layout(figure: Any, height: int, **more: object) -> Any:
     for note in figure.layout.annotations:
         note.update(font={"size": 13, "color": INK})
     return figure
+
+
+STYLE = {"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8, "text.color": INK,
+         "axes.labelcolor": INK, "xtick.color": "#52606d", "ytick.color": "#52606d"}  # fmt: skip
+
+
+@contextmanager
+def picture_of(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
+    """matplotlib's pyplot; the figure that the block draws becomes a PNG."""
+    try:
+        import matplotlib
+    except ImportError:
+        raise UserError("the picture needs matplotlib: pip install 'tse[figures]'") from None
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(style):
+        yield plt
+        with atomic(path, "wb") as file:
+            plt.savefig(file, format="png", metadata={"Software": None})
+        plt.close()
 
 
 # Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers use.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,10 +12,9 @@ from scipy import stats
 
 from tse.impl import __version__
 from tse.impl.core import STIFFNESS, library
-from tse.impl.errors import UserError
 from tse.impl.estimate import write_table
 from tse.impl.files import atomic
-from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE
+from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE, picture_of
 from tse.impl.verdict import NAMES, UNITS
 from tselab.montecarlo import summary
 from tselab.montecarlo.case import Drive
@@ -28,71 +28,61 @@ if TYPE_CHECKING:
 
 def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFrame) -> None:
     """True and estimated stiffness with band, above what the driver does."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise UserError("the picture needs matplotlib: pip install 'tse[figures]'") from None
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8,
-                         "text.color": INK, "axes.labelcolor": INK, "xtick.color": "#52606d",
-                         "ytick.color": "#52606d"})  # fmt: skip
-    figure, axes = plt.subplots(
-        4, 1, figsize=(9, 7.6), dpi=200, sharex=True, height_ratios=[1, 1, 1, 0.62], layout="constrained"
-    )
-    time = est["time"].to_numpy()
-    for axis, key in zip(axes, STIFFNESS, strict=False):
-        mean, sd = est[key].to_numpy() / 1000, est[f"{key}_sd"].to_numpy() / 1000
-        valid = est[f"{key}_valid"].to_numpy() == 1
-        true = truth[f"true_{key}"].to_numpy()[: len(time)] / 1000
-        axis.fill_between(time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval")
-        axis.fill_between(
-            time,
-            0,
-            1,
-            where=~valid,
-            transform=axis.get_xaxis_transform(),
-            color=GREY,
-            alpha=0.16,
-            lw=0,
-            label="not valid",
+    with picture_of(path) as plt:
+        figure, axes = plt.subplots(
+            4, 1, figsize=(9, 7.6), dpi=200, sharex=True, height_ratios=[1, 1, 1, 0.62], layout="constrained"
         )
-        axis.plot(time, true, color=ORANGE, lw=1.8, ls=(0, (5, 2)), label="truth")
-        axis.plot(time, mean, color=BLUE, lw=1.6, label="estimate")
-        axis.set_ylim(0.35 * true.max(), 1.4 * true.max())
-        axis.set_ylabel(UNITS[key])
-        axis.set_title(NAMES[key], loc="left", fontsize=11, fontweight="bold", pad=4)
-    handles, labels = axes[0].get_legend_handles_labels()
-    order = [labels.index(x) for x in ("truth", "estimate", "95 % interval", "not valid")]
-    figure.legend(
-        [handles[i] for i in order],
-        [labels[i] for i in order],
-        loc="outside upper right",
-        ncols=4,
-        frameon=False,
-    )
-    axes[3].plot(time, 1000 * log["steer_angle"].to_numpy()[: len(time)], color=INK, lw=1.1)
-    axes[3].set_ylabel("steering\n[mrad]")
-    speed = axes[3].twinx()
-    speed.plot(time, truth["true_vel_x"].to_numpy()[: len(time)], color="#1a7f5a", lw=1.5)
-    speed.set_ylabel("speed\n[m/s]", color="#1a7f5a")
-    speed.spines[["top", "left"]].set_visible(False)
-    axes[3].set_xlabel("time [s]")
-    for axis in axes:
-        axis.grid(color="#edf0f3", lw=0.8)
-        axis.set_axisbelow(True)
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.set_xlim(time[0], time[-1] if len(time) > 1 else 1)
-    level = truth["road_level"].to_numpy()[: len(time)]
-    for i in np.flatnonzero(np.diff(level)):
-        axes[0].annotate(f"road level {level[i]:g} → {level[i + 1]:g}", (time[i + 1], 0.96), xycoords=("data", "axes fraction"),
-                         xytext=(6, 0), textcoords="offset points", fontsize=10, color="#52606d", va="top")  # fmt: skip
+        time = est["time"].to_numpy()
+        for axis, key in zip(axes, STIFFNESS, strict=False):
+            mean, sd = est[key].to_numpy() / 1000, est[f"{key}_sd"].to_numpy() / 1000
+            valid = est[f"{key}_valid"].to_numpy() == 1
+            true = truth[f"true_{key}"].to_numpy()[: len(time)] / 1000
+            axis.fill_between(
+                time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval"
+            )
+            axis.fill_between(
+                time,
+                0,
+                1,
+                where=~valid,
+                transform=axis.get_xaxis_transform(),
+                color=GREY,
+                alpha=0.16,
+                lw=0,
+                label="not valid",
+            )
+            axis.plot(time, true, color=ORANGE, lw=1.8, ls=(0, (5, 2)), label="truth")
+            axis.plot(time, mean, color=BLUE, lw=1.6, label="estimate")
+            axis.set_ylim(0.35 * true.max(), 1.4 * true.max())
+            axis.set_ylabel(UNITS[key])
+            axis.set_title(NAMES[key], loc="left", fontsize=11, fontweight="bold", pad=4)
+        handles, labels = axes[0].get_legend_handles_labels()
+        order = [labels.index(x) for x in ("truth", "estimate", "95 % interval", "not valid")]
+        figure.legend(
+            [handles[i] for i in order],
+            [labels[i] for i in order],
+            loc="outside upper right",
+            ncols=4,
+            frameon=False,
+        )
+        axes[3].plot(time, 1000 * log["steer_angle"].to_numpy()[: len(time)], color=INK, lw=1.1)
+        axes[3].set_ylabel("steering\n[mrad]")
+        speed = axes[3].twinx()
+        speed.plot(time, truth["true_vel_x"].to_numpy()[: len(time)], color="#1a7f5a", lw=1.5)
+        speed.set_ylabel("speed\n[m/s]", color="#1a7f5a")
+        speed.spines[["top", "left"]].set_visible(False)
+        axes[3].set_xlabel("time [s]")
         for axis in axes:
-            axis.axvline(time[i + 1], color=GREY, lw=0.9)
-    with atomic(path, "wb") as file:
-        figure.savefig(file, format="png", metadata={"Software": None})
-    plt.close(figure)
+            axis.grid(color="#edf0f3", lw=0.8)
+            axis.set_axisbelow(True)
+            axis.spines[["top", "right"]].set_visible(False)
+            axis.set_xlim(time[0], time[-1] if len(time) > 1 else 1)
+        level = truth["road_level"].to_numpy()[: len(time)]
+        for i in np.flatnonzero(np.diff(level)):
+            axes[0].annotate(f"road level {level[i]:g} → {level[i + 1]:g}", (time[i + 1], 0.96), xycoords=("data", "axes fraction"),
+                             xytext=(6, 0), textcoords="offset points", fontsize=10, color="#52606d", va="top")  # fmt: skip
+            for axis in axes:
+                axis.axvline(time[i + 1], color=GREY, lw=0.9)
 
 
 # ---- the paper's figures
@@ -102,7 +92,7 @@ RED, EDGE = "#c0392b", "#c8ced4"  # red as the paper's figures
 TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
 STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
 ERROR = "% of the truth"
-STYLE = {"font.size": 10, "font.family": "DejaVu Sans", "axes.edgecolor": EDGE, "text.color": INK, "axes.labelcolor": INK,
+PAPER_STYLE = {"font.size": 10, "font.family": "DejaVu Sans", "axes.edgecolor": EDGE, "text.color": INK, "axes.labelcolor": INK,
          "xtick.color": "#52606d", "ytick.color": "#52606d", "axes.grid": True, "grid.color": "#edf0f3", "axes.axisbelow": True,
          "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left", "axes.titlesize": 10,
          "axes.titleweight": "bold", "lines.linewidth": 1.6, "legend.frameon": False}  # fmt: skip
@@ -110,21 +100,13 @@ STYLE = {"font.size": 10, "font.family": "DejaVu Sans", "axes.edgecolor": EDGE, 
 
 def draw(plan: Plan, runs: pd.DataFrame, path: Path) -> bool:
     """Draw the paper's figures; False without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
+    if importlib.util.find_spec("matplotlib") is None:
         return False
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context(STYLE):
+    with picture_of(path, PAPER_STYLE):
         figure = _paper(plan, runs)
         named = {n: h for axis in figure.axes for h, n in zip(*axis.get_legend_handles_labels(), strict=True)}
         columns = max(1, min(len(named), int(14 * figure.get_figwidth() / (max(map(len, named)) + 8))))
         figure.legend(named.values(), named.keys(), loc="outside upper right", ncols=columns)
-        with atomic(path, "wb") as file:
-            figure.savefig(file, format="png", metadata={"Software": None})
-        plt.close(figure)
     return True
 
 

@@ -10,10 +10,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tse.impl.errors import UserError
-from tse.impl.files import atomic
 from tse.impl.gap.infer.show import Change
-from tse.impl.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, thin_line
+from tse.impl.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, picture_of, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
 MOST_POINTS = 3000  # per line; longer logs are thinned, to their peaks
@@ -101,16 +99,7 @@ def _part_title(part: str) -> str:
 
 def picture(path: Path, table: pd.DataFrame, title: str) -> None:
     """gap.png: the moment in which the gap closed most."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise UserError("the picture needs matplotlib: pip install 'tse[figures]'") from None
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    style = {"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8,
-             "text.color": INK, "axes.labelcolor": INK, "xtick.color": "#52606d", "ytick.color": "#52606d"}  # fmt: skip
-    with plt.rc_context(style):
+    with picture_of(path) as plt:
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(9, 5), dpi=120, layout="constrained", sharex=True, height_ratios=[2.1, 1]
         )
@@ -134,9 +123,6 @@ def picture(path: Path, table: pd.DataFrame, title: str) -> None:
             axis.set_axisbelow(True)
             axis.spines[["top", "right"]].set_visible(False)
         figure.suptitle(title, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
-        with atomic(path, "wb") as file:
-            figure.savefig(file, format="png", metadata={"Software": None})
-        plt.close(figure)
 
 
 def best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
