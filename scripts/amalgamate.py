@@ -266,12 +266,7 @@ def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
     simulate_factor. Another file means the one that it includes, over however many headers."""
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():
-        own = {
-            x
-            for d in declarations(text)
-            for x in d.names
-            if d.static or not (d.function or d.shared) or name.endswith(".h")
-        }
+        own = {x for d in declarations(text) for x in d.names if d.static or not (d.function or d.shared) or name.endswith(".h")}
         for x in own | (set(defined_macros(text)) if name.endswith(".h") else set()):
             owners.setdefault(x, set()).add(name)
     included = {name: [x for x in INCLUDE.findall(text) if x in parts] for name, text in parts.items()}
@@ -361,18 +356,13 @@ def main() -> int:
     parser.add_argument("--real", choices=FORMATS, help="number format where no macro says another (double)")
     parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
     parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32)")
-    parser.add_argument(
-        "--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay"
-    )
+    parser.add_argument("--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay")
     a = parser.parse_args()
     for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024)):
         value = getattr(a, name)
         if value is not None and not lo <= value <= hi:
             parser.error(f"--{name.replace('_', '-')} must lie in {lo} .. {hi}")
-    capacities = {
-        "TSE_MAX_PARTICLES": a.max_particles,
-        "TSE_LATENCY_ROWS": a.latency_rows,
-    }
+    capacities = {"TSE_MAX_PARTICLES": a.max_particles, "TSE_LATENCY_ROWS": a.latency_rows}
     defaults = {"real": a.real, **capacities}
     defaults = {name: str(value) for name, value in defaults.items() if value is not None}
     if a.no_effects:

@@ -16,11 +16,7 @@ from pathlib import Path
 from tse.impl.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
 FILE = Path(__file__).resolve().parent / "tse" / "_tables.py"
-UNITS = {
-    "cx_front": "N",
-    "cy_front": "N/rad",
-    "cy_rear": "N/rad",
-}  # in which the API has what the library has relative to nominal
+UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}  # in which the API has what the library has relative to nominal
 HEAD = '''\
 """Names, units and ranges of the C library's tables. Written by scripts/api_tables.py, not by hand."""
 

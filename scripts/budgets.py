@@ -42,9 +42,7 @@ OPTIONS = (
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
 CALIBRATION = 200_000  # instructions of the loop, and some to come and go
-EXTERNAL = (
-    64  # bytes of stack of a function of libc or libgcc, of which the compiler does not say: memcpy, sqrt take less
-)
+EXTERNAL = 64  # bytes of stack of a function of libc or libgcc, of which the compiler does not say: memcpy, sqrt take less
 
 
 @dataclass
@@ -62,9 +60,7 @@ class Measured:
         if self.unfit and any("limit" in x for x in self.limits.values()):
             return [f"{self.name}: {self.unfit}"]
         over = [q for q in QUANTITIES if self.values.get(q, 0) > self.limits.get(q, {}).get("limit", math.inf)]
-        return [
-            f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}" for q in over
-        ]
+        return [f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}" for q in over]
 
 
 def shown(x: float) -> str:
@@ -88,17 +84,13 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
     folder = f"budgets-{target['name']}"
     try:
         fast = at_level(machine, target.get("level", "-O3"))
-        program = m.build(
-            work, fast, target["real"], "budgets.c", folder, *flags, stack=target.get("least_stack", 3072)
-        )
+        program = m.build(work, fast, target["real"], "budgets.c", folder, *flags, stack=target.get("least_stack", 3072))
         text = m.run(machine, program, *COUNTED)
         small = at_level(machine, "-Os")
         flash = {}
         for name, options in (("text", OPTIONS), ("all_forms", [x for x in OPTIONS if x != "-DTSE_NO_PARTICLES"])):
             options = [*options, *defines]
-            flash[name] = flash_of(
-                m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024)
-            )
+            flash[name] = flash_of(m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024))
     except m.Failed as error:
         if why := m.does_not_fit(str(error)):
             out.unfit = why
@@ -180,9 +172,7 @@ def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
         at, instructions, times = map(int, line.split())
         count[functions[bisect.bisect(starts, at) - 1][1]] += instructions * times
     rows = to - from_
-    print(
-        f"{target['name']}, rows {from_} .. {to - 1} of the drive: {sum(count.values()) / rows:,.0f} instructions a row"
-    )
+    print(f"{target['name']}, rows {from_} .. {to - 1} of the drive: {sum(count.values()) / rows:,.0f} instructions a row")
     for name, of in count.most_common(30):
         print(f"{name:32s} {of / rows:10,.0f} {100 * of / sum(count.values()):5.1f} %")
 
@@ -200,16 +190,11 @@ form with particles, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is n
 KINDS = """\
 Instructions by kind of row, mean / longest: the drive; 0.1 s to a row at 2.2 m/s and 9 m/s; 2.2 m/s at 10 ms; channels that lie;
 pauses of 0.11 s and 100 s; channels missing at random; the drive with steering and accel_x logged late."""
-STACKS = (
-    "Stack below `tse_step`: written on these rows, and along the deepest path of calls; of `tse_prepare`: written."
-)
+STACKS = "Stack below `tse_step`: written on these rows, and along the deepest path of calls; of `tse_prepare`: written."
 
 
 def table(measured: list[Measured]) -> str:
-    lines = [
-        "| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |",
-        f"|---|{7 * '---:|'}",
-    ]
+    lines = ["| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |", f"|---|{7 * '---:|'}"]
     for x in measured:
         cells = []
         for q in QUANTITIES:
@@ -236,21 +221,15 @@ def table(measured: list[Measured]) -> str:
     lines += ["| | written | deepest path | `tse_prepare` |", "|---|---:|---:|---:|"]
     for x in measured:
         if x.stacks:
-            lines.append(
-                f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} | {x.stacks['prepare']:,} |"
-            )
+            lines.append(f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} | {x.stacks['prepare']:,} |")
     return "\n".join(lines) + "\n"
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--short", action="store_true", help="the targets that the tests measure; no table is written")
-    parser.add_argument(
-        "--only", default="", metavar="TEXT", help="targets with this in their name; no table is written"
-    )
-    parser.add_argument(
-        "--profile", nargs=2, type=int, metavar=("FROM", "TO"), help="instructions by function over these rows"
-    )
+    parser.add_argument("--only", default="", metavar="TEXT", help="targets with this in their name; no table is written")
+    parser.add_argument("--profile", nargs=2, type=int, metavar=("FROM", "TO"), help="instructions by function over these rows")
     args = parser.parse_args()
     targets = tomllib.loads(LIMITS.read_text())["target"]
     targets = [t for t in targets if args.only in t["name"] and (t.get("short") or not args.short)]

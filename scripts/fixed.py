@@ -23,12 +23,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from tse.impl.core import INPUT, STIFFNESS, Config, Filter, Library  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
-from tselab.montecarlo.case import (  # noqa: E402
-    START,
-    Case,
-    Drive,
-    drive,
-)
+from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
 
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
@@ -109,11 +104,7 @@ def compared(runs: pd.DataFrame) -> list[str]:
         moved = max((abs(y - x) for x, y in zip(*valid, strict=True)))
         three = [", ".join(f"{v:.2f}" for v in x) for x in rms] + [", ".join(f"{v:.1f}" for v in x) for x in valid]
         diverged = f"{int(a.diverged.sum())} / {int(b.diverged.sum())}"
-        kept = (
-            "yes"
-            if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum()
-            else "no"
-        )
+        kept = "yes" if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum() else "no"
         seeds = len(FILTER_SEEDS[form])
         drives = str(len(b)) if seeds == 1 else f"{len(b) // seeds} x {seeds} seeds"
         cells = [case, form, drives, *three[:2], f"{ratio:+.2f} %", *three[2:], f"{moved:.2f}", diverged]
@@ -124,9 +115,7 @@ def compared(runs: pd.DataFrame) -> list[str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=20, help="of each case, one seed each")
-    parser.add_argument(
-        "--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long"
-    )
+    parser.add_argument("--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long")
     options = parser.parse_args()
     builds = {"double": library("double"), "fixed": library("fixed")}
     found = study(builds, {"default": options.runs, "paper": options.paper_runs})

@@ -50,9 +50,7 @@ def main() -> None:
 
 def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
     car = folder / "car.toml"
-    car.write_text(
-        subprocess.run([*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True).stdout
-    )
+    car.write_text(subprocess.run([*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True).stdout)
     first = folder / "first.csv"
     write_drive(first, asked.minutes, 1)
     logs = [folder / "logs" / f"car{i % asked.cars}" / f"2024-05-01_{i:04d}.csv" for i in range(asked.logs)]

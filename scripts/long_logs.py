@@ -66,9 +66,7 @@ def main() -> None:
     rows = {name: row for row, name in rows.items() if name in FORMATS}
     with tempfile.TemporaryDirectory() as scratch:
         car = Path(scratch) / "car.toml"
-        example = subprocess.run(
-            [*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True
-        )
+        example = subprocess.run([*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True)
         car.write_text(example.stdout)
         parts = one.messages(one.drive(car, PART).iloc[: round(100 * PART)])
         for name in asked.formats:

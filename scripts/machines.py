@@ -26,9 +26,7 @@ DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 
 # As CMakeLists.txt compiles the library; tcc and the like know none of it, and need none.
 FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-LONGEST = (
-    600  # s of processor time: what takes longer has got stuck (the slowest, double in software on an M3: one minute)
-)
+LONGEST = 600  # s of processor time: what takes longer has got stuck (the slowest, double in software on an M3: one minute)
 
 
 def formats() -> list[str]:
@@ -88,9 +86,7 @@ class Machine:
     link: tuple[str, ...] = ("-lm",)
     refused: bool = False  # it is an error to compile with these flags, and has to be one
     known: tuple[str, ...] = FLAGS
-    short: tuple[
-        str, ...
-    ] = ()  # formats for which the short run takes it, too: different in byte order, width, compiler
+    short: tuple[str, ...] = ()  # formats for which the short run takes it, too: different in byte order, width, compiler
 
     def missing(self) -> str:
         """Why it cannot be had here; empty: it can."""
@@ -101,11 +97,7 @@ class Machine:
             return "ziglang is not installed (scripts/setup.sh platforms)"
         if "-mavx2" in self.flags and not re.search(r"^flags.* avx2 ", Path("/proc/cpuinfo").read_text(), re.M):
             return "this processor has no AVX2"
-        return (
-            "wasm-ld is not installed"
-            if self.port == "wasm.c" and self.cc[0] == "clang" and not shutil.which("wasm-ld")
-            else ""
-        )
+        return "wasm-ld is not installed" if self.port == "wasm.c" and self.cc[0] == "clang" and not shutil.which("wasm-ld") else ""
 
     def version(self) -> str:
         return version_of(self.cc)
@@ -123,9 +115,7 @@ class Machine:
 @cache
 def version_of(command: tuple[str, ...]) -> str:
     ask = "-v" if command[0] == "tcc" else "version" if "ziglang" in command else "--version"
-    said = subprocess.run(
-        [*command[: 3 if "ziglang" in command else 1], ask], capture_output=True, text=True, check=False
-    ).stdout
+    said = subprocess.run([*command[: 3 if "ziglang" in command else 1], ask], capture_output=True, text=True, check=False).stdout
     number = re.search(r"\d+\.\d+(\.\d+)?", said.splitlines()[0] if said else "")
     return number[0] if number else "?"
 
@@ -133,31 +123,14 @@ def version_of(command: tuple[str, ...]) -> str:
 def cortex(name: str, board: Board, cpu: str, *fpu: str, level: str = "-O2", short: tuple[str, ...] = ()) -> Machine:
     qemu = ("qemu-system-arm", "-M", board.machine, "-display", "none", "-monitor", "none", "-serial", "none",
             "-semihosting-config", "enable=on,target=native")  # fmt: skip
-    flags = (
-        f"-mcpu={cpu}",
-        "-mthumb",
-        *(fpu or ("-mfloat-abi=soft",)),
-        "-ffunction-sections",
-        "-fdata-sections",
-        level,
-    )
+    flags = (f"-mcpu={cpu}", "-mthumb", *(fpu or ("-mfloat-abi=soft",)), "-ffunction-sections", "-fdata-sections", level)
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
-    leaves = (
-        ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()
-    )  # by software, which is the M3's
-    return Machine(
-        name, ("arm-none-eabi-gcc",), flags, qemu, board, leaves=leaves, port="cortex_m.c", link=link, short=short
-    )
+    leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()  # by software, which is the M3's
+    return Machine(name, ("arm-none-eabi-gcc",), flags, qemu, board, leaves=leaves, port="cortex_m.c", link=link, short=short)
 
 
 def user(
-    name: str,
-    triple: str,
-    qemu: str,
-    *flags: str,
-    only: tuple[str, ...] = (),
-    refused: bool = False,
-    short: tuple[str, ...] = (),
+    name: str, triple: str, qemu: str, *flags: str, only: tuple[str, ...] = (), refused: bool = False, short: tuple[str, ...] = ()
 ) -> Machine:
     compiler, link = (f"{triple}-gcc",), ("-lm", "-static")
     return Machine(name, compiler, ("-O2", *flags), (qemu,), only=only, link=link, refused=refused, short=short)
@@ -221,12 +194,7 @@ def frames() -> str:
     """The recorded drive as frames.h: what a CAN bus brings in each period of 10 ms (scripts/dropin/can/control_loop.h). A row that
     was lost brings nothing."""
     out, period, count = [], 0, 0
-    scales = (
-        (0x0C1, (1, 100_000)),
-        (0x0C2, (2, 1000), (3, 1000)),
-        (0x0C3, (4, 1000), (5, 1000)),
-        (0x0C4, (6, 100_000)),
-    )
+    scales = ((0x0C1, (1, 100_000)), (0x0C2, (2, 1000), (3, 1000)), (0x0C3, (4, 1000), (5, 1000)), (0x0C4, (6, 100_000)))
     with DRIVE.open() as file:
         for row in csv.reader(x for x in file if x[0].isdigit()):
             period += round(100 * float(row[0]))
@@ -285,9 +253,7 @@ def limited() -> None:
 
 
 def call(command: list[str]) -> str:
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limited
-    )
+    done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limited)
     if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         raise Failed(f"it was ended after {LONGEST} s of processor time, or by somebody")
     if done.returncode:
@@ -307,14 +273,7 @@ def layout(board: Board, folder: Path, stack: int) -> Path:
 
 
 def build(
-    work: Work,
-    machine: Machine,
-    real: str,
-    main: str,
-    name: str,
-    *more: str,
-    stack: int = 2048,
-    beside: Iterable[Path] = (),
+    work: Work, machine: Machine, real: str, main: str, name: str, *more: str, stack: int = 2048, beside: Iterable[Path] = ()
 ) -> Path:
     """Compile and link one program.   more: further flags, such as -DTSE_NO_EFFECTS; beside: more files of it"""
     sources = work.sources()

@@ -34,6 +34,4 @@ def measured(*command: object, codes: Collection[int] = (0, 3), env: Mapping[str
     process.returncode = code = os.waitstatus_to_exitcode(status)
     if code not in codes:
         raise RuntimeError(f"{' '.join(map(str, command))}: exit code {code}")
-    return Taken(
-        code, clock, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    )
+    return Taken(code, clock, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024))

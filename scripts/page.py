@@ -29,33 +29,16 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "docs" / "page"
 BUILD = ROOT / "build" / "page"
 PAGE = ROOT / "build" / "site" / "try.html"
-SCRIPTS = (
-    "core.js",
-    "text.js",
-    "map.js",
-    "check.js",
-    "run.js",
-    "draw.js",
-    "log.js",
-    "drive.js",
-    "start.js",
-)  # in order
+SCRIPTS = ("core.js", "text.js", "map.js", "check.js", "run.js", "draw.js", "log.js", "drive.js", "start.js")  # in order
 FLAGS = (
     "-std=c99", "-O2", "-nostdlib", "-ffp-contract=off", "-mbulk-memory", "-Wall", "-Wextra", "-Werror", "-DTSE_REAL_DOUBLE",
     "-DTSE_NO_PARTICLES",
 )  # fmt: skip
 LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")  # bytes; the filter needs 5 kB
-DRIVE, SECONDS, ROAD, SEED = (
-    "double-lane-change",
-    60.0,
-    (30.0, 0.7),
-    1,
-)  # the built-in example: half of it on a wetter road
+DRIVE, SECONDS, ROAD, SEED = ("double-lane-change", 60.0, (30.0, 0.7), 1)  # the built-in example: half of it on a wetter road
 
 
-MOST_CHECKED = (
-    1 << 17
-)  # rows in which the page looks whether channels agree, 22 minutes at 100 Hz: it stands still meanwhile
+MOST_CHECKED = 1 << 17  # rows in which the page looks whether channels agree, 22 minutes at 100 Hz: it stands still meanwhile
 
 
 class Failed(Exception):
@@ -215,11 +198,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
     if "</script" in script or "<!--" in script or "-->" in notices:
         raise Failed("a script holds what ends it in HTML")
     text = (SOURCES / "page.html").read_text()
-    own = (
-        f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n"
-        if notices
-        else ""
-    )
+    own = f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n" if notices else ""
     for mark, value in (
         ("<!-- @notices@ -->", f"<!--\n{own}{notices}-->" if notices else ""),
         ("/* @style@ */", (SOURCES / "page.css").read_text()),

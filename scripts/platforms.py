@@ -107,13 +107,9 @@ def asked(only: str, short: bool, formats: list[str]) -> list[Result]:
     out = []
     for machine in sorted(m.machines(), key=lambda x: not x.run):
         for real in formats:
-            is_asked = (
-                real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
-            )
+            is_asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
             if is_asked and (real in machine.short or not short):
-                out.append(
-                    Result(machine, real, "" if m.is_finished(real) else "skipped: this format has no golden estimates")
-                )
+                out.append(Result(machine, real, "" if m.is_finished(real) else "skipped: this format has no golden estimates"))
     return out
 
 
@@ -135,18 +131,12 @@ def find_out(work: m.Work, results: list[Result], again: bool) -> Iterator[Resul
                 KEPT.write_text(json.dumps(kept))
         yield r
         flags, seconds = " ".join(shown(machine)), time.monotonic() - start
-        print(
-            f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {r.says} ({seconds:.0f} s)", flush=True
-        )
+        print(f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {r.says} ({seconds:.0f} s)", flush=True)
 
 
 def shown(machine: m.Machine) -> list[str]:
     """The flags that matter to a reader."""
-    return [
-        f
-        for f in machine.flags
-        if not f.startswith(("-I", "-ffunction", "-fdata", "-fno-builtin", "-D", "-nostd", "-mthumb"))
-    ]
+    return [f for f in machine.flags if not f.startswith(("-I", "-ffunction", "-fdata", "-fno-builtin", "-D", "-nostd", "-mthumb"))]
 
 
 def said_before(formats: list[str]) -> dict[tuple[str, ...], dict[str, str]]:
@@ -159,9 +149,7 @@ def said_before(formats: list[str]) -> dict[tuple[str, ...], dict[str, str]]:
             names = cells[4:]
         elif names and line.startswith("| ") and len(cells) == 4 + len(names):
             said = dict(zip(names, cells[4:], strict=True))
-            out[tuple(cells[:4])] = {
-                real: said[real].removesuffix(BEFORE) for real in formats if said.get(real, "-") != "-"
-            }
+            out[tuple(cells[:4])] = {real: said[real].removesuffix(BEFORE) for real in formats if said.get(real, "-") != "-"}
     return out
 
 
@@ -176,20 +164,12 @@ def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) 
     for key, said in before.items():
         if key in rows or not all(says.startswith("skipped") for says in said.values()):
             rows[key] = {real: says + BEFORE for real, says in said.items()} | rows.get(key, {})
-    lines = [
-        f"| machine | compiler | flags | run by | {' | '.join(finished)} |",
-        f"|---|---|---|---|{'---|' * len(finished)}",
-    ]
-    lines += [
-        f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()
-    ]
+    lines = [f"| machine | compiler | flags | run by | {' | '.join(finished)} |", f"|---|---|---|---|{'---|' * len(finished)}"]
+    lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()]
     ran = [r for r in results if r.says and not r.says.startswith("skipped")]
     same, all_ = sum(r.says == SAME for r in ran), sum(not r.machine.refused for r in ran)
     refused, left = sum(r.says == REFUSED for r in ran), sum(not r.says for r in results)
-    lines += [
-        "",
-        f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile.",
-    ]
+    lines += ["", f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile."]
     if left:
         lines += [f"The run was interrupted: {left} are left."]
     if before:
@@ -202,12 +182,8 @@ def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--short", action="store_true", help="the machines that differ most, in the format that each is for"
-    )
-    parser.add_argument(
-        "--only", default="", metavar="TEXT", help="machines with this in their name; no table is written"
-    )
+    parser.add_argument("--short", action="store_true", help="the machines that differ most, in the format that each is for")
+    parser.add_argument("--only", default="", metavar="TEXT", help="machines with this in their name; no table is written")
     parser.add_argument("--format", choices=m.formats(), help="this number format alone")
     parser.add_argument("--again", action="store_true", help="also what was run before")
     args = parser.parse_args()

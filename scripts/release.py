@@ -56,12 +56,7 @@ class Release:
         """A command in the export, with its time; what it prints."""
         cache = str(ROOT / "build" / "zig-cache")  # C libraries of other systems take a minute each
         env = {k: v for k, v in os.environ.items() if not k.startswith(("CMAKE_", "SKBUILD_", "CFLAGS", "LDFLAGS"))}
-        env |= {
-            "SOURCE_DATE_EPOCH": str(self.epoch),
-            "ZIG_GLOBAL_CACHE_DIR": cache,
-            "ZIG_LOCAL_CACHE_DIR": cache,
-            "TZ": "UTC",
-        }
+        env |= {"SOURCE_DATE_EPOCH": str(self.epoch), "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache, "TZ": "UTC"}
         done = subprocess.run([str(c) for c in command], cwd=cwd or self.source, env=env | environment, capture_output=True,
                               text=True, errors="replace")  # fmt: skip
         if done.returncode:
@@ -199,9 +194,7 @@ def make(version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say
     """One release, of the last commit, in a folder that is made anew."""
     commit = git("rev-parse", "HEAD")
     (ROOT / "build").mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory(
-        prefix="release-", dir=ROOT / "build"
-    ) as work:  # another path each time: it must not matter
+    with tempfile.TemporaryDirectory(prefix="release-", dir=ROOT / "build") as work:  # another path each time: it must not matter
         export = Path(work) / "tse"
         export.mkdir()
         subprocess.run(f"git archive {commit} | tar -x -C '{export}'", shell=True, cwd=ROOT, check=True)
@@ -219,9 +212,7 @@ def make(version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say
 def empty(out: Path) -> None:
     """A folder without files: a new one, or one that held a release."""
     if out.exists() and any(out.iterdir()) and not (out / SUMS).is_file():
-        raise Failed(
-            f"{out} holds something that is no release ({SUMS} is not in it): remove it, or name another folder"
-        )
+        raise Failed(f"{out} holds something that is no release ({SUMS} is not in it): remove it, or name another folder")
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
 

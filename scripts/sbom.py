@@ -74,13 +74,7 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     made.register_dependency(headers)
     packages = needed(folder / "scripts" / "lock.txt", direct)
     components = {
-        n: Component(
-            name=n,
-            version=v,
-            type=ComponentType.LIBRARY,
-            bom_ref=f"{n}@{v}",
-            purl=PackageURL("pypi", name=n, version=v),
-        )
+        n: Component(name=n, version=v, type=ComponentType.LIBRARY, bom_ref=f"{n}@{v}", purl=PackageURL("pypi", name=n, version=v))
         for n, (v, _) in packages.items()
     }
     for component in components.values():

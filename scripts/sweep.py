@@ -32,13 +32,7 @@ sys.path.insert(0, str(ROOT))
 from tests.cars import ROADS, events, study  # noqa: E402
 
 TABLE = ROOT / "scripts" / "results" / "constants.md"
-CASES = (
-    ("stress", "nominal"),
-    ("stress", "noise-3x"),
-    ("stress", "road-0.3"),
-    ("stress", "stuck-accel_y"),
-    ("regimes", "slow-20"),
-)
+CASES = (("stress", "nominal"), ("stress", "noise-3x"), ("stress", "road-0.3"), ("stress", "stuck-accel_y"), ("regimes", "slow-20"))
 ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour", "wrong after an event [s]")
 FACTORS = (0.5, 2.0)
 
@@ -132,10 +126,7 @@ def main() -> int:
         return 2
     names = args.names or [n for n, row in table.items() if row[4] != "-"]
     cases = [studies.study(s).case(c) for s, c in CASES]
-    drives = [
-        [drive(c, seed, lambda about: Config({**START, **about}), {}) for seed in range(1, args.runs + 1)]
-        for c in cases
-    ]
+    drives = [[drive(c, seed, lambda about: Config({**START, **about}), {}) for seed in range(1, args.runs + 1)] for c in cases]
     base = [np.array([rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
     cars = Cars(args.cars)
     columns = [*(c.name for c in cases), *ON_CARS]

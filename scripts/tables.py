@@ -27,9 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
 SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
 CONFIG = ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "formula", "filter")
-SECTIONS = dict.fromkeys(
-    ("sensors", "latency", "velocity", "pedals"), "sensors"
-)  # table: file that has it beside others
+SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals"), "sensors")  # table: file that has it beside others
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"
 Row = dict[str, Any]
@@ -83,9 +81,7 @@ def text(x: str) -> str:
 
 def packed(parts: Iterable[str]) -> list[str]:
     """Return parts one behind the other, in lines of 130 columns."""
-    return textwrap.wrap(
-        " ".join(p.replace(" ", "\0") for p in parts), 128, break_long_words=False, break_on_hyphens=False
-    )
+    return textwrap.wrap(" ".join(p.replace(" ", "\0") for p in parts), 128, break_long_words=False, break_on_hyphens=False)
 
 
 def member(kind: str, name: str, about: str, width: int) -> str:
@@ -101,8 +97,7 @@ def about(row: Row) -> str:
 
 def struct(rows: dict[str, Row], real: str) -> list[str]:
     return [
-        member("int32_t" if r.get("whole") else real, n, about(r), 45 if real == "tse_setting" else 28)
-        for n, r in rows.items()
+        member("int32_t" if r.get("whole") else real, n, about(r), 45 if real == "tse_setting" else 28) for n, r in rows.items()
     ]
 
 
@@ -192,8 +187,7 @@ def hashed_outputs() -> list[str]:
     """All but of which time the estimates are: no channel is late in the recorded drives."""
     rows = [(n, r) for n, r in outputs().items() if n != "estimate_age"]
     return [
-        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }},"
-        for n, r in rows
+        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }}," for n, r in rows
     ]
 
 
@@ -262,8 +256,7 @@ def sensor_names() -> list[str]:
 
 def car_class() -> list[str]:
     return [
-        f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */"
-        for n, r in read("uncalibrated")["class"].items()
+        f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */" for n, r in read("uncalibrated")["class"].items()
     ]
 
 
@@ -309,9 +302,7 @@ def effect_parameters() -> Iterator[str]:
 def hooked(hooks: Iterable[str]) -> list[str]:
     rows = read("effects")
     files = [f'#include "model/effects/{i}.h"' for i, e in rows.items() if e["hook"] in hooks]
-    return files + [
-        f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks
-    ]
+    return files + [f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks]
 
 
 def constant_effects() -> list[str]:
@@ -371,8 +362,7 @@ def replay_log_members() -> list[str]:
 
 def replay_start_members() -> list[str]:
     return [
-        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30)
-        for n, r in read("replay")["start"].items()
+        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30) for n, r in read("replay")["start"].items()
     ]
 
 
@@ -388,9 +378,7 @@ def replay_log_described() -> list[str]:
 
 
 def replay_out_described() -> list[str]:
-    return [
-        field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"]) for n, r in read("replay")["out"].items()
-    ]
+    return [field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"]) for n, r in read("replay")["out"].items()]
 
 
 # ---- variables of the FMUs
@@ -404,11 +392,7 @@ def listed(name: str, rows: Iterable[str]) -> Iterator[str]:
     yield f"  {last}"
 
 
-ENUMERATIONS = {
-    "status": "Status",
-    "change_kind": "ChangeKind",
-    "fault_channel": "FaultChannel",
-}  # of outputs with codes
+ENUMERATIONS = {"status": "Status", "change_kind": "ChangeKind", "fault_channel": "FaultChannel"}  # of outputs with codes
 
 
 def output_row(name: str, r: Row) -> str:
@@ -444,22 +428,17 @@ def columns() -> Iterator[str]:
 
     table = read("input")
     for name, rows in (("CHANNELS", channels()), ("VELOCITIES", table["velocity"]), ("PEDALS", table["pedal"])):
-        yield from listed(
-            f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows)
-        )
+        yield from listed(f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows))
     driver = settings("sim_input").items()
     yield from listed("DRIVER(ROW)", (f"ROW({n}, {c(r['default'])}, {ends(r)}" for n, r in driver))
-    yield from listed(
-        "OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)", (output_row(n, r) for n, r in outputs().items())
-    )
+    yield from listed("OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)", (output_row(n, r) for n, r in outputs().items()))
     yield from listed("TRUTHS(NUMBER, STIFFNESS)", (truth_row(*x) for x in truths()))
     for name, codes_of in (("STATUSES", "status"), ("REASON_CODES", "reason")):
         rows = read("status")[codes_of].items()
         yield from listed(f"{name}(ROW)", (f"ROW({n}, {text(r.get('word', n))}, {text(r['text'])})" for n, r in rows))
     start_rows = read("replay")["start"].items()
     yield from listed(
-        "REPLAY_START(ROW)",
-        (f"ROW({n}, {c(r['default'])}, {text(r['unit'])}, {text(r['text'])})" for n, r in start_rows),
+        "REPLAY_START(ROW)", (f"ROW({n}, {c(r['default'])}, {text(r['unit'])}, {text(r['text'])})" for n, r in start_rows)
     )
     why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values())
     yield f"#define REASONS {text(why + ' see documentation')}"

@@ -132,11 +132,7 @@ def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     table = copy / "src" / "tables" / "output.toml"
     edit(table, "[column]\n", '[column]\nspeed_of_news = { unit = "m/s", text = "twice vel_x" }\n')
     edit(table, "nis = { unit", 'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nnis = { unit')
-    edit(
-        copy / "src" / "filter" / "output.c",
-        "out->nis = ",
-        "out->speed_of_news = out->vel_x + out->vel_x;\n  out->nis = ",
-    )
+    edit(copy / "src" / "filter" / "output.c", "out->nis = ", "out->speed_of_news = out->vel_x + out->vel_x;\n  out->nis = ")
     assert "include/tse/output.h" in written(copy)
     unit, x, half = said(copy, ROW)
     assert unit == "m/s" and float(x) == 2 * float(half) > 0
@@ -160,9 +156,7 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
         assert done.returncode == 0, done.stderr
     flags = ["-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-DTSE_REAL_DOUBLE=1",
              "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]  # fmt: skip
-    subprocess.run(
-        ["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"], cwd=copy, check=True
-    )
+    subprocess.run(["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"], cwd=copy, check=True)
 
 
 def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):
@@ -173,9 +167,7 @@ def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):
     assert done.returncode == 0 and "test_effect_brake_pull.c" in done.stdout
     sources = [str(p.relative_to(copy)) for p in sorted((copy / "src").rglob("*.c"))]
     test = copy / "tests/unit/model/test_effect_brake_pull.c"
-    subprocess.run(
-        ["cmake", f"-DSOURCE={test}", "-DRUNNER=run.c", "-P", "tests/unit/runner.cmake"], cwd=copy, check=True
-    )
+    subprocess.run(["cmake", f"-DSOURCE={test}", "-DRUNNER=run.c", "-P", "tests/unit/runner.cmake"], cwd=copy, check=True)
     subprocess.run(
         ["cc", "-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc", "-Itests/unit",
          f"-I{UNITY}", "run.c", str(UNITY / "unity.c"), *sources, "-lm", "-o", "run"],

@@ -11,9 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ASKED = shlex.split(os.environ.get("CC", "cc"))[0], "gcc", "clang"
-COMPILERS = list(
-    {os.path.realpath(path): c for c in reversed(ASKED) if (path := shutil.which(c))}.values()
-)  # cc is one of them
+COMPILERS = list({os.path.realpath(path): c for c in reversed(ASKED) if (path := shutil.which(c))}.values())  # cc is one of them
 X86 = platform.machine() in ("x86_64", "AMD64")
 CPU = Path("/proc/cpuinfo")
 FUSES = X86 and CPU.exists() and " fma " in CPU.read_text()
@@ -50,9 +48,7 @@ def build(compiler, folder, real, options):
 
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize(
-    "options", ["-std=c99 -O0", "-std=c99 -O3", "-std=gnu99 -O3 -ffp-contract=off", "-O2 -fno-trapping-math"]
-)
+@pytest.mark.parametrize("options", ["-std=c99 -O0", "-std=c99 -O3", "-std=gnu99 -O3 -ffp-contract=off", "-O2 -fno-trapping-math"])
 def test_ordinary_options_pass(compiler, options, real, tmp_path):
     said, errors = build(compiler, tmp_path, real, [*options.split(), "-Wall", "-Wextra", "-Werror"])
     assert said == "0 \n", errors
@@ -84,23 +80,12 @@ def test_parts_of_fast_math_do_not_compile_where_the_compiler_says_so(compiler, 
 # what the machines say on which sums have other widths: -1 gcc's -mfpmath=both, 1 s390x, 2 x87, 16 and 32 of half precision
 @pytest.mark.parametrize(
     ("method", "refused"),
-    [
-        ("-1", REALS),
-        ("0", ()),
-        ("1", ("FLOAT",)),
-        ("2", REALS),
-        ("16", ()),
-        ("32", ()),
-        ("64", ("FLOAT",)),
-        ("128", REALS),
-    ],
+    [("-1", REALS), ("0", ()), ("1", ("FLOAT",)), ("2", REALS), ("16", ()), ("32", ()), ("64", ("FLOAT",)), ("128", REALS)],
 )
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("compiler", [c for c in COMPILERS if not is_clang(c)])
 def test_sums_that_are_wider_than_their_numbers_do_not_compile(compiler, real, method, refused, tmp_path):
-    said, errors = build(
-        compiler, tmp_path, real, ["-std=c99", "-U__FLT_EVAL_METHOD__", f"-D__FLT_EVAL_METHOD__={method}"]
-    )
+    said, errors = build(compiler, tmp_path, real, ["-std=c99", "-U__FLT_EVAL_METHOD__", f"-D__FLT_EVAL_METHOD__={method}"])
     if real in refused:
         assert said is None and "round differently" in errors
     else:
@@ -132,9 +117,7 @@ def test_contraction_is_found_where_it_is_not_prevented(compiler, real, tmp_path
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_sums_in_another_order_are_found(compiler, tmp_path):
     """clang gives it no name."""
-    said, errors = build(
-        compiler, tmp_path, "DOUBLE", ["-O2", "-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math"]
-    )
+    said, errors = build(compiler, tmp_path, "DOUBLE", ["-O2", "-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math"])
     if is_clang(compiler):
         assert said.startswith("-12 "), errors
     else:

@@ -9,9 +9,7 @@ from pathlib import Path
 SRC = Path(__file__).resolve().parents[1] / "src"
 LIST = re.search(r"add_library\(tse\s([^)]*)\)", (SRC / "CMakeLists.txt").read_text()).group(1)
 INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.M)
-EFFECTS = [
-    x for own in ("constant", "acting") for x in INCLUDE.findall((SRC / "model" / f"effects_{own}.h").read_text())
-]
+EFFECTS = [x for own in ("constant", "acting") for x in INCLUDE.findall((SRC / "model" / f"effects_{own}.h").read_text())]
 ORDER = re.sub(r"#.*", "", LIST).replace("${effect_files}", " ".join(EFFECTS)).split()
 EVERYWHERE = "tables"  # folder of what scripts/tables.py writes, which any file may include
 KNOWS = {  # which folders' files those of a folder may include; in order
@@ -34,9 +32,7 @@ ROOMS = {  # which rooms' modules those of a room may import; "": what all of th
 }
 OF_THE_GLUE = {"fmi2Functions.h", "fmi3Functions.h", "fmu_guid.h", "fmu_model.h", "glue.h", "model.h"}
 OF_THE_GLUE |= {"tse/convert.h", "tse/version.h"}
-NAME = re.compile(
-    r"\b(?:tse|TSE)_(?!VERSION\b|(?:real|setting)(?:_of)?\b|double_of(?:_setting)?\b)\w+"
-)  # but version, numbers
+NAME = re.compile(r"\b(?:tse|TSE)_(?!VERSION\b|(?:real|setting)(?:_of)?\b|double_of(?:_setting)?\b)\w+")  # but version, numbers
 
 
 def folder(path):
@@ -113,9 +109,7 @@ def test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not():
         own = room(path.relative_to(GAP).with_suffix("").parts)
         for parts in imported(path):
             if room(parts) not in ROOMS[own]:
-                wrong.append(
-                    f"{path.relative_to(GAP)} imports {'.'.join(parts)}, which {own or 'what is shared'} must not know"
-                )
+                wrong.append(f"{path.relative_to(GAP)} imports {'.'.join(parts)}, which {own or 'what is shared'} must not know")
     assert not wrong, "\n".join(wrong)
 
 

@@ -80,10 +80,7 @@ def spans(text):
     return found
 
 
-DEVIATIONS = [
-    *table_after(LEDGER, ["paper", "here", "why", "where"]),
-    *table_after(LEDGER, ["row", "here", "where"]),
-]
+DEVIATIONS = [*table_after(LEDGER, ["paper", "here", "why", "where"]), *table_after(LEDGER, ["row", "here", "where"])]
 
 
 @pytest.mark.parametrize("row", DEVIATIONS, ids=lambda row: row[0][:40])
@@ -116,9 +113,7 @@ def test_every_equation_is_in_the_code_or_derived():
 def test_what_keeps_the_filter_from_diverging_is_off_in_the_defaults():
     """So that form 1 is the print: a setting that says "(the paper)" has the value that it says it of as its default."""
     rows = tomllib.loads((ROOT / "src" / "tables" / "filter.toml").read_text())
-    said = (
-        (n, r["default"], re.search(r"(?:; |rows: )([\d.]+):? [^;]*\(the paper\)", r["text"])) for n, r in rows.items()
-    )
+    said = ((n, r["default"], re.search(r"(?:; |rows: )([\d.]+):? [^;]*\(the paper\)", r["text"])) for n, r in rows.items())
     printed = [(name, default, off[1]) for name, default, off in said if off]
     assert len(printed) == 6
     for name, default, off in printed:

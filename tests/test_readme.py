@@ -25,9 +25,7 @@ RESULTS = ROOT / "scripts" / "results"
 
 def cells(name: str, row: str) -> list[str]:
     """The first row of a table of scripts/results that begins so."""
-    return [
-        c.strip() for c in re.search(rf"^\| {re.escape(row)}(.*)\|$", (RESULTS / name).read_text(), re.M)[1].split("|")
-    ]
+    return [c.strip() for c in re.search(rf"^\| {re.escape(row)}(.*)\|$", (RESULTS / name).read_text(), re.M)[1].split("|")]
 
 
 def test_it_can_be_read_in_a_minute():
@@ -39,15 +37,11 @@ def test_its_numbers_are_those_of_scripts_results():
     facts = README.split("| measured |")[1].split("\n\n")[0]
     runs, _, _, *rms = cells("accuracy.md", "accuracy: square waves, start at 70 % |")
     assert f"RMS error {', '.join(x.split()[0] for x in rms[:3])} %" in facts and f"exactly, {runs} runs" in facts
-    error, valid, off, interval = (
-        [x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:4]
-    )
+    error, valid, off, interval = ([x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:4])
     assert "cornering {} and {} % off, {} and {} % of rows valid: 4 calibrated cars".format(*error, *valid) in facts
     stated = "there {} and {} % of valid rows more than 10 % off; {} and {} % within the 95 % interval"
     assert stated.format(*off, *interval) in facts
-    error, valid, off = (
-        [x.strip() for x in c.split("/")][1:] for c in cells("own.md", "all | on the log itself |")[:3]
-    )
+    error, valid, off = ([x.strip() for x in c.split("/")][1:] for c in cells("own.md", "all | on the log itself |")[:3])
     own = "calibrated on the log itself: {} and {} % off, {} and {} % valid; {} and {} % off"
     assert own.format(*error, *valid, *off) in facts
     valid, off = (c.partition("/")[0].strip() for c in cells("cars-fresh.md", "all | calibrated |")[1:3])
@@ -71,9 +65,7 @@ def compiled(source: str, folder: Path) -> Path:
     """A program of scripts/examples, built as README says."""
     cc = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     assert cc, "a C compiler is needed"
-    how = re.search(
-        r"`cc (-O2 -Itwo) scripts/examples/first.c (two/tse/tse.c -lm) -o first && ./first < log.csv`", README
-    )
+    how = re.search(r"`cc (-O2 -Itwo) scripts/examples/first.c (two/tse/tse.c -lm) -o first && ./first < log.csv`", README)
     two = [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", "two/tse"]
     subprocess.run(two, cwd=folder, check=True, stdout=subprocess.DEVNULL)
     options = [*how[1].split(), "-Wall", "-Wextra", "-Werror", ROOT / "scripts" / "examples" / source, *how[2].split()]
@@ -88,17 +80,13 @@ def log(tmp_path_factory):
 
     words = re.search(r"^\.venv/bin/tselab (simulate .*?--out) log\.csv", README, re.M)[1].split()
     path = tmp_path_factory.mktemp("readme") / "log.csv"
-    done = CliRunner().invoke(
-        cli, [*words, str(path), "--truth", str(path.with_name("truth.csv"))], standalone_mode=False
-    )
+    done = CliRunner().invoke(cli, [*words, str(path), "--truth", str(path.with_name("truth.csv"))], standalone_mode=False)
     assert done.exception is None, done.exception
     return path
 
 
 def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_path):
-    done = subprocess.run(
-        [compiled("first.c", tmp_path)], input=log.read_text(), capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([compiled("first.c", tmp_path)], input=log.read_text(), capture_output=True, text=True, check=True)
     said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
     assert f"ordinary: {int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f} kN/rad. Python" in README

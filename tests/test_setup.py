@@ -46,9 +46,7 @@ def test_pip_itself_and_a_hash_that_differs(tmp_path: Path) -> None:
     wheel = tmp_path / "empty_of_tse-1-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
         archive.writestr("empty_of_tse-1.dist-info/METADATA", "Metadata-Version: 2.1\nName: empty-of-tse\nVersion: 1\n")
-        archive.writestr(
-            "empty_of_tse-1.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
-        )
+        archive.writestr("empty_of_tse-1.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
         archive.writestr("empty_of_tse-1.dist-info/RECORD", "")
     right = hashlib.sha256(wheel.read_bytes()).hexdigest()
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "env"], check=True)
@@ -82,9 +80,7 @@ def test_actions_are_pinned_and_scripts_are_there(workflow: Path) -> None:
     used = re.findall(r"uses: (\S+)(.*)", text)
     assert used
     for action, comment in used:
-        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action) and re.fullmatch(r" # v\d+\.\d+\.\d+", comment), (
-            action
-        )
+        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action) and re.fullmatch(r" # v\d+\.\d+\.\d+", comment), action
     for script in re.findall(r"(?:^|\s)((?:scripts/|tests/|\.ci/)[\w./-]+)", text):
         assert (ROOT / script).is_file(), script
     assert yaml.safe_load(text)["permissions"] == {"contents": "read"}

@@ -31,9 +31,7 @@ def test_a_number_of_the_default_filter_is_in_the_table_or_a_limit():
 
 def test_the_default_filter_has_at_most_26_constants():
     """Each repairs something or shapes something: before a new one, one goes."""
-    rows = re.findall(
-        r"^\w+ *= \{ value = ", (ROOT / "src" / "tables" / "constants.toml").read_text(encoding="utf-8"), re.M
-    )
+    rows = re.findall(r"^\w+ *= \{ value = ", (ROOT / "src" / "tables" / "constants.toml").read_text(encoding="utf-8"), re.M)
     assert 20 < len(rows) <= 26
 
 

@@ -54,9 +54,7 @@ def effects() -> str:
             f"\n## {e.id}: {e.title}\n\n{tables.cell(tables.equation_of(e.id))}\n",
             f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.cell(e.channels)}. Looks like {alike}. "
             f"In an estimator that has it: {tables.cell(e.estimator)}.\n",
-            tables.table(
-                ["parameter", "role", "unit", "default", "range", "typical", "meaning"], parameters, right=(3,)
-            ),
+            tables.table(["parameter", "role", "unit", "default", "range", "typical", "meaning"], parameters, right=(3,)),
         ]
     return "\n".join(text)
 
@@ -68,9 +66,7 @@ def signature(name: str, thing: Any) -> str:
     found = inspect.signature(thing)
     rows = [str(p).replace("'", "") for p in found.parameters.values() if p.name != "self"]
     back = "" if found.return_annotation is inspect.Signature.empty else f" -> {found.return_annotation}"
-    return (
-        f"{name}({', '.join(rows)}){back}" if len(rows) < 3 else f"{name}(\n    " + ",\n    ".join(rows) + f",\n){back}"
-    )
+    return f"{name}({', '.join(rows)}){back}" if len(rows) < 3 else f"{name}(\n    " + ",\n    ".join(rows) + f",\n){back}"
 
 
 def python_api() -> str:

@@ -25,13 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "docs" / "pages" / "pictures"
 MOST = 100_000  # bytes of a picture that git holds
 INKS = {"ink": "#1f2933", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"}
-STYLE = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "font.size": 10,
-    "figure.autolayout": True,
-    "axes.titlesize": 10,
-}
+STYLE = {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10, "figure.autolayout": True, "axes.titlesize": 10}
 EXACT = dict.fromkeys(library().uncertainties, 0.0)
 CAR: dict[str, Any] = {
     "mass": 1900,
@@ -70,15 +64,10 @@ def slope(c: Inks) -> Any:
     force = (CAR["lr"] * CAR["mass"] * log["accel_y"].to_numpy() + CAR["yaw_inertia"] * dr) / (CAR["lf"] + CAR["lr"])
     figure, axis = plt.subplots(figsize=(8, 3.6))
     t = log["time"].to_numpy()
-    for mask, colour, name, factor in (
-        (t < 19.5, "a", "dry", 1.0),
-        (t > 20.5, "b", "another road: half as stiff", 0.5),
-    ):
+    for mask, colour, name, factor in ((t < 19.5, "a", "dry", 1.0), (t > 20.5, "b", "another road: half as stiff", 0.5)):
         axis.plot(np.rad2deg(alpha[mask])[::3], force[mask][::3] / 1e3, ".", ms=2.5, color=c[colour], alpha=0.45)
         x = np.array([np.rad2deg(alpha).min(), np.rad2deg(alpha).max()])
-        axis.plot(
-            x, factor * CAR["cornering_stiffness_front"] * np.deg2rad(x) / 1e3, color=c[colour], lw=1.6, label=name
-        )
+        axis.plot(x, factor * CAR["cornering_stiffness_front"] * np.deg2rad(x) / 1e3, color=c[colour], lw=1.6, label=name)
     axis.set(xlabel="slip angle of the front axle [deg]", ylabel="side force [kN]")
     axis.legend(frameon=False)
     return figure
@@ -105,23 +94,13 @@ def quiet(c: Inks) -> Any:
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)
-    for axis, sim, title in zip(
-        axes, (drive, lively), ("straight on, the wheel held still", "steering to and fro"), strict=True
-    ):
+    for axis, sim, title in zip(axes, (drive, lively), ("straight on, the wheel held still", "steering to and fro"), strict=True):
         est = tse.estimate(sim.log, CAR).table
         t, valid = est["time"].to_numpy(), est["cy_front_valid"].to_numpy(bool)
         interval(axis, t, est, "cy_front", c)
         axis.plot(t, sim.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
         axis.fill_between(
-            t,
-            0,
-            1,
-            where=~valid,
-            transform=axis.get_xaxis_transform(),
-            color=c["grey"],
-            alpha=0.18,
-            lw=0,
-            label="not valid",
+            t, 0, 1, where=~valid, transform=axis.get_xaxis_transform(), color=c["grey"], alpha=0.18, lw=0, label="not valid"
         )
         axis.set(title=title, xlabel="time [s]")
     axes[0].set(ylabel="cornering stiffness,\nfront [kN/rad]", ylim=(0, 260))
@@ -150,12 +129,7 @@ def fault(c: Inks) -> Any:
     return figure
 
 
-PICTURES: dict[str, Callable[[Inks], Any]] = {
-    "slope": slope,
-    "bank": change,
-    "quiet": quiet,
-    "fault": fault,
-}
+PICTURES: dict[str, Callable[[Inks], Any]] = {"slope": slope, "bank": change, "quiet": quiet, "fault": fault}
 
 
 def small(path: Path) -> None:

@@ -196,11 +196,7 @@ def page() -> str:
         if s.says and at is None:
             raise ValueError(f"{s.title}: nothing begins with {s.says!r} in {said!r}")
         if at is None:
-            shown = [
-                line
-                for line in lines
-                if "stiffness" in line or line.startswith(("tselab: error", "note", "warning", "  "))
-            ]
+            shown = [line for line in lines if "stiffness" in line or line.startswith(("tselab: error", "note", "warning", "  "))]
         else:
             shown = [lines[at], *(x for x in lines[at + 1 :][:3] if x.startswith("  "))]
         shown = [line if len(line) < 260 else line[:250] + " ..." for line in shown[:5]]

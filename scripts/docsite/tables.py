@@ -55,10 +55,7 @@ def code(text: object) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
     """A table of Markdown; cells are escaped already. `right`: columns that are aligned so."""
-    lines = [
-        "| " + " | ".join(head) + " |",
-        "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|",
-    ]
+    lines = ["| " + " | ".join(head) + " |", "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|"]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
@@ -208,9 +205,7 @@ def simulator() -> str:
             ]
             for f in library().fields(which)
         ]
-        text.append(
-            f"## {title}\n\n" + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
-        )
+        text.append(f"## {title}\n\n" + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,)))
     return "\n".join(text)
 
 
@@ -251,16 +246,13 @@ def vehicle_example() -> str:
 
 def formula_places() -> str:
     lib = library()
-    return table(
-        ["place", "unit", "where"], [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()]
-    )
+    return table(["place", "unit", "where"], [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()])
 
 
 def formula_operations() -> str:
     kinds = {"NUMBER": "number", "SIGNAL": "signal of the model", "PLAIN": "function", "MEMORY": "function with memory"}
     rows = [
-        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)]
-        for o in library().formula_ops.values()
+        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)] for o in library().formula_ops.values()
     ]
     return table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
 
@@ -269,10 +261,7 @@ def constants() -> str:
     """src/tables/constants.toml by its sections."""
     text = []
     for section, own in read_toml(TABLES / "constants.toml").items():
-        rows = [
-            [code(n), f"{Decimal(repr(r['value'])):f}", *(cell(r[k]) for k in ("unit", "why", "test"))]
-            for n, r in own.items()
-        ]
+        rows = [[code(n), f"{Decimal(repr(r['value'])):f}", *(cell(r[k]) for k in ("unit", "why", "test"))] for n, r in own.items()]
         text.append(f"\n## {section[:1].upper()}{section[1:]}\n")
         text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
     return "\n".join(text)
@@ -281,9 +270,7 @@ def constants() -> str:
 def gap_exit_codes() -> str:
     from tse.impl.gap.run.workflow import EXIT
 
-    return table(
-        ["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,)
-    )
+    return table(["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,))
 
 
 # ---- effects
@@ -346,15 +333,7 @@ def c_page() -> str:
         previous = ""
         for name, declaration, comment in own:
             comment = comment or previous  # functions that share a comment stand below it
-            text += [
-                f"### {name}",
-                "",
-                "<!-- not compiled: a declaration of the header -->",
-                "```c",
-                declaration,
-                "```",
-                "",
-            ]
+            text += [f"### {name}", "", "<!-- not compiled: a declaration of the header -->", "```c", declaration, "```", ""]
             if comment:
                 text += ["```text", comment, "```", ""]
             previous = comment
@@ -410,12 +389,7 @@ def learnt_layout() -> str:
 ROOT = Path(__file__).resolve().parents[2]
 CYCLES = 1.5  # clock cycles an instruction, assumed: loads take two, and so do branches that are taken
 PERIOD = 0.01  # s between rows
-CLOCKS = {
-    "Cortex-M4F": 168,
-    "Cortex-M7": 400,
-    "Cortex-M3": 72,
-    "Cortex-M0": 48,
-}  # MHz that parts of each core often have
+CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # MHz that parts of each core often have
 
 
 def controller() -> str:

@@ -79,6 +79,4 @@ if __name__ == "__main__":
     e = [theirs.step({str(k): v for k, v in row.items()}) for row in log.to_dict("records")][-1]
     for name in ("cy_front", "cy_rear"):
         true = truth[f"true_{name}"].iloc[-1]
-        print(
-            f"{name}: mine {100 * (mine[name][-1] / true - 1):+.1f} %, tse {100 * (getattr(e, name) / true - 1):+.1f} % off"
-        )
+        print(f"{name}: mine {100 * (mine[name][-1] / true - 1):+.1f} %, tse {100 * (getattr(e, name) / true - 1):+.1f} % off")

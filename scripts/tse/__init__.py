@@ -71,98 +71,18 @@ __all__ = [
 ]
 
 _LATER = {  # loaded by who uses it: the command is a user, too, and --help needs none of it
-    **dict.fromkeys(
-        (
-            "Calibration",
-            "calibrate",
-        ),
-        "tse._calibrate",
-    ),
-    **dict.fromkeys(
-        (
-            "Result",
-            "estimate",
-        ),
-        "tse._estimate",
-    ),
-    **dict.fromkeys(
-        (
-            "Filter",
-            "Form",
-            "UNKNOWN_AGE",
-        ),
-        "tse._filter",
-    ),
-    **dict.fromkeys(
-        (
-            "Fleet",
-            "fleet",
-        ),
-        "tse._fleet",
-    ),
-    **dict.fromkeys(
-        (
-            "Gap",
-            "gap",
-        ),
-        "tse._gap",
-    ),
-    **dict.fromkeys(
-        (
-            "Log",
-            "LogLike",
-            "read_log",
-        ),
-        "tse._log",
-    ),
-    **dict.fromkeys(
-        (
-            "Replayed",
-            "replay",
-        ),
-        "tse._simulate",
-    ),
-    **dict.fromkeys(
-        (
-            "Signals",
-            "signals",
-        ),
-        "tse._log",
-    ),
-    **dict.fromkeys(
-        (
-            "Simulated",
-            "simulate",
-        ),
-        "tse._simulate",
-    ),
-    **dict.fromkeys(
-        (
-            "CHANNELS",
-            "Estimate",
-            "Reason",
-            "Row",
-            "STIFFNESS",
-            "Status",
-        ),
-        "tse._tables",
-    ),
-    **dict.fromkeys(
-        (
-            "VehicleLike",
-            "read_vehicle",
-        ),
-        "tse._vehicle",
-    ),
-    **dict.fromkeys(
-        (
-            "Error",
-            "InputError",
-            "LearntError",
-            "SettingError",
-        ),
-        "tse.errors",
-    ),
+    **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
+    **dict.fromkeys(("Result", "estimate"), "tse._estimate"),
+    **dict.fromkeys(("Filter", "Form", "UNKNOWN_AGE"), "tse._filter"),
+    **dict.fromkeys(("Fleet", "fleet"), "tse._fleet"),
+    **dict.fromkeys(("Gap", "gap"), "tse._gap"),
+    **dict.fromkeys(("Log", "LogLike", "read_log"), "tse._log"),
+    **dict.fromkeys(("Replayed", "replay"), "tse._simulate"),
+    **dict.fromkeys(("Signals", "signals"), "tse._log"),
+    **dict.fromkeys(("Simulated", "simulate"), "tse._simulate"),
+    **dict.fromkeys(("CHANNELS", "Estimate", "Reason", "Row", "STIFFNESS", "Status"), "tse._tables"),
+    **dict.fromkeys(("VehicleLike", "read_vehicle"), "tse._vehicle"),
+    **dict.fromkeys(("Error", "InputError", "LearntError", "SettingError"), "tse.errors"),
     **dict.fromkeys(("Vehicle",), "tse.impl.vehicle"),
 }
 

@@ -161,9 +161,7 @@ class Result(Shown):
         from tse.impl.report import write_report  # plotly: for those who draw
 
         done, ready = self._of_run()
-        write_report(
-            Path(path), done, ready.log, ready.vehicle, ready.config, notes_of(ready, done), None, self.warnings
-        )
+        write_report(Path(path), done, ready.log, ready.vehicle, ready.config, notes_of(ready, done), None, self.warnings)
         return Path(path)
 
     def _of_run(self) -> tuple[Estimated, Prepared]:

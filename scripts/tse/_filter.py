@@ -212,9 +212,7 @@ class Filter:
         return self.copy()
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        raise TypeError(
-            "a Filter cannot be pickled: take its settings and what save_learnt() gives to the other process"
-        )
+        raise TypeError("a Filter cannot be pickled: take its settings and what save_learnt() gives to the other process")
 
     def save_learnt(self) -> bytes | None:
         """What was learnt of the car, for the next drive: 268 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
@@ -280,9 +278,7 @@ def _names(row: Any) -> dict[Any, Any]:
         return {name: value for name, value in row._asdict().items() if name != "Index"}
     if isinstance(row, np.void) and row.dtype.names:
         return {name: row[name] for name in row.dtype.names}
-    raise TypeError(
-        f"a row is a mapping, a Series, a named tuple or a record of a structured array, not {type(row).__name__}"
-    )
+    raise TypeError(f"a row is a mapping, a Series, a named tuple or a record of a structured array, not {type(row).__name__}")
 
 
 Convert: TypeAlias = Callable[[Any], tuple[Any, ...]]

@@ -23,11 +23,7 @@ NOT_CONVERGED = 12  # exit code
 @click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
               help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
 @click.option(
-    "--out",
-    metavar="CALIBRATED.toml",
-    type=FILE,
-    required=True,
-    help="The calibrated vehicle file; .json and .html beside it.",
+    "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
 )
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
 @reading
@@ -100,9 +96,7 @@ def calibrate(
         results.write_rows(table, [{"logs": " ".join(map(str, logs)), **f.as_json()} for f in result.findings])
     code = _code(result)
     if as_json:
-        results.say_json(
-            {"logs": logs, "vehicle": vehicle_path, **output.as_json(result), "exit_code": code, "written": written}
-        )
+        results.say_json({"logs": logs, "vehicle": vehicle_path, **output.as_json(result), "exit_code": code, "written": written})
         return code
     for line in text:
         click.echo(line)

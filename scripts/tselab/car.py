@@ -7,10 +7,7 @@ from pathlib import Path
 import click
 
 from tse.impl.errors import UserError
-from tselab.options import (
-    FILE,
-    JSON,
-)
+from tselab.options import FILE, JSON
 
 
 @click.command()
@@ -67,10 +64,7 @@ def settings(simulator: bool, as_json: bool) -> None:
 
         rows = library().fields(SIM_CONFIG if simulator else CONFIG)
         results.say_json(
-            [
-                {"name": f.name, "default": f.default, "low": f.low, "high": f.high, "unit": f.unit, "text": f.text}
-                for f in rows
-            ]
+            [{"name": f.name, "default": f.default, "low": f.low, "high": f.high, "unit": f.unit, "text": f.text} for f in rows]
         )
         return
     click.echo(sim_settings_table() if simulator else settings_table())
@@ -86,11 +80,7 @@ class FormulaCommand(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         from tse.impl.core import library
 
-        kinds = {
-            "SIGNAL": "Signals",
-            "PLAIN": "Functions, beside + - * / and whole powers",
-            "MEMORY": "Functions that remember",
-        }
+        kinds = {"SIGNAL": "Signals", "PLAIN": "Functions, beside + - * / and whole powers", "MEMORY": "Functions that remember"}
         with formatter.section("Places"):
             formatter.write_dl([(p.name, f"{p.unit}: {p.text}") for p in library().formula_places.values()])
         hidden = {"add", "sub", "mul", "div", "neg", "one", "two"}  # written as operators and digits
@@ -102,9 +92,7 @@ class FormulaCommand(click.Command):
 
 @click.command(cls=FormulaCommand)
 @click.argument("path", metavar="FORMULA.toml", type=FILE)
-@click.option(
-    "--c", "header", metavar="OUT.h", type=FILE, help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h."
-)
+@click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h.")
 @JSON
 def formula(path: Path, header: Path | None, as_json: bool) -> None:
     """Check a formula of the user, an effect that no catalogue has; also as C.
@@ -150,9 +138,7 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     click.echo(f"{path}: {found.title}\n{found.place} [{place.unit}] + {found.gain:g} * ({found.text})")
     click.echo(text_table([[n.name, f"{n.value:.6g}", n.unit, n.text] for n in found.numbers], right=(1,)))
     count = len(found.operations)
-    click.echo(
-        f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}"
-    )
+    click.echo(f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}")
     if header is not None:
         with atomic(header) as file:
             file.write(c_header(found))

@@ -41,14 +41,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option(
-    "--out",
-    metavar="DIR",
-    type=FILE,
-    default=Path("demo"),
-    show_default=True,
-    help="Directory; made if needed.",
-)
+@click.option("--out", metavar="DIR", type=FILE, default=Path("demo"), show_default=True, help="Directory; made if needed.")
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
@@ -114,9 +107,7 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
         file.write("# a wrong start, to see it being found\n" + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS))
     vehicle = read_vehicle(out / "vehicle.toml")
     config = Config(vehicle.values)
-    maneuver = maneuvers.build(
-        "double-lane-change", config, sample_time=config.sample_time, duration=DURATION, road=[ROAD_CHANGE]
-    )
+    maneuver = maneuvers.build("double-lane-change", config, sample_time=config.sample_time, duration=DURATION, road=[ROAD_CHANGE])
     simulation = simulate(maneuver, config, SimConfig({"seed": seed}), vehicle.driven_axle, progress)
     write_table(with_references(simulation), out / "log.csv")
     write_table(simulation.truth, out / "truth.csv")
@@ -144,21 +135,14 @@ def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: Non
     car = Config(vehicle.values)
     truth = Config(vehicle.values | HIDDEN_SETTINGS)
     spread = {f"spread_{s}": SPREAD for s in STIFFNESS}
-    noise = {
-        "steer_angle_sd": STEER_NOISE,
-        "wheel_speed_sd": WHEEL_NOISE,
-        "true_bias_accel_y": 0.05,
-        "true_cy_rear": 1.05,
-    }
+    noise = {"steer_angle_sd": STEER_NOISE, "wheel_speed_sd": WHEEL_NOISE, "true_bias_accel_y": 0.05, "true_cy_rear": 1.05}
     paths: dict[bool, list[Path]] = {False: [], True: []}
     say("simulating a car with a hidden effect")
     for i, (name, duration, speed, amplitude, held) in enumerate(GAP_DRIVES):
         maneuver = maneuvers.build(
             name, car, sample_time=car.sample_time, duration=duration, speed=speed, amplitude=amplitude, seed=seed + i
         )
-        log = simulate(
-            maneuver, truth, SimConfig(spread | noise | {"seed": seed + i, "speed": speed}), vehicle.driven_axle
-        ).log
+        log = simulate(maneuver, truth, SimConfig(spread | noise | {"seed": seed + i, "speed": speed}), vehicle.driven_axle).log
         paths[held].append(out / f"{'held_out' if held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv")
         write_table(log, paths[held][-1])
     result = run(paths[False], path, paths[True], jobs, say)
@@ -185,9 +169,7 @@ def summary(demo: Demo, out: Path) -> str:
     """Five lines."""
     table = demo.est.table
     time, end = table["time"].to_numpy(), table["time"].iloc[-1]
-    lines = [
-        f"Double lane changes, {end:.0f} s; at {ROAD_CHANGE[0]:g} s all stiffness drops to {100 * ROAD_CHANGE[1]:.0f} %."
-    ]
+    lines = [f"Double lane changes, {end:.0f} s; at {ROAD_CHANGE[0]:g} s all stiffness drops to {100 * ROAD_CHANGE[1]:.0f} %."]
     parts = {
         f"from {SETTLED:g} s to the change": (time >= SETTLED) & (time < ROAD_CHANGE[0]),
         f"in the last {LAST:g} s": time > end - LAST,
@@ -196,14 +178,8 @@ def summary(demo: Demo, out: Path) -> str:
         true = demo.truth[f"true_{key}"].to_numpy()[: len(table)]
         valid = table[f"{key}_valid"].to_numpy() == 1
         error = table[key].to_numpy() / true - 1
-        texts = [
-            f"{100 * np.sqrt(np.mean(error[p & valid] ** 2)):.1f} % {name}"
-            for name, p in parts.items()
-            if (p & valid).any()
-        ]
-        lines.append(
-            f"{NAMES[key]}: RMS error {', '.join(texts) or 'unknown'}; valid {100 * valid.mean():.0f} % of the time"
-        )
+        texts = [f"{100 * np.sqrt(np.mean(error[p & valid] ** 2)):.1f} % {name}" for name, p in parts.items() if (p & valid).any()]
+        lines.append(f"{NAMES[key]}: RMS error {', '.join(texts) or 'unknown'}; valid {100 * valid.mean():.0f} % of the time")
     lines.append(f"Written to {out}: {', '.join(demo.files)}")
     return "\n".join(lines)
 

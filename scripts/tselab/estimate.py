@@ -48,13 +48,7 @@ WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "lear
 @click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
               help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
-@click.option(
-    "--config",
-    "config_path",
-    metavar="FILTER.toml",
-    type=FILE,
-    help="Filter settings; 'tselab settings' lists them.",
-)
+@click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings; 'tselab settings' lists them.")
 @click.option(
     "--out",
     metavar="EST.csv",
@@ -65,9 +59,7 @@ WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "lear
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
-@click.option(
-    "--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s."
-)
+@click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
 @CALIBRATE
 @reading
 @for_programs
@@ -168,9 +160,7 @@ def estimate(
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     with saying(progress) as say:
         itself = Calibrate(say, goes_on=True) if calibrate and load_learnt is None and save_learnt is None else None
-        prepared = prepare(
-            log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading, itself
-        )
+        prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading, itself)
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
     ran = single.run(prepared, out, report, learnt, show_progress(progress))
     est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings
@@ -214,9 +204,6 @@ def estimate(
         click.echo(f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True)
         sys.exit(130)
     if est.interrupted:
-        click.echo(
-            f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done",
-            err=True,
-        )
+        click.echo(f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done", err=True)
         sys.exit(130)
     return results.exit_code(found)

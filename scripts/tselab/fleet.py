@@ -24,24 +24,14 @@ MOST_ERRORS = 10  # that the terminal names
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars.")
 @click.option("--vehicles", "table", metavar="TABLE.csv", type=FILE, help="Which car each log is of: columns log, vehicle, car, "
               "signals.")  # fmt: skip
-@click.option(
-    "--out",
-    metavar="DIR",
-    type=FILE,
-    required=True,
-    help="Directory; made if needed; what is done there is used again.",
-)
+@click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; what is done there is used again.")
 @click.option("--car", metavar="NAME", help="All logs are of this one car; else a folder of logs is a car.")
 @click.option("--learn/--no-learn", default=True, show_default=True, help="Each drive starts from what the one of the same car "
               "before it taught; else each by itself, all at once.")  # fmt: skip
 @click.option("--reports/--no-reports", default=True, show_default=True, help="A report for each log.")
 @click.option("--estimates", is_flag=True, help="Also keep the estimates of each log, row by row, as Parquet.")
-@click.option(
-    "--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'."
-)
-@click.option(
-    "--average", metavar="SECONDS", type=float, help="Average the logs over blocks of so long first, at most 0.1 s."
-)
+@click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'.")
+@click.option("--average", metavar="SECONDS", type=float, help="Average the logs over blocks of so long first, at most 0.1 s.")
 @CALIBRATE
 @reading
 @FORM
@@ -115,9 +105,7 @@ def fleet(
     from tse.impl.vehicle import read_vehicle
 
     if (vehicle_path is None) == (table is None):
-        raise UserError(
-            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log"
-        )
+        raise UserError("either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log")
     if car is not None and table is not None:
         raise UserError("option --car: the table of --vehicles says which car a log is of")
     settings = key_values(pairs)

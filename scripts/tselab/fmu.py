@@ -97,28 +97,18 @@ def fmu() -> None:
 
 
 @fmu.command(short_help="Build the FMUs of this checkout.")
-@click.option(
-    "--out", metavar="DIR", type=FILE, default=Path("fmus"), show_default=True, help="Directory; made if needed."
-)
+@click.option("--out", metavar="DIR", type=FILE, default=Path("fmus"), show_default=True, help="Directory; made if needed.")
 @click.option("--all-platforms", is_flag=True, help="With binaries of all platforms.")
 @click.option("--platform", "chosen", multiple=True, type=click.Choice(PLATFORM_NAMES),
               help="With the binary of this platform; may be repeated.")  # fmt: skip
-@click.option(
-    "--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]"
-)
+@click.option("--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]")
 @click.option("--real", type=click.Choice(REALS), default=REALS[0], show_default=True,
               help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
 @click.option("--fmi", type=click.Choice(("2", "3", "both")), default="both", show_default=True,
               help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).")  # fmt: skip
 @JSON
 def build(
-    out: Path,
-    all_platforms: bool,
-    chosen: tuple[str, ...],
-    max_particles: int | None,
-    real: str,
-    fmi: str,
-    as_json: bool,
+    out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str, fmi: str, as_json: bool
 ) -> None:
     """Build the FMUs of this checkout, and the system that connects them.
 
@@ -156,9 +146,7 @@ def build(
 @fmu.command(short_help="Write a vehicle as a parameter set of SSP.")
 @click.argument("path", metavar="FMU", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True, help="Vehicle file.")
-@click.option(
-    "--out", metavar="OUT.ssv", type=FILE, help="Default: the vehicle's name with .ssv, in the current directory."
-)
+@click.option("--out", metavar="OUT.ssv", type=FILE, help="Default: the vehicle's name with .ssv, in the current directory.")
 def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     """Write a vehicle as a parameter set of SSP (.ssv) for the estimator.
 

@@ -166,9 +166,7 @@ def checkout() -> Path:
     """The checkout that this package belongs to."""
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
-        raise UserError(
-            "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one"
-        )
+        raise UserError("'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one")
     return root
 
 
@@ -178,12 +176,7 @@ def version_of(name: str) -> str:
 
 
 def build(
-    out: Path,
-    wanted: Sequence[str],
-    max_particles: int | None,
-    say: Say,
-    real: str = "double",
-    fmi: Sequence[str] = FMI,
+    out: Path, wanted: Sequence[str], max_particles: int | None, say: Say, real: str = "double", fmi: Sequence[str] = FMI
 ) -> list[Built]:
     """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to `out` once all of it has gone well."""
     root = checkout()
@@ -193,9 +186,7 @@ def build(
     there = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
     fmus = {name: folder for name, folder in there.items() if version_of(name) in fmi}
     if lacking := [v for v in fmi if not any(version_of(name) == v for name in fmus)]:
-        raise UserError(
-            f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2"
-        )
+        raise UserError(f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2")
     files = {name: content(folder) for name, folder in fmus.items()}
     for name, folder in fmus.items():
         for platform in wanted:
@@ -212,9 +203,7 @@ def build(
         sizes = {n.split("/")[1]: len(b) for n, b in inside.items() if n.startswith("binaries/")}
         built.append(Built(out / f"{name}.fmu", sizes))
     for system in sorted(stage.glob("*/SystemStructure.ssd")) if "2" in fmi else ():
-        parts = {
-            f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes() for name in files if version_of(name) == "2"
-        }
+        parts = {f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes() for name in files if version_of(name) == "2"}
         parts |= {f"resources/{p.name}": p.read_bytes() for p in sorted((system.parent / "resources").glob("*.ssv"))}
         pack(out / f"{system.parent.name}.ssp", {"SystemStructure.ssd": system.read_bytes(), **parts})
         built.append(Built(out / f"{system.parent.name}.ssp", {}))
@@ -251,9 +240,7 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
     for step in (command, ["cmake", "--build", str(folder), "--target", "fmus"]):
         done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
         if done.returncode:
-            raise UserError(
-                f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}"
-            )
+            raise UserError(f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}")
 
 
 def _forget_foreign(folder: Path, root: Path) -> None:

@@ -62,9 +62,7 @@ FORM = click.option(
     help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from diverging; neither is "
     "as safe as the default.",
 )
-PROGRESS = click.option(
-    "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
-)
+PROGRESS = click.option("--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal.")
 
 
 @contextmanager
@@ -107,9 +105,7 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         from tse.impl.rows import Reading
 
         if signals is not None and not signals.is_file():
-            raise NoFile(
-                f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one"
-            )
+            raise NoFile(f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one")
         return command(*args, reading=Reading(signals, rate, strict, databases), **kw)
 
     for option in (
@@ -127,12 +123,8 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     return with_reading
 
 
-JSON = click.option(
-    "--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words."
-)
-JOBS = click.option(
-    "--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes."
-)
+JSON = click.option("--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words.")
+JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes.")
 FIRST_SEED = click.option(
     "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
 )

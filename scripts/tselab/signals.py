@@ -23,11 +23,7 @@ MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 @click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--write", "out", metavar="SIGNALS.toml", type=FILE, help="Write the proposal there.")
 @click.option(
-    "--vehicle",
-    "vehicle_path",
-    metavar="CAR.toml",
-    type=FILE,
-    help="Radii, wheelbase and steering ratio make the guesses sharper.",
+    "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Radii, wheelbase and steering ratio make the guesses sharper."
 )
 @click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: DBC, "
                                                             "ARXML, KCD, SYM; "
@@ -101,14 +97,9 @@ def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bo
 
     rows = [["signal", "unit", "Hz", "least", "most", "missing", "proposed for"]]
     shown = (
-        lines
-        if every or len(lines) <= MOST_ROWS
-        else [x for x in lines if x.used] + [x for x in lines if not x.used][:MOST_ROWS]
+        lines if every or len(lines) <= MOST_ROWS else [x for x in lines if x.used] + [x for x in lines if not x.used][:MOST_ROWS]
     )
-    rows += [
-        [x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used]
-        for x in shown
-    ]
+    rows += [[x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used] for x in shown]
     parts = [f"{recording.path}: {recording.format}, {len(lines)} signals", "", text_table(rows, right=(2, 3, 4, 5))]
     if len(shown) < len(lines):
         parts.append(f"and {len(lines) - len(shown)} more, which --all lists")
@@ -130,9 +121,7 @@ def _as_json(recording: Recording, proposal: Proposal, lines: list[Line]) -> dic
         "log": str(recording.path),
         "format": recording.format,
         "signals": [{k: plain(v) for k, v in asdict(x).items()} for x in lines],
-        "proposal": {
-            g.channel: {k: plain(v) for k, v in asdict(g).items() if k != "channel"} for g in proposal.guesses
-        },
+        "proposal": {g.channel: {k: plain(v) for k, v in asdict(g).items() if k != "channel"} for g in proposal.guesses},
         "missing": proposal.missing,
         "warnings": proposal.warnings,
         "notes": recording.notes,

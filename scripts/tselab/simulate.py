@@ -8,15 +8,7 @@ import click
 
 from tse.impl import maneuvers
 from tse.impl.errors import UserError
-from tselab.options import (
-    FILE,
-    JSON,
-    PROGRESS,
-    Lazy,
-    check_range,
-    key_values,
-    show_progress,
-)
+from tselab.options import FILE, JSON, PROGRESS, Lazy, check_range, key_values, show_progress
 
 
 class SimulateCommand(Lazy):
@@ -32,18 +24,9 @@ class SimulateCommand(Lazy):
         super().format_epilog(ctx, formatter)
 
 
-@click.command(
-    cls=SimulateCommand,
-    tables=(("Settings of the simulator (--set)", "sim_settings_table"),),
-)
+@click.command(cls=SimulateCommand, tables=(("Settings of the simulator (--set)", "sim_settings_table"),))
 @click.option("--maneuver", metavar="NAME", required=True, help="What is driven; list below.")
-@click.option(
-    "--vehicle",
-    "vehicle_path",
-    metavar="CAR.toml",
-    type=FILE,
-    help="Vehicle file; default: the built-in car.",
-)
+@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; default: the built-in car.")
 @click.option("--out", metavar="LOG.csv", type=FILE, required=True, help="The log, as 'tselab estimate' reads it.")
 @click.option("--truth", metavar="TRUTH.csv", type=FILE, help="Also write what really happened.")
 @click.option("--with-ref", is_flag=True, help="Put the truth into ref_ columns of the log.")
@@ -52,20 +35,11 @@ class SimulateCommand(Lazy):
 @click.option("--sample-time", type=float, help="Time between rows, s.  [default: 0.01]")
 @click.option("--speed", type=float, help="Start speed, m/s.")
 @click.option("--amplitude", type=float, help="Amplitude; what it means is in the list below.")
-@click.option(
-    "--road-change",
-    metavar="TIME:LEVEL",
-    multiple=True,
-    help="From TIME on all stiffness times LEVEL; may be repeated.",
-)
+@click.option("--road-change", metavar="TIME:LEVEL", multiple=True, help="From TIME on all stiffness times LEVEL; may be repeated.")
 @click.option("--spread", type=float, help="Sample-to-sample sd of all three stiffnesses, share of the mean.")
 @click.option("--noise", type=float, help="Sensor noise, times the sd of the vehicle file.")
 @click.option(
-    "--set",
-    "pairs",
-    metavar="KEY=VALUE",
-    multiple=True,
-    help="Any setting of the simulator or vehicle; may be repeated.",
+    "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the simulator or vehicle; may be repeated."
 )
 @PROGRESS
 @JSON
@@ -158,8 +132,6 @@ def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
         except ValueError:
             raise UserError(f"option --road-change: {pair!r} is not TIME:LEVEL, for instance 20:0.7") from None
         if not time >= 0 or not level.low <= value <= level.high:
-            raise UserError(
-                f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. {level.high:g}"
-            )
+            raise UserError(f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. {level.high:g}")
         changes.append((time, value))
     return changes

@@ -10,17 +10,7 @@ import click
 
 from tse.impl.errors import UserError
 from tselab.montecarlo import STUDIES
-from tselab.options import (
-    FILE,
-    FIRST_SEED,
-    FORM,
-    JOBS,
-    JSON,
-    PROGRESS,
-    RESTART,
-    key_values,
-    show_progress,
-)
+from tselab.options import FILE, FIRST_SEED, FORM, JOBS, JSON, PROGRESS, RESTART, key_values, show_progress
 
 
 class StudyCommand(click.Command):
@@ -33,9 +23,7 @@ class StudyCommand(click.Command):
 
 @click.command(cls=StudyCommand)
 @click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
-@click.option(
-    "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
-)
+@click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study.")
 @JOBS
 @click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786.")
 @click.option("--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]")
@@ -133,9 +121,7 @@ def _study(
 @RESTART
 @PROGRESS
 @JSON
-def paper(
-    runs: int | None, jobs: int, out: Path, first_seed: int, restart: bool, progress: bool | None, as_json: bool
-) -> None:
+def paper(runs: int | None, jobs: int, out: Path, first_seed: int, restart: bool, progress: bool | None, as_json: bool) -> None:
     """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its numbers beside ours.
 
     \b

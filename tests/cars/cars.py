@@ -169,11 +169,7 @@ def roll_gradient(p: dict[str, float]) -> float:
 
 
 def draw_car(
-    rng: np.random.Generator,
-    mass_error: float = 0.0,
-    cg_error: float = 0.0,
-    tell_inertia: bool = False,
-    name: str = "car",
+    rng: np.random.Generator, mass_error: float = 0.0, cg_error: float = 0.0, tell_inertia: bool = False, name: str = "car"
 ) -> Car:
     """A plausible passenger car.
 
@@ -303,10 +299,7 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
     return {
         "latency": {c: float(u(0.0, 0.06)) for c in CHANNELS}
         # both axles' wheels come from the same controller, in messages of their own
-        | {
-            "wheel_speed_front": float(wheel_latency),
-            "wheel_speed_rear": float(np.clip(wheel_latency + u(-0.01, 0.01), 0, 0.06)),
-        },
+        | {"wheel_speed_front": float(wheel_latency), "wheel_speed_rear": float(np.clip(wheel_latency + u(-0.01, 0.01), 0, 0.06))},
         "jitter": 0.003,  # s, uniform, either side
         "late": 0.005,  # share of the rows whose message is not there yet: the last one is held
         "period": {c: wheels if c.startswith("wheel") else 0.01 for c in CHANNELS},

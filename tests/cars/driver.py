@@ -55,13 +55,7 @@ class Drivers:
     """A driver for each car. decide() sets steering_wheel, drive, brake for the next CONTROL seconds."""
 
     def __init__(
-        self,
-        cars: list[Car],
-        fleet: Fleet,
-        road: Road,
-        surface: Surface,
-        streams: list[np.random.Generator],
-        steps: int,
+        self, cars: list[Car], fleet: Fleet, road: Road, surface: Surface, streams: list[np.random.Generator], steps: int
     ) -> None:
         self.fleet, self.road, self.surface = fleet, road, surface
         n = fleet.n
@@ -69,12 +63,7 @@ class Drivers:
         self.t = {k: np.array([t[k] for t in traits]) for k in TRAITS}
         noise = [
             np.stack(
-                [
-                    _wander(rng, steps, t["remnant_time"]),
-                    _wander(rng, steps, 6.0),
-                    _wander(rng, steps, 0.7),
-                    rng.random(steps),
-                ]
+                [_wander(rng, steps, t["remnant_time"]), _wander(rng, steps, 6.0), _wander(rng, steps, 0.7), rng.random(steps)]
             )
             for rng, t in zip(streams, traits, strict=True)
         ]
@@ -84,18 +73,11 @@ class Drivers:
         self.wheelbase = p.lf + p.lr
         # hands and the car's yaw rate answer late; the road is read that much earlier
         self.early = 2 * self.t["arms_damping"] / self.t["arms"] + 2 * p.steering_damping / p.steering_frequency + 0.06
-        self.s, self.e, self.psi = (
-            np.zeros(n),
-            np.zeros(n),
-            np.zeros(n),
-        )  # m, m, rad: along, beside and against the road
+        self.s, self.e, self.psi = (np.zeros(n), np.zeros(n), np.zeros(n))  # m, m, rad: along, beside and against the road
         self.correction = np.zeros(n)  # 1/m
         self.steering_wheel, self.turning = np.zeros(n), np.zeros(n)
         self.accel = np.zeros(n)  # m/s2, wanted
-        self.pedal, self.changing = (
-            np.ones(n),
-            np.zeros(n),
-        )  # 1 throttle, 0 neither, -1 brake; s left until the foot is there
+        self.pedal, self.changing = (np.ones(n), np.zeros(n))  # 1 throttle, 0 neither, -1 brake; s left until the foot is there
         self.thrust, self.braking = np.zeros(n), np.zeros(n)  # N, after engine and brakes
         self.gear, self.shifting = np.zeros(n), np.zeros(n)
         self.antilock, self.traction = np.ones((2, 1, n)), np.ones((2, 1, n))
@@ -138,9 +120,7 @@ class Drivers:
         heading = self.psi + f.vy / np.maximum(v, 3.0) + self.early * (f.r - v * road.at(road.curvature, self.s))
         miss = road.at(road.offset, self.s + look) - self.e - look * np.sin(np.clip(heading, -0.7, 0.7))
         due = np.clip(t["gain"] * 2 * miss / look**2, -0.08, 0.08)
-        notice = (self.noise[3, k] < CONTROL / t["attention"]) | (
-            np.abs(due - self.correction) * look**2 > 2 * t["startles"]
-        )
+        notice = (self.noise[3, k] < CONTROL / t["attention"]) | (np.abs(due - self.correction) * look**2 > 2 * t["startles"])
         self.correction = np.where(notice, due, self.correction)
         bend = road.at(road.curvature, self.s + v * self.early)
         grip = 0.75 * self.surface.known * GRAVITY / (v * v)
@@ -176,9 +156,7 @@ class Drivers:
         self.stopping |= ~self.standing & (need > 0.7 * t["stops_with"]) & np.isfinite(left)
         accel = np.where(self.stopping, -np.clip(need, 0.5, t["brake"]), accel)
         accel = np.where(self.lost, -4.0, accel)
-        accel = np.clip(
-            accel, -np.minimum(t["brake"], 0.45 * known * GRAVITY), np.minimum(t["accelerate"], 0.25 * known * GRAVITY)
-        )
+        accel = np.clip(accel, -np.minimum(t["brake"], 0.45 * known * GRAVITY), np.minimum(t["accelerate"], 0.25 * known * GRAVITY))
         # feet move at their own pace; only for a stop are they sure
         most = CONTROL * np.where(accel < -2, 2, 1) * t["jerk"]
         self.accel = self.accel + np.clip(accel - self.accel, -most, most)
@@ -205,13 +183,9 @@ class Drivers:
         self.pedal = np.where(self.changing > 0, 0.0, want)
         # gears: the torque is gone while one is changed, upwards only
         gear = (v[None] > GEARS[:, None]).sum(0)
-        self.shifting = np.where(
-            (gear > self.gear) & (self.pedal > 0), p.gearbox_gap, np.maximum(self.shifting - CONTROL, 0)
-        )
+        self.shifting = np.where((gear > self.gear) & (self.pedal > 0), p.gearbox_gap, np.maximum(self.shifting - CONTROL, 0))
         self.gear = np.where(
-            gear > self.gear,
-            gear,
-            np.where(v < 0.75 * GEARS[np.maximum(self.gear - 1, 0).astype(int)], gear, self.gear),
+            gear > self.gear, gear, np.where(v < 0.75 * GEARS[np.maximum(self.gear - 1, 0).astype(int)], gear, self.gear)
         )
         throttle = np.minimum(np.maximum(need, 0), p.power / np.maximum(v, 4.0)) * (self.shifting <= 0)
         thrust = np.where(self.pedal > 0, throttle, np.where(v > 2.0, -p.engine_drag * np.minimum((v - 2) / 3, 1), 0))

@@ -41,9 +41,7 @@ def share(of: np.ndarray, among: np.ndarray) -> float:
 
 def behind(log: Log, row: int) -> Log:
     """Return a log from a row on."""
-    parts = {
-        k: v[row:] for k, v in vars(log).items() if isinstance(v, np.ndarray | pd.DataFrame) and len(v) == len(log.time)
-    }
+    parts = {k: v[row:] for k, v in vars(log).items() if isinstance(v, np.ndarray | pd.DataFrame) and len(v) == len(log.time)}
     return replace(log, **{k: v.reset_index(drop=True) if isinstance(v, pd.DataFrame) else v for k, v in parts.items()})
 
 
@@ -53,9 +51,7 @@ def shown_after(log: Log, config: Config, stiffness: dict[str, float], moved: di
     rest = behind(log, int(np.searchsorted(log.time - log.time[0], began)))
     evidence = []
     for factor in (dict.fromkeys(STIFFNESS, 1.0), moved):
-        start = {NOMINAL[k]: stiffness[k] * factor[k] for k in STIFFNESS} | {
-            f"initial_{PRIOR[k]}_sd": KNOWN_SD for k in STIFFNESS
-        }
+        start = {NOMINAL[k]: stiffness[k] * factor[k] for k in STIFFNESS} | {f"initial_{PRIOR[k]}_sd": KNOWN_SD for k in STIFFNESS}
         evidence.append(outputs(Config(config.as_dict() | start), rest)["log_evidence"].astype(float))
     sure = np.flatnonzero(np.cumsum(evidence[1] - evidence[0]) > np.log(SURE))
     return float(min(rest.time[sure[0]] - rest.time[0], AFTER)) if len(sure) else AFTER
@@ -134,30 +130,22 @@ def table(found: pd.DataFrame) -> list[str]:
         moved = " / ".join(f"{float(g['moved'].median()):.2f}" for g in by)
         told = f"{100 * float(by[0]['told'].mean()):.0f}"
         shown = ", ".join(f"{float(by[0]['shown'].quantile(q)):.1f}" for q in (0.5, 0.9))
-        rows.append(
-            [scenario, f"{len(by[0])}", moved, three("valid before"), three("valid after"), seconds, told, shown]
-        )
+        rows.append([scenario, f"{len(by[0])}", moved, three("valid before"), three("valid after"), seconds, told, shown])
     return markdown_table(heads, rows)
 
 
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--calibrated", type=Path, required=True, help="with car<k>/calibrated.toml; the logs go there, too"
-    )
+    parser.add_argument("--calibrated", type=Path, required=True, help="with car<k>/calibrated.toml; the logs go there, too")
     parser.add_argument("--first", type=int, default=501, help="the first seed of those cars (default: 501)")
-    parser.add_argument(
-        "--minutes", type=float, default=3.0, help="length of each log; the event is at a third (default: 3)"
-    )
+    parser.add_argument("--minutes", type=float, default=3.0, help="length of each log; the event is at a third (default: 3)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-events.md", help="the table")
     given = parser.parse_args(arguments)
     cars = len(list(given.calibrated.glob("car*/calibrated.toml")))
     jobs = drive(given.calibrated, cars, given.first, given.minutes)
     with multiprocessing.Pool(given.jobs) as pool:
-        found = [
-            row for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr) for row in rows
-        ]
+        found = [row for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr) for row in rows]
     head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
 
 `python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after

@@ -33,13 +33,7 @@ def thinned(time: np.ndarray, share: float | None, rng: np.random.Generator) -> 
     step = float(np.median(np.diff(time)))
     keep, at = [0], 0.0
     while True:
-        at += (
-            TENTH * (1 + JITTER * rng.standard_normal())
-            if share is None
-            else LATE
-            if rng.random() < share
-            else 2 * step
-        )
+        at += TENTH * (1 + JITTER * rng.standard_normal()) if share is None else LATE if rng.random() < share else 2 * step
         index = round(at / step)
         if index >= len(time):
             return np.unique(keep)
@@ -82,9 +76,7 @@ def late_table(found: pd.DataFrame) -> list[str]:
                               if what == "bias" else f"{100 * float(x.mean()):.0f}")  # fmt: skip
             cells.append(" / ".join(values))
         lines.append(cells)
-    return markdown_table(
-        ["rows", "bias less that of all rows in time [%]", "valid [%]", "interval holds [%]"], lines, 4
-    )
+    return markdown_table(["rows", "bias less that of all rows in time [%]", "valid [%]", "interval holds [%]"], lines, 4)
 
 
 def main(arguments: list[str]) -> int:

@@ -72,18 +72,10 @@ def _stream(seed: int, car: int, what: str) -> np.random.Generator:
 
 
 def make_cars(
-    cars: int,
-    seed: int,
-    mass_error: float = 0.0,
-    cg_error: float = 0.0,
-    tell_inertia: bool = False,
-    clean: bool = False,
+    cars: int, seed: int, mass_error: float = 0.0, cg_error: float = 0.0, tell_inertia: bool = False, clean: bool = False
 ) -> list[Car]:
     """Cars 0 .. cars - 1 of a seed. See draw_car(); clean: sensors without noise, bias and steps."""
-    drawn = [
-        draw_car(_stream(seed, i, "car"), mass_error, cg_error, tell_inertia, f"car {i} of seed {seed}")
-        for i in range(cars)
-    ]
+    drawn = [draw_car(_stream(seed, i, "car"), mass_error, cg_error, tell_inertia, f"car {i} of seed {seed}") for i in range(cars)]
     return [replace(c, sensors=clean_sensors(c.sensors)) if clean else c for c in drawn]
 
 
@@ -168,9 +160,7 @@ def drive(
     ahead = STEP * np.arange(1, fine * part + 1)[:, None, None]
     for k in range(steps):
         drivers.decide(k)
-        if surface.follow(
-            (k - settle) * CONTROL, drivers.s, drivers.asked() if surface.scenario != "dry" else drivers.e
-        ):
+        if surface.follow((k - settle) * CONTROL, drivers.s, drivers.asked() if surface.scenario != "dry" else drivers.e):
             fleet.set_road(*surface.now)
         grade, bank = road.at(road.grade, drivers.s), road.at(road.bank, drivers.s)
         # the road's plane turns with its slope: what a crest takes from the load
@@ -227,9 +217,7 @@ def _secant(force: np.ndarray, slip: np.ndarray, least: float, ok: np.ndarray) -
         return np.where(ok & (np.abs(slip) >= least), force / slip, np.nan)
 
 
-def _finish(
-    car: Car, record: Record, i: int, surface: Surface, about: dict[str, Any], rng: np.random.Generator
-) -> CarLog:
+def _finish(car: Car, record: Record, i: int, surface: Surface, about: dict[str, Any], rng: np.random.Generator) -> CarLog:
     settle = round(SETTLE / CONTROL)
     n = len(record.reference)
     time = np.arange(len(record.state)) * FINE - SETTLE
@@ -251,15 +239,9 @@ def _finish(
     found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], LEAST_ANGLE, ok)
     found["cy_rear_axle"] = 1 / (1 / found["cy_rear_tyre"] + car.parameters["compliance_rear"])
     began = float(surface.time[i])
-    event = (
-        {"time": began, "place": float(surface.place[i]), "takes": float(surface.takes[i])}
-        if np.isfinite(began)
-        else None
-    )
+    event = {"time": began, "place": float(surface.place[i]), "takes": float(surface.takes[i])} if np.isfinite(began) else None
     if event:
-        event |= {
-            name: surface.end[k, :, :, i].tolist() for k, name in enumerate(("friction", "along", "across", "radius"))
-        }
+        event |= {name: surface.end[k, :, :, i].tolist() for k, name in enumerate(("friction", "along", "across", "radius"))}
     truth = {
         "parameters": car.parameters,
         "driven_axle": car.driven_axle,

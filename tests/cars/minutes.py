@@ -53,9 +53,7 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
 def main(arguments: list[str]) -> int:
     """Write the table."""
     parser = parser_of_kept(__doc__, "minutes.md")
-    parser.add_argument(
-        "--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0, 10.0], help="lengths (default: 0.4 1 3 10)"
-    )
+    parser.add_argument("--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0, 10.0], help="lengths (default: 0.4 1 3 10)")
     given = parser.parse_args(arguments)
     jobs = [(given.keep / f"car{k}", m) for m in given.minutes for k in range(given.cars)]
     runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])

@@ -30,9 +30,7 @@ CARCASS_DAMPING = 0.5  # of the critical damping of a quarter of the car on the 
 MOST_SLIP = 0.6  # of a carcass; on the flat of the curve, so that letting go does not take long
 LEAST_LOAD = 10.0  # N, so that a wheel in the air divides nothing by zero
 STATES = 9  # of the body: vx, vy, r, and heave, roll, pitch, each followed by its rate
-SUMS = (
-    7  # over the wheels: force along, across, yaw moment, springs, their roll and pitch moments, moment about kingpins
-)
+SUMS = 7  # over the wheels: force along, across, yaw moment, springs, their roll and pitch moments, moment about kingpins
 
 
 def _wheels(front: np.ndarray, rear: np.ndarray) -> np.ndarray:
@@ -51,9 +49,7 @@ class Fleet:
         n = self.n
         self.state = np.zeros((STATES, n))
         self.vx, self.vy, self.r = self.state[:3]  # m/s, m/s, rad/s
-        self.heave, self.dheave, self.roll, self.droll, self.pitch, self.dpitch = self.state[
-            3:
-        ]  # m, rad, 1/s: away from rest
+        self.heave, self.dheave, self.roll, self.droll, self.pitch, self.dpitch = self.state[3:]  # m, rad, 1/s: away from rest
         self.vx[:] = speed
         self.travel = np.zeros((2, 2, 2, n))  # m, m/s: of the wheels' centres and its rate
         self.spin = speed / (self.radius + p.radius_by_speed * speed**2)  # rad/s
@@ -121,9 +117,7 @@ class Fleet:
         self.brake_share = 0.5 * _wheels(p.brake_front, 1 - p.brake_front)
         self.resistance = p.rolling_resistance * self.static * self.radius
         self.roll_steer = _wheels(-p.roll_steer_front, p.roll_steer_rear)
-        self.toe = np.array(
-            [[-p.toe_front, p.toe_front], [-p.toe_rear, p.toe_rear]]
-        )  # inwards: the left wheel to the right
+        self.toe = np.array([[-p.toe_front, p.toe_front], [-p.toe_rear, p.toe_rear]])  # inwards: the left wheel to the right
         self.ackermann = p.ackermann * p.track_front / (2 * wheelbase)
         self.by_wheel = 1 / p.steering_ratio
         self.keep_dsteer = 1 - 2 * h * p.steering_damping * p.steering_frequency
@@ -131,9 +125,7 @@ class Fleet:
 
         # tyres
         self.relax = h / np.array([full(p.relaxation_x), full(p.relaxation_y)])
-        stiffness = np.array(
-            [_wheels(p.slip_stiffness_front, p.slip_stiffness_rear), _wheels(p.cornering_front, p.cornering_rear)]
-        )
+        stiffness = np.array([_wheels(p.slip_stiffness_front, p.slip_stiffness_rear), _wheels(p.cornering_front, p.cornering_rear)])
         carcass = stiffness / np.array([p.relaxation_x, p.relaxation_y])[:, None, None]  # N/m
         damping = 2 * CARCASS_DAMPING * np.sqrt(carcass * p.mass / 4)
         self.slip_by_damping = damping / stiffness  # s/m: as slip, per m/s of the contact patch

@@ -93,16 +93,12 @@ def of_real(scratch: Path) -> list[str]:
         for who, file in files.items():
             r = real_row(name, who, file, "")
             found = made.found.get("stiffness", {}) if who == ITSELF else {}
-            said = ", ".join(
-                f"{s['value'] / 1e3:.0f} ({s['low'] / 1e3:.0f} .. {s['high'] / 1e3:.0f})" for s in found.values()
-            )
+            said = ", ".join(f"{s['value'] / 1e3:.0f} ({s['low'] / 1e3:.0f} .. {s['high'] / 1e3:.0f})" for s in found.values())
             if who == CLASS and not made.text:
                 said = made.found["why"]
             keys = ("cy_front", "cy_front valid", "cy_rear", "cy_rear valid", "changes", "sideslip")
             lines.append([name, who, *(r[key] for key in keys), said])
-    head = (
-        "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|sideslip off by, rms [deg]"
-    )
+    head = "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|sideslip off by, rms [deg]"
     return markdown_table([*head.split("|"), "found at no slip, front, rear [kN/rad]"], lines, 2)
 
 

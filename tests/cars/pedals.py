@@ -46,9 +46,7 @@ def runs(car: Path) -> list[dict[str, Any]]:
 
 def line(name: list[str], group: pd.DataFrame) -> list[str]:
     """Return a group of runs as a row of the table."""
-    parts = [
-        shares(group, what, of, keys=[KEY]) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
-    ]
+    parts = [shares(group, what, of, keys=[KEY]) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
     error = f"{100 * np.nanmedian(group[f'{KEY} error']):.1f}"
     return [*name, str(len(group)), error, *parts, f"{group['changes'].sum():.0f}"]
 

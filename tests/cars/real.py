@@ -28,10 +28,7 @@ from tse.impl.vehicle import read_vehicle
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SAME_CAR = (("genesis_cpg_fast", "genesis_rfs"),)
-ALIGNED = (
-    *SAME_CAR[0],
-    "stanford_250lm_a",
-)  # whose ref_vel_y is that of the car: the RAV4's is a phone's, as it was mounted
+ALIGNED = (*SAME_CAR[0], "stanford_250lm_a")  # whose ref_vel_y is that of the car: the RAV4's is a phone's, as it was mounted
 SETTLED, FAST = 20.0, 8.0  # s, m/s: rows that count
 CORNERING = ("cy_front", "cy_rear")
 
@@ -116,11 +113,7 @@ def main(arguments: list[str]) -> int:
         for n in names:
             rows.append(row(n, "as in the file", DATA / n / "vehicle.toml", "-"))
             others = [other for pair in SAME_CAR if n in pair for other in pair if other != n and other in names]
-            parts = [
-                (n, "whole", "the log itself"),
-                (n, "first half", "its first half"),
-                (n, "second half", "its second half"),
-            ]
+            parts = [(n, "whole", "the log itself"), (n, "first half", "its first half"), (n, "second half", "its second half")]
             for of, part, told in [*parts, *((other, "whole", other) for other in others)]:
                 path, done = files[of, part]
                 rows.append(row(n, told, path, "yes" if done else "no"))

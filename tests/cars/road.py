@@ -18,11 +18,7 @@ KMH = 1 / 3.6
 ROADS = ("highway", "mountain", "city")
 LANE = 3.6  # m
 TABLE = 40_000  # points of the unevenness, 0.1 m each; the road repeats itself after 4 km
-GRADE_RMS = {
-    "highway": (0.0, 0.02),
-    "mountain": (0.01, 0.04),
-    "city": (0.0, 0.02),
-}  # drawn in here unless it is asked for
+GRADE_RMS = {"highway": (0.0, 0.02), "mountain": (0.01, 0.04), "city": (0.0, 0.02)}  # drawn in here unless it is asked for
 SCENARIOS = {
     "dry": "nothing happens",
     "ice": "friction 0.25 .. 0.4 of the dry road's, stiffness 0.4 .. 0.65, from a place on",
@@ -177,11 +173,7 @@ def _city(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
 
 DRAW = {"highway": _highway, "mountain": _mountain, "city": _city}
 COMFORT = {"highway": (1.5, 2.5), "mountain": (2.3, 4.2), "city": (1.8, 3.2)}  # m/s2, lateral, in curves
-BRAKING = {
-    "highway": (0.8, 1.6),
-    "mountain": (1.5, 2.8),
-    "city": (1.3, 2.3),
-}  # m/s2, where the road asks for less speed
+BRAKING = {"highway": (0.8, 1.6), "mountain": (1.5, 2.8), "city": (1.3, 2.3)}  # m/s2, where the road asks for less speed
 FASTEST = {"highway": 37.0, "mountain": 26.0, "city": 18.0}  # m/s, how much road is needed
 SLOWEST = {"highway": 22.0, "mountain": 3.0, "city": 1.5}  # m/s
 
@@ -214,18 +206,7 @@ def draw_roads(
         roughness, start = rng.uniform(0.4, 2.2 if name != "highway" else 1.2), rng.integers(TABLE)
         flat = 1.0 if hills else 0.0
         columns.append(
-            (
-                curvature,
-                speed,
-                offset,
-                flat * grade,
-                flat * bank,
-                stops,
-                waits,
-                braking,
-                0.0 if even else roughness,
-                start,
-            )
+            (curvature, speed, offset, flat * grade, flat * bank, stops, waits, braking, 0.0 if even else roughness, start)
         )
     most = max(len(c[5]) for c in columns) + 1
     stop_at, stop_for = np.full((most, len(columns)), np.inf), np.zeros((most, len(columns)))
@@ -238,14 +219,7 @@ def draw_roads(
     for i in range(n - 2, -1, -1):  # brake in time
         np.minimum(square[i], square[i + 1] + 2 * braking, out=square[i])
     return Road(
-        curvature,
-        np.sqrt(square),
-        offset,
-        grade,
-        bank,
-        stop_at,
-        stop_for,
-        *(np.array([c[k] for c in columns]) for k in (8, 9)),
+        curvature, np.sqrt(square), offset, grade, bank, stop_at, stop_for, *(np.array([c[k] for c in columns]) for k in (8, 9))
     )
 
 
@@ -254,21 +228,10 @@ class Surface:
     is doing nothing that the new road would not bear: ice in the middle of a hairpin is an accident, not a drive."""
 
     # m/s2, lateral acceleration below which it may begin
-    CALM: ClassVar[dict[str, float]] = {
-        "ice": 1.3,
-        "split": 1.6,
-        "aquaplaning": 1.0,
-        "low_limit": 3.0,
-        "pressure": np.inf,
-    }
+    CALM: ClassVar[dict[str, float]] = {"ice": 1.3, "split": 1.6, "aquaplaning": 1.0, "low_limit": 3.0, "pressure": np.inf}
 
     def __init__(
-        self,
-        scenario: str,
-        streams: list[np.random.Generator],
-        duration: float,
-        event_time: float | None,
-        x: np.ndarray,
+        self, scenario: str, streams: list[np.random.Generator], duration: float, event_time: float | None, x: np.ndarray
     ) -> None:
         """event_time: s, None: drawn from the middle of the log; x: places of the wheels, m, (2, 2, cars)."""
         n = len(streams)

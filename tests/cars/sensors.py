@@ -81,9 +81,7 @@ def imu(car: Car, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
     fx, fz = fx * cp - fz * sp, fz * cp + fx * sp  # nose down: what holds the car up points backwards in it
     fy, fz = fy * cr + fz * sr, fz * cr - fy * sr
-    turn = np.array(
-        [middle("droll") - r * sp, middle("dpitch") * cr + r * sr * cp, r * cr * cp - middle("dpitch") * sr]
-    )
+    turn = np.array([middle("droll") - r * sp, middle("dpitch") * cr + r * sr * cp, r * cr * cp - middle("dpitch") * sr])
     mount = _mount(q["imu_roll"], q["imu_pitch"], q["imu_yaw"])
     force, turn = mount @ np.array([fx, fy, fz]), mount @ turn
     return motion.time[:-1] + 0.5 * FINE, np.array([force[0], force[1], turn[2]])
@@ -93,9 +91,7 @@ def _quantised(x: np.ndarray, step: float) -> np.ndarray:
     return np.round(x / step) * step if step > 0 else x
 
 
-def _instants(
-    rows: np.ndarray, latency: float, period: float, sensors: dict[str, Any], rng: np.random.Generator
-) -> np.ndarray:
+def _instants(rows: np.ndarray, latency: float, period: float, sensors: dict[str, Any], rng: np.random.Generator) -> np.ndarray:
     """When what each row holds was sampled, s; a row that holds an older sample has its instant. Mean age: the latency."""
     every = round(period / ROW)
     jitter = rng.uniform(-1, 1, len(rows)) * sensors["jitter"]
@@ -136,9 +132,7 @@ def _pulses(
     return speed, age
 
 
-def log_of(
-    car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator
-) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def log_of(car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """The log at times of rows, s, (begins at 0), and the latency of each channel, s, as it came out."""
     q, m, nominal = car.sensors, motion.state, car.vehicle
     log = {"time": rows - rows[0]}
@@ -163,9 +157,7 @@ def log_of(
                 speed, age = speed * radius, age - 0.5 * window
             else:
                 speed = np.interp(at[name], motion.time, spin) * radius
-                speed = np.where(
-                    np.abs(speed) > 0.3, speed + _per_sample(at[name], noise), 0.0 if q["wheel_step"] else speed
-                )
+                speed = np.where(np.abs(speed) > 0.3, speed + _per_sample(at[name], noise), 0.0 if q["wheel_step"] else speed)
             speeds.append(_quantised(speed, q["wheel_step"]))
             ages.append(age)
         log[name] = 0.5 * (speeds[0] + speeds[1]) / radius

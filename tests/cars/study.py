@@ -143,9 +143,7 @@ def changes(out: np.ndarray, counts: np.ndarray) -> int:
     return int(((age[1:] > 0) & ((age[:-1] == 0) | (age[1:] < age[:-1]))).sum())
 
 
-def score(
-    out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray], of: str = "_secant"
-) -> dict[str, float]:
+def score(out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray], of: str = "_secant") -> dict[str, float]:
     """Return, per stiffness, rows with a truth, valid, valid and off, inside their interval; changes, rows at fault.
 
     of: "_secant" of a truth that is a secant, "" of one that is the stiffness at no slip"""
@@ -164,9 +162,7 @@ def score(
         found[f"{key} rows"] = float(known.sum())
         found[f"{key} valid"] = float(valid.sum())
         found[f"{key} off"] = float((valid & (np.abs(error) > OFF)).sum())
-        found[f"{key} held"] = (
-            float((known & (np.abs(error) < interval)).sum()) if np.isfinite(interval).any() else np.nan
-        )
+        found[f"{key} held"] = float((known & (np.abs(error) < interval)).sum()) if np.isfinite(interval).any() else np.nan
         found[f"{key} error"] = float(np.median(np.abs(error[known]))) if known.any() else np.nan
     return found
 
@@ -192,9 +188,7 @@ def physical(car: str, result: Result, truth: dict[str, Any]) -> list[dict[str, 
     for name, key in STIFF.items():
         both = truth["linear_stiffness"][key]
         before = getattr(result.config, name) / both - 1
-        rows.append(
-            {"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": None, "shown": True}
-        )
+        rows.append({"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": None, "shown": True})
     return rows
 
 
@@ -260,9 +254,7 @@ def table(runs: pd.DataFrame) -> list[str]:
         medians = [100 * float(np.nanmedian(group[f"{k} error"])) for k in STIFFNESS]
         cells = [road, who, " / ".join(f"{m:.1f}" for m in medians)]
         cells += [shares(group, what, of) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
-        lines.append(
-            [*cells, f"{group['changes'].sum() / group['hours'].sum():.1f}", f"{100 * group['fault'].mean():.1f}"]
-        )
+        lines.append([*cells, f"{group['changes'].sum() / group['hours'].sum():.1f}", f"{100 * group['fault'].mean():.1f}"])
     head = "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour|rows at fault [%]"
     return markdown_table(head.split("|"), lines, 6)
 
@@ -318,9 +310,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--first", type=int, default=501, help="the first seed (default: 501)")
     parser.add_argument("--minutes", type=float, default=4.0, help="length of each log (default: 4)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
-    parser.add_argument(
-        "--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again"
-    )
+    parser.add_argument("--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again")
     parser.add_argument("--again", action="store_true", help="with --keep: the calibrations of an earlier run")
     parser.add_argument("--out", type=Path, default=RESULTS / "cars.md", help="the table")
     given = parser.parse_args(arguments)

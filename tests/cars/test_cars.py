@@ -36,12 +36,8 @@ class Rig:
             force = 3.0 * p.mass * (self.speed - f.vx) + f.drag * f.vx**2 + p.mass * GRAVITY * p.rolling_resistance
             drive = f.drive_share * (force * p.radius_front) if hold else none
             if keep:
-                self.kept.append(
-                    np.vstack([f.state[[0, 1, 2, 5, 6, 7, 8, 4]], f.steering_wheel[None], f.spin.reshape(4, -1)])
-                )
-            f.advance(
-                round(FINE / model.STEP), wheel * p.steering_ratio + 0 * f.vx, drive, none + brake, self.gravity, None
-            )
+                self.kept.append(np.vstack([f.state[[0, 1, 2, 5, 6, 7, 8, 4]], f.steering_wheel[None], f.spin.reshape(4, -1)]))
+            f.advance(round(FINE / model.STEP), wheel * p.steering_ratio + 0 * f.vx, drive, none + brake, self.gravity, None)
         return f
 
     def motion(self, i):
@@ -70,11 +66,7 @@ def test_a_gentle_turn_has_the_yaw_rate_of_the_linear_single_track(turning):
     handbook = f.vx * rig.wheel / (wheelbase + understeer * f.vx**2)
     np.testing.assert_allclose(f.r, handbook, rtol=0.03)
     load = f.p.mass * f.vx * f.r / wheelbase  # and the sideslip of its rear axle
-    rear = (
-        load
-        * (f.p.lf - f.p.trail_pneumatic)
-        / np.array([car.linear_stiffness()["cy_rear_effective"] for car in rig.cars])
-    )
+    rear = load * (f.p.lf - f.p.trail_pneumatic) / np.array([car.linear_stiffness()["cy_rear_effective"] for car in rig.cars])
     angle = -(f.vy - f.p.lr * f.r) / f.vx
     np.testing.assert_allclose(angle + f.p.roll_steer_rear * f.roll, rear, rtol=0.03)
 
@@ -175,9 +167,7 @@ def test_half_the_step_is_the_same_drive(monkeypatch):
     coarse = drive()
     monkeypatch.setattr(model, "STEP", model.STEP / 2)
     fine = drive()
-    for a, b, most in zip(
-        coarse.state[:3], fine.state[:3], (0.01, 0.003, 0.003), strict=True
-    ):  # in transients half a step apart
+    for a, b, most in zip(coarse.state[:3], fine.state[:3], (0.01, 0.003, 0.003), strict=True):  # in transients half a step apart
         np.testing.assert_allclose(a, b, atol=most)
 
 
@@ -203,11 +193,7 @@ def test_no_tyre_gives_more_than_friction_and_locked_wheels_stop_turning():
 
 def test_standing_on_a_grade_the_accelerometer_reads_gravity():
     grade, bank = 0.06, 0.04
-    gravity = (
-        -GRAVITY * np.sin(grade),
-        -GRAVITY * np.sin(bank) * np.cos(grade),
-        GRAVITY * np.cos(grade) * np.cos(bank),
-    )
+    gravity = (-GRAVITY * np.sin(grade), -GRAVITY * np.sin(bank) * np.cos(grade), GRAVITY * np.cos(grade) * np.cos(bank))
     rig = Rig(0.0, gravity=gravity)
     rig.run(3.0, hold=False, brake=800.0)
     rig.run(0.2, hold=False, brake=800.0, keep=True)
@@ -299,10 +285,7 @@ def test_channels_are_as_late_as_the_truth_says(logs):
             spin = np.where(s > 0, v / (1 - s), v * (1 + s)) / r[f"radius_{axle}"]
             assert delay_of(x.log[f"wheel_speed_{axle}"], spin) == pytest.approx(told[f"wheel_speed_{axle}"], abs=0.002)
         p = x.car.parameters
-        above = (
-            p["cg_height"] - sprung(p)[1] + roll_arm(p),
-            p["cg_height"] - p["pitch_centre"],
-        )  # of the IMU over the axes
+        above = (p["cg_height"] - sprung(p)[1] + roll_arm(p), p["cg_height"] - p["pitch_centre"])  # of the IMU over the axes
         ddroll, ddpitch = (np.gradient(np.gradient(r[k], 0.01), 0.01) for k in ("roll", "pitch"))
         side = np.gradient(r["vel_y"], 0.01) + r["vel_x"] * r["yaw_rate"] + GRAVITY * np.sin(r["bank"] + r["roll"])
         side -= above[0] * ddroll
@@ -361,9 +344,7 @@ def test_a_driver_stops_where_told_waits_and_goes_on():
     speed, place = record.reference[:, RECORDED.index("vel_x")], record.reference[:, RECORDED.index("place")]
     waits = (speed < 0.1) & (place > 14)
     assert (np.abs(np.where(waits, place, 24) - 24) < 3).all()
-    assert (
-        ((waits.sum(0) > 100) & (waits.sum(0) < 300)).all() and (place[-1] > 25).all() and (speed.min(0) > -0.1).all()
-    )
+    assert ((waits.sum(0) > 100) & (waits.sum(0) < 300)).all() and (place[-1] > 25).all() and (speed.min(0) > -0.1).all()
 
 
 def test_secants_are_near_the_linear_stiffness_and_fall_on_ice(logs):
@@ -433,23 +414,16 @@ def test_a_car_that_floats_for_three_seconds_stays_on_its_road():
 def test_cars_are_plausible():
     for car in make_cars(60, 11):
         p, c = car.parameters, car.linear_stiffness()
-        assert (
-            1100 <= p["mass"] <= 2300 and 2.3 < p["lf"] + p["lr"] < 3.05 and 0.35 < p["lf"] / (p["lf"] + p["lr"]) < 0.55
-        )
+        assert 1100 <= p["mass"] <= 2300 and 2.3 < p["lf"] + p["lr"] < 3.05 and 0.35 < p["lf"] / (p["lf"] + p["lr"]) < 0.55
         assert 0.8 <= p["yaw_inertia"] / (p["mass"] * p["lf"] * p["lr"]) <= 1.2 and 0.0005 < car.understeer() < 0.009
         load = p["mass"] * GRAVITY * p["lr"] / (p["lf"] + p["lr"])
         assert 6 < c["cy_front"] / load < 26 and 15 < c["cx_front"] / load < 34
         v = car.vehicle
-        assert v["mass"] == pytest.approx(p["mass"], abs=0.1) and v["lf"] + v["lr"] == pytest.approx(
-            v["wheelbase"], abs=1e-3
-        )
+        assert v["mass"] == pytest.approx(p["mass"], abs=0.1) and v["lf"] + v["lr"] == pytest.approx(v["wheelbase"], abs=1e-3)
         assert 0 <= 1 - p["radius_front"] / v["wheel_radius_front"] <= 0.01
         assert abs(p["steering_ratio"] / v["steering_ratio"] - 1) <= 0.03 and "yaw_inertia" not in v
     heavier = make_cars(1, 11, mass_error=0.1, cg_error=0.05, tell_inertia=True)[0]
-    assert (
-        heavier.vehicle["mass"] == pytest.approx(1.1 * heavier.parameters["mass"], abs=0.1)
-        and "yaw_inertia" in heavier.vehicle
-    )
+    assert heavier.vehicle["mass"] == pytest.approx(1.1 * heavier.parameters["mass"], abs=0.1) and "yaw_inertia" in heavier.vehicle
     assert heavier.vehicle["lf"] == pytest.approx(heavier.parameters["lf"] + 0.05, abs=1e-3)
 
 
@@ -473,10 +447,7 @@ def test_no_sensor_tells_rear_tyres_from_a_suspension_that_gives_in_with_their_f
     own, tyres = car.parameters, 2 * car.parameters["cornering_rear"]
     stiffer = 1.1 * tyres
     soft = 1 / tyres - 1 / stiffer  # rad/N: what a suspension gives in, so that the axle is as before
-    others = (
-        {"cornering_rear": stiffer / 2, "compliance_rear": own["compliance_rear"] + soft},
-        {"cornering_rear": stiffer / 2},
-    )
+    others = ({"cornering_rear": stiffer / 2, "compliance_rear": own["compliance_rear"] + soft}, {"cornering_rear": stiffer / 2})
     read = []
     for change in ({}, *others):
         rig = Rig(25.0, cars=[replace(car, parameters=own | change)])

@@ -30,14 +30,7 @@ from tse.impl.tables import markdown_table
 from tse.impl.vehicle import filter_values, make_vehicle
 
 RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad per m/s2
-CAR = {
-    "mass": 1500.0,
-    "lf": 1.2,
-    "lr": 1.5,
-    "wheel_radius_front": 0.32,
-    "wheel_radius_rear": 0.32,
-    "driven_axle": "front",
-}
+CAR = {"mass": 1500.0, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32, "driven_axle": "front"}
 SPREAD = 0.2  # sd of ln of the true stiffness over that of the class
 LEAST = 40.0  # s: what a shorter manoeuvre lasts here
 

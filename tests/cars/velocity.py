@@ -41,10 +41,7 @@ def measured(
         return {}
     if way == "INS":
         noise = INS_SD * random.standard_normal((2, len(t)))
-        return {
-            "ins_vel_x": np.interp(t - clock, t, vx) + noise[0],
-            "ins_vel_y": np.interp(t - clock, t, vy) + noise[1],
-        }
+        return {"ins_vel_x": np.interp(t - clock, t, vx) + noise[0], "ins_vel_y": np.interp(t - clock, t, vy) + noise[1]}
     heading = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t)))
     course = heading + np.arctan2(vy, vx) + random.uniform(-np.pi, np.pi)
     at = np.unique(np.searchsorted(t, np.arange(LATE + clock, t[-1], 1.0 / RATE)))
@@ -78,9 +75,7 @@ def real_rows(data: Path) -> list[str]:
     lines = []
     for name in (n for n in REAL if (data / n / "data.csv").is_file()):
         log = read_log(data / name / "data.csv")
-        known = {c: log.ref[c].to_numpy(float) for c in ("ref_vel_x", "ref_vel_y")} | {
-            "r": log.data["yaw_rate"].to_numpy(float)
-        }
+        known = {c: log.ref[c].to_numpy(float) for c in ("ref_vel_x", "ref_vel_y")} | {"r": log.data["yaw_rate"].to_numpy(float)}
         vx, vy, rate = (np.interp(log.time, log.time[np.isfinite(x)], x[np.isfinite(x)]) for x in known.values())
         t = log.time - log.time[0]
         for way in WAYS:
@@ -108,9 +103,7 @@ def car_rows(drives: Path) -> list[str]:
         clocks = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8"))["logs"]
         for road in ROADS:
             log, reference, truth = driven(car / "test", road)
-            vx, vy, rate = (
-                np.interp(log.time, reference["time"], reference[c]) for c in ("vel_x", "vel_y", "yaw_rate")
-            )
+            vx, vy, rate = (np.interp(log.time, reference["time"], reference[c]) for c in ("vel_x", "vel_y", "yaw_rate"))
             for who, path in (("calibrated", car / "calibrated.toml"), ("of its class", car / "fit" / "car.toml")):
                 for way in WAYS:
                     columns = measured(way, log, vx, vy, rate, clocks[road]["latency"]["yaw_rate"], 1)
@@ -125,9 +118,7 @@ def car_rows(drives: Path) -> list[str]:
         sideslips = f"{np.sqrt(np.mean(group['sideslip'] ** 2)):.2f}", f"{100 * group['holds'].mean():.0f}"
         parts = [shares(group, *of, keys=CORNERING) for of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
         lines.append([road, who, way, *sideslips, errors, *parts, f"{100 * group['left out'].mean():.1f}"])
-    return markdown_table(
-        [*head.split("|"), "valid [%]", "of these off [%]", "interval holds [%]", "left out [%]"], lines, 3
-    )
+    return markdown_table([*head.split("|"), "valid [%]", "of these off [%]", "interval holds [%]", "left out [%]"], lines, 3)
 
 
 def main(arguments: list[str]) -> int:

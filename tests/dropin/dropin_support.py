@@ -19,9 +19,7 @@ def run(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | Non
     done = subprocess.run(
         [str(c) for c in command], cwd=cwd, env=os.environ | (env or {}), capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, (
-        f"{' '.join(map(str, command))}: {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
-    )
+    assert done.returncode == 0, f"{' '.join(map(str, command))}: {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
     return done.stdout
 
 

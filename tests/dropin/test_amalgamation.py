@@ -52,10 +52,7 @@ def test_the_same_sources_give_the_same_bytes(two: Path, tmp_path: Path) -> None
 def test_the_two_files_stand_alone_and_say_what_they_are(two: Path) -> None:
     header, source = (two / "tse.h").read_text(), (two / "tse.c").read_text()
     assert set(re.findall(r'#\s*include\s+"([^"]+)"', header)) == set()
-    assert set(re.findall(r'#\s*include\s+"([^"]+)"', source)) == {
-        "tse.h",
-        "tse_formula.h",
-    }  # the latter with TSE_FORMULA only
+    assert set(re.findall(r'#\s*include\s+"([^"]+)"', source)) == {"tse.h", "tse_formula.h"}  # the latter with TSE_FORMULA only
     version = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include/tse/version.h").read_text())
     for text in (header, source):
         assert f"tse {version[1]}," in text.partition("*/")[0]
@@ -69,26 +66,14 @@ def test_the_two_files_stand_alone_and_say_what_they_are(two: Path) -> None:
 def test_no_compiler_warns(two: Path, tmp_path: Path, compiler: str, real: str, effects: str) -> None:
     """-O1: gcc warns of more when it looks at the flow."""
     flags = ["-DTSE_NO_EFFECTS=1"] if effects == "without" else []
-    run(
-        tool(compiler),
-        *WARNINGS,
-        "-O1",
-        f"-DTSE_REAL_{real.upper()}=1",
-        *flags,
-        "-c",
-        two / "tse.c",
-        "-o",
-        tmp_path / "tse.o",
-    )
+    run(tool(compiler), *WARNINGS, "-O1", f"-DTSE_REAL_{real.upper()}=1", *flags, "-c", two / "tse.c", "-o", tmp_path / "tse.o")
 
 
 def test_header_and_source_are_cxx_too(two: Path) -> None:
     run(tool("g++"), "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", two / "tse.c")
 
 
-def test_the_two_files_compute_what_the_library_computes(
-    both: tuple[str, Path, Path], two: Path, tmp_path: Path
-) -> None:
+def test_the_two_files_compute_what_the_library_computes(both: tuple[str, Path, Path], two: Path, tmp_path: Path) -> None:
     real, library, archive = both
     expected = numbers(tmp_path, real, "-I", ROOT / "include", library)
     assert expected.count("\n") > 30

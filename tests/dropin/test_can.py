@@ -93,12 +93,7 @@ def test_a_plain_configure_builds_the_library(option: list[str], tmp_path: Path)
     assert "the FMUs are not built" in said
     assert "FETCHCONTENT_SOURCE_DIR_FMI2" in said
     assert ("a C++ compiler" in said) == bool(option)
-    assert cache(tmp_path) == {
-        "TSE_BUILD_TESTS": "OFF",
-        "TSE_BUILD_FMU": "OFF",
-        "TSE_BUILD_BENCH": "OFF",
-        "TSE_BUILD_FUZZ": "OFF",
-    }
+    assert cache(tmp_path) == {"TSE_BUILD_TESTS": "OFF", "TSE_BUILD_FMU": "OFF", "TSE_BUILD_BENCH": "OFF", "TSE_BUILD_FUZZ": "OFF"}
     if option:
         run(tool("cmake"), "--build", tmp_path)
         assert list((tmp_path / "src").glob("*tse.*"))
@@ -109,24 +104,12 @@ def test_tests_and_fmus_are_built_where_their_sources_are_given(tmp_path: Path) 
         pytest.skip("scripts/setup.sh has not put Unity and the FMI headers into .venv/share")
     said = run(tool("cmake"), "-S", ROOT, "-B", tmp_path, *GIVEN, "-DFETCHCONTENT_FULLY_DISCONNECTED=ON", env=NOWHERE)
     assert "not built" not in said
-    assert cache(tmp_path) == {
-        "TSE_BUILD_TESTS": "ON",
-        "TSE_BUILD_FMU": "ON",
-        "TSE_BUILD_BENCH": "OFF",
-        "TSE_BUILD_FUZZ": "OFF",
-    }
+    assert cache(tmp_path) == {"TSE_BUILD_TESTS": "ON", "TSE_BUILD_FMU": "ON", "TSE_BUILD_BENCH": "OFF", "TSE_BUILD_FUZZ": "OFF"}
 
 
-@pytest.mark.parametrize(
-    ("wanted", "named"), [("TESTS", "FETCHCONTENT_SOURCE_DIR_UNITY"), ("FMU", "FETCHCONTENT_SOURCE_DIR_FMI2")]
-)
+@pytest.mark.parametrize(("wanted", "named"), [("TESTS", "FETCHCONTENT_SOURCE_DIR_UNITY"), ("FMU", "FETCHCONTENT_SOURCE_DIR_FMI2")])
 def test_what_is_asked_for_is_not_left_out(wanted: str, named: str, tmp_path: Path) -> None:
-    options = [
-        "-DTSE_BUILD_TESTS=OFF",
-        "-DTSE_BUILD_FMU=OFF",
-        f"-DTSE_BUILD_{wanted}=ON",
-        "-DFETCHCONTENT_FULLY_DISCONNECTED=ON",
-    ]
+    options = ["-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF", f"-DTSE_BUILD_{wanted}=ON", "-DFETCHCONTENT_FULLY_DISCONNECTED=ON"]
     command = [str(x) for x in (tool("cmake"), "-S", ROOT, "-B", tmp_path, *options)]
     done = subprocess.run(command, env=os.environ | NOWHERE, capture_output=True, text=True, check=False)
     assert done.returncode != 0

@@ -88,9 +88,7 @@ class Unit:
 
     @property
     def binary(self) -> Path:
-        return next(
-            (self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob("*.*")
-        )
+        return next((self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob("*.*"))
 
 
 def exported(binary: Path) -> set[str]:
@@ -126,10 +124,7 @@ class Instance:
         self._callbacks = fmi2CallbackFunctions()
         self._callbacks.logger = fmi2CallbackLoggerTYPE(say)  # kept: ctypes does not
         self.slave = FMU2Slave(
-            guid=of.guid if guid is None else guid,
-            unzipDirectory=str(of.folder),
-            modelIdentifier=of.identifier,
-            instanceName=name,
+            guid=of.guid if guid is None else guid, unzipDirectory=str(of.folder), modelIdentifier=of.identifier, instanceName=name
         )
         whole = ("setInteger", "getInteger")
         self._of_type = {"Real": ("setReal", "getReal"), "Integer": whole, "Enumeration": whole,
@@ -234,9 +229,7 @@ class Instance3:
             if not group:
                 continue
             counts = [v.shape[0] if v.dimensions else 0 for v in group]
-            values = getattr(self.slave, f"get{function}")(
-                [v.valueReference for v in group], nValues=sum(n or 1 for n in counts)
-            )
+            values = getattr(self.slave, f"get{function}")([v.valueReference for v in group], nValues=sum(n or 1 for n in counts))
             for v, n in zip(group, counts, strict=True):
                 found[v.name] = [values.pop(0) for _ in range(n)] if n else values.pop(0)
         return found

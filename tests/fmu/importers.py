@@ -336,9 +336,7 @@ def main() -> int:
     (RESULTS / "fmu_importers.md").write_text(text)
     print(text)
     bad = [text for found in verdicts.values() for v in found for text in v.findings]
-    bad += [
-        f"{n}: {r}" for n, rows in clients.items() for r in rows if r.ran and r.says not in ("reference", "same bits")
-    ]
+    bad += [f"{n}: {r}" for n, rows in clients.items() for r in rows if r.ran and r.says not in ("reference", "same bits")]
     print(*bad, sep="\n", end="")
     return int(bool(bad))
 

@@ -46,11 +46,7 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     est = table[["time", *made]].rename(columns=lambda name: name.removeprefix("estimate."))
     truth = table[true].rename(columns=lambda name: name.replace(".", "_"))
     truth["road_level"] = np.where(table["time"] > ROAD_CHANGE[0] - STEP / 2, ROAD_CHANGE[1], 1.0)
-    return (
-        est,
-        truth,
-        table[[f"sensor.{c}" for c in CHANNELS]].rename(columns=lambda name: name.removeprefix("sensor.")),
-    )
+    return (est, truth, table[[f"sensor.{c}" for c in CHANNELS]].rename(columns=lambda name: name.removeprefix("sensor.")))
 
 
 def main() -> None:

@@ -11,18 +11,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmu_support import (
-    DRIVER,
-    ESTIMATOR,
-    MODELS,
-    VEHICLE,
-    Instance,
-    Instance3,
-    Unit,
-    exported,
-    headers,
-    unit,
-)
+from fmu_support import DRIVER, ESTIMATOR, MODELS, VEHICLE, Instance, Instance3, Unit, exported, headers, unit
 
 if not headers("3").is_dir():
     pytest.skip("scripts/setup.sh has not put the FMI 3.0 headers into .venv/share", allow_module_level=True)
@@ -47,17 +36,7 @@ def test_every_variable_of_2_is_there_with_name_reference_and_all_that_is_said_o
     two, new = unit(name), three(name)
     for old in two.description.modelVariables:
         v = new.variables[old.name]
-        said = (
-            "valueReference",
-            "description",
-            "causality",
-            "variability",
-            "unit",
-            "displayUnit",
-            "min",
-            "max",
-            "start",
-        )
+        said = ("valueReference", "description", "causality", "variability", "unit", "displayUnit", "min", "max", "start")
         assert {a: getattr(v, a) for a in said} == {a: getattr(old, a) for a in said}
         assert v.type == TYPES[old.type] and not v.dimensions
         assert (v.declaredType and v.declaredType.name) == (old.declaredType and old.declaredType.name)

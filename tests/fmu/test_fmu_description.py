@@ -65,17 +65,7 @@ def test_a_state_of_other_sources_is_refused_though_the_description_is_the_same(
     other = Unit.__new__(Unit)
     other.__dict__.update({**vehicle.__dict__, "folder": folder})
     command(
-        "cc",
-        *read_build(header.parent).flags,
-        "-O0",
-        "-fPIC",
-        "-shared",
-        "-I",
-        header.parent,
-        *files,
-        "-o",
-        other.binary,
-        "-lm",
+        "cc", *read_build(header.parent).flags, "-O0", "-fPIC", "-shared", "-I", header.parent, *files, "-o", other.binary, "-lm"
     )
     with Instance(vehicle) as i, Instance(other) as o:
         state = i.start().state()
@@ -97,14 +87,8 @@ def test_names_and_references_are_unique_and_structured(model: Unit) -> None:
 
 def test_parameters_are_the_settings_of_the_library() -> None:
     settings, simulator = ({f.name for f in library().fields(which)} for which in (CONFIG, SIM_CONFIG))
-    found = {
-        name: {v.name for v in unit(name).description.modelVariables if v.causality == "parameter"} for name in GROUPS
-    }
-    assert all(
-        full in ("ramp", "vehicle.calibrated") or full.partition(".")[0] in GROUPS[n]
-        for n in found
-        for full in found[n]
-    )
+    found = {name: {v.name for v in unit(name).description.modelVariables if v.causality == "parameter"} for name in GROUPS}
+    assert all(full in ("ramp", "vehicle.calibrated") or full.partition(".")[0] in GROUPS[n] for n in found for full in found[n])
     of_estimator = {full.partition(".")[2].replace(".", "_") for full in found[ESTIMATOR] - {"vehicle.calibrated"}}
     assert of_estimator == settings
     assert {x.partition(".")[2] for x in found[VEHICLE] if x.startswith("simulation.")} == simulator

@@ -68,9 +68,7 @@ def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -
         table[name] = np.nan_to_num(log.channels[:, i])
     how = {"stop_time": 5.9, "step_size": 0.01, "output_interval": 0.01, "input": table, "output": estimator.outputs}
     plain, all_set, known = (
-        simulate_fmu(
-            str(estimator.fmu), start_values={"vehicle.mass": 1650.0, **known}, apply_default_start_values=all_, **how
-        )
+        simulate_fmu(str(estimator.fmu), start_values={"vehicle.mass": 1650.0, **known}, apply_default_start_values=all_, **how)
         for all_, known in ((False, {}), (True, {}), (True, {"vehicle.calibrated": True}))
     )
     assert np.array_equal(plain, all_set)
@@ -109,9 +107,7 @@ def test_input_derivatives_of_the_vehicle(vehicle: Unit) -> None:
             instance.slave.setReal(reference, [0.0002 * k])
             instance.slave.setRealInputDerivatives(reference, [1], [0.02])
             instance.step(k * 0.01, 0.01)
-            assert instance.get(["sensor.steer_angle"])["sensor.steer_angle"] == pytest.approx(
-                0.0002 * (k + 1), rel=1e-12
-            )
+            assert instance.get(["sensor.steer_angle"])["sensor.steer_angle"] == pytest.approx(0.0002 * (k + 1), rel=1e-12)
 
 
 @pytest.mark.skipif(not shutil.which("make"), reason="make, which FMPy's CMake build takes, is not installed")
@@ -196,11 +192,7 @@ def test_a_difference_is_measured_against_the_size_of_an_output() -> None:
     def crash() -> np.ndarray:
         raise importers.Failed("it crashed")
 
-    for values, says in (
-        (reference.copy(), "same bits"),
-        (other, "2.5e-09"),
-        (reference[1:], "failed: 1 steps instead of 2"),
-    ):
+    for values, says in ((reference.copy(), "same bits"), (other, "2.5e-09"), (reference[1:], "failed: 1 steps instead of 2")):
         assert importers.difference(lambda v=values: v, reference) == says
     assert importers.difference(lambda: np.nan_to_num(reference), reference).startswith("failed: no number")
     assert importers.difference(crash, reference) == "failed: it crashed"
@@ -214,9 +206,7 @@ PARTICLES = 64
 
 def built(real: str) -> Path:
     """The folder of the FMUs; compiled quickly, which changes no bit."""
-    return build(
-        f"fmu-{real}-test", f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug"
-    )
+    return build(f"fmu-{real}-test", f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug")
 
 
 @functools.cache  # a binary that is loaded is not to be written again

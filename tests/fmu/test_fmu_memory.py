@@ -32,13 +32,7 @@ def scenario(environment: dict[str, str], *before: str, rows: int) -> subprocess
 
 @pytest.mark.skipif(not sanitizer(), reason="gcc's address sanitizer is not installed")
 def test_sanitizers_find_nothing() -> None:
-    build(
-        "fmu-asan",
-        "-DCMAKE_C_COMPILER=gcc",
-        "-DCMAKE_BUILD_TYPE=Debug",
-        f"-DCMAKE_C_FLAGS={FLAGS}",
-        "-DCMAKE_C_FLAGS_DEBUG=",
-    )
+    build("fmu-asan", "-DCMAKE_C_COMPILER=gcc", "-DCMAKE_BUILD_TYPE=Debug", f"-DCMAKE_C_FLAGS={FLAGS}", "-DCMAKE_C_FLAGS_DEBUG=")
     binary = unit(MODELS[0], "fmu-asan").binary
     assert "__asan" in run("nm", "-D", binary).stdout, "this FMU was built without the sanitizer"
     # leaks that name no line of ours are Python's own
@@ -56,9 +50,7 @@ def test_the_fmu_cannot_leak_because_it_does_not_allocate(model) -> None:
     """Memory is a pool; and of the C library nothing but these is called."""
     if not shutil.which("nm"):
         pytest.skip("nm is not installed")
-    needed = {
-        line.split()[-1].split("@")[0] for line in run("nm", "-D", "--undefined-only", model.binary).stdout.splitlines()
-    }
+    needed = {line.split()[-1].split("@")[0] for line in run("nm", "-D", "--undefined-only", model.binary).stdout.splitlines()}
     needed = {n for n in needed if not n.startswith("_")}
     assert needed <= {
         "memcpy",
@@ -87,9 +79,7 @@ def test_valgrind_finds_nothing_in_a_client(model, tmp_path: Path) -> None:
 
     client, input_ = tmp_path / "client", tmp_path / "in.csv"
     run("cc", "-std=c99", "-g", "-I", headers(), HERE / "client.c", "-o", client, "-ldl")
-    input_.write_text(
-        f"time,{model.code('steer_angle')}\n" + "".join(f"{0.01 * k:.2f},0.0{k % 3}\n" for k in range(12))
-    )
+    input_.write_text(f"time,{model.code('steer_angle')}\n" + "".join(f"{0.01 * k:.2f},0.0{k % 3}\n" for k in range(12)))
     few = ["--set", f"{model.code('filter.particles')}=60"] if "filter.particles" in model.variables else []
     common = ["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", client, model.binary, model.guid, input_]
     run(*common, tmp_path / "out.csv", *few, "--save", f"{tmp_path / 'state'}@6")

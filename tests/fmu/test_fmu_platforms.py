@@ -63,9 +63,7 @@ def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: 
     of = reference["unit"]
     text = run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
                       *reference["settings"], "--save", f"{tmp_path / 'state'}@{MIDDLE}")  # fmt: skip
-    wrong = [
-        i for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True)) if a != b
-    ]
+    wrong = [i for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True)) if a != b]
     assert not wrong, f"{target} differs from row {wrong[0]} on"
     assert (tmp_path / "state").read_bytes() == reference["state"].read_bytes()
 
@@ -76,14 +74,7 @@ def test_fmi_3_has_the_bits_of_fmi_2_there_and_its_state_goes_on(reference: dict
         pytest.skip(why)
     old, state = reference["unit"], tmp_path / "state"
     of = unit(f"{old.identifier}-fmi3")
-    run = [
-        client_for(target),
-        library_for(target, of),
-        of,
-        reference["input"],
-        tmp_path / "out.csv",
-        *options(of, old.outputs),
-    ]
+    run = [client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of, old.outputs)]
     rows = reference["text"].splitlines()[1:]
     assert run_client(*run, *reference["settings"], "--save", f"{state}@{MIDDLE}").splitlines()[1:] == rows
     if target != "win64":  # wine takes seconds

@@ -93,9 +93,7 @@ def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Un
         instance.start({**KNOWN, "filter.particles": 100})
         rows = log.through_fmu(instance)
     expect_same_rows(rows, (expected_outputs(row, config) for row in log.through_library({"particles": 100})))
-    assert any(
-        r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"] for r in rows
-    )
+    assert any(r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"] for r in rows)
 
 
 def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> None:
@@ -187,8 +185,7 @@ def study(seed: int, ramp: bool = True) -> Study:
             car.step(k * STEP, STEP)
     late = np.arange(n) * STEP >= WINDOW
     result = {
-        s: (errors[late, a].mean(), np.mean(errors[late, a] ** 2), 100 * valid[late, a].mean())
-        for a, s in enumerate(STIFFNESS)
+        s: (errors[late, a].mean(), np.mean(errors[late, a] ** 2), 100 * valid[late, a].mean()) for a, s in enumerate(STIFFNESS)
     }
     return Study(Log(np.arange(n) * STEP, channels), rows, result)
 

@@ -111,9 +111,7 @@ def test_what_is_not_the_estimator_is_refused(ssp, tmp_path):
 
 def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp):
     drive = {"steer_angle": steering, "wheel_torque_front": torque, "wheel_torque_rear": lambda _: 0.0}
-    result = fmpy_ssp.simulate_ssp(
-        str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=known_car(ssp), input=drive
-    )
+    result = fmpy_ssp.simulate_ssp(str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=known_car(ssp), input=drive)
     assert len(result) == STEPS
     by_hand = stepped_by_hand()
     for name in by_hand.dtype.names:
@@ -131,10 +129,7 @@ def stepped_by_hand() -> np.ndarray:
     with Instance(unit(VEHICLE)) as vehicle, Instance(unit(ESTIMATOR)) as estimator:
         vehicle.start()
         estimator.start({"vehicle.calibrated": True})
-        driver, measured = (
-            {"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0},
-            dict.fromkeys(sensors, 0.0),
-        )
+        driver, measured = ({"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0}, dict.fromkeys(sensors, 0.0))
         for i in range(STEPS):
             time = i * STEP
             vehicle.set(driver)

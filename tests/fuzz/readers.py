@@ -128,11 +128,7 @@ def logs() -> list[bytes]:
     holes = table_of()
     holes.loc[5:9, "accel_y"] = np.nan
     holes.loc[20, "steer_angle"] = np.nan
-    return [
-        good_log(),
-        *(t.to_csv(index=False).encode() for t in (more, sides, holes)),
-        good_log().replace(b"\n", b"\r\n"),
-    ]
+    return [good_log(), *(t.to_csv(index=False).encode() for t in (more, sides, holes)), good_log().replace(b"\n", b"\r\n")]
 
 
 def read_log(data: bytes, folder: Path) -> None:
@@ -158,10 +154,7 @@ def read_car(data: bytes, folder: Path) -> None:
 
 
 def filters() -> list[bytes]:
-    return [
-        b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n",
-        b"[filter]\nform = 0\nwheel_signals = 1\nseed = 7\n",
-    ]
+    return [b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n", b"[filter]\nform = 0\nwheel_signals = 1\nseed = 7\n"]
 
 
 def read_filter(data: bytes, folder: Path) -> None:
@@ -233,18 +226,7 @@ ODD = (b"nan", b"inf", b"-inf", b"1e400", b"-0", b"1e-400", b"9" * 400, b"0x10",
 TOML_WORDS = (b"[", b"]", b"[[", b"{", b"}", b"[" * 3000, b"x = " + b"[" * 3000 + b"\n", b"a." * 2000, b'"""', b"true",
               b"1979-05-27", b"= [1, 2]", b"= {}", b"inf", b"\\u0000", b"mass = 1", b"[effects]", b"[effects.grade]",
               b"[formula]\nfile = 'x.toml'\n", b"[sensors]", b"[latency]")  # fmt: skip
-JSON_WORDS = (
-    b"[" * 3000,
-    b"{",
-    b"null",
-    b"true",
-    b"NaN",
-    b"Infinity",
-    b"1e999",
-    b'{"cases": 3}',
-    b'"cases"',
-    b"\\ud800",
-)
+JSON_WORDS = (b"[" * 3000, b"{", b"null", b"true", b"NaN", b"Infinity", b"1e999", b'{"cases": 3}', b'"cases"', b"\\ud800")
 
 FILTER_WORDS = (*TOML_WORDS, b"sample_time = 0.001", b"form = 1", b"max_gap = 1.0", b"noise_max = 1000.0")
 FORMULA_WORDS = (*TOML_WORDS, b"lag(", b"late(", b"**", b"(" * 100, b"sqrt(", b"__import__", b"place")
@@ -285,9 +267,7 @@ def changed(dice: random.Random, data: bytes, others: list[bytes], words: tuple[
                 found = list(re.finditer(rb"-?\d+\.?\d*", bytes(b)))
                 if found:
                     m = dice.choice(found)
-                    b[m.start() : m.end()] = dice.choice(
-                        [*ODD[:10], b"0", b"-1", b"1e9", str(dice.uniform(-1e3, 1e3)).encode()]
-                    )
+                    b[m.start() : m.end()] = dice.choice([*ODD[:10], b"0", b"-1", b"1e9", str(dice.uniform(-1e3, 1e3)).encode()])
             case 7:  # lines in another order, or twice
                 lines = bytes(b).split(b"\n")
                 i, k = dice.randrange(len(lines)), dice.randrange(len(lines))
@@ -363,9 +343,7 @@ def way_of(what: str) -> str:
     """Where it broke and with which exception; else what was said, without numbers and names."""
     lines = what.strip().splitlines()
     places = [line for line in lines if re.match(r' *File ".*tselab', line)]
-    return (
-        " ".join([*places[-1:], lines[-1].partition(":")[0]]) if places else re.sub(r"\d+|'[^']*'", "", lines[0])[:80]
-    )
+    return " ".join([*places[-1:], lines[-1].partition(":")[0]]) if places else re.sub(r"\d+|'[^']*'", "", lines[0])[:80]
 
 
 def kept(name: str) -> list[tuple[str, bytes]]:
@@ -376,16 +354,10 @@ def kept(name: str) -> list[tuple[str, bytes]]:
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}; default: all")
-    parser.add_argument(
-        "--runs", type=int, default=1 << 62, help="files of each target; default: as many as --seconds allow"
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs"
-    )
+    parser.add_argument("--runs", type=int, default=1 << 62, help="files of each target; default: as many as --seconds allow")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept"
-    )
+    parser.add_argument("--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept")
     given = parser.parse_args()
     if wrong := [t for t in given.targets if t not in TARGETS]:
         parser.error(f"no target {wrong[0]}; there are {', '.join(TARGETS)}")
@@ -408,9 +380,7 @@ def run() -> int:
         done, wrong = search(name, given.runs, given.seconds, given.seed, given.found)
         findings += wrong
         seconds = round(time.monotonic() - start, 1)
-        print(
-            json.dumps({"target": f"reader_{name}", "inputs": done, "findings": wrong, "seconds": seconds}), flush=True
-        )
+        print(json.dumps({"target": f"reader_{name}", "inputs": done, "findings": wrong, "seconds": seconds}), flush=True)
     return int(findings > 0)
 
 

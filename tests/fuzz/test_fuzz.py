@@ -22,9 +22,7 @@ RUNS = "400"
 
 def fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess[str]:
     env = dict(os.environ) if path is None else {**os.environ, "PATH": path}
-    return subprocess.run(
-        ["bash", "scripts/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900
-    )
+    return subprocess.run(["bash", "scripts/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900)
 
 
 def test_nothing_is_found_in_a_few_inputs():

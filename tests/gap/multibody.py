@@ -465,9 +465,7 @@ ROLLING = np.linspace(0.1, 3.0, 59)  # Hz, where the modes are fitted
 def roll_gain(p: VehicleParameters) -> float:
     """rad s2/m: of body_roll, linearised at 20 m/s, steering, 0.1 .. 3 Hz: roll over the tyres' force by a mode."""
     y = response(p, 20.0, "steer", ROLLING)
-    return gain(
-        ROLLING, -y["roll"] / y["force_y"]
-    )  # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
+    return gain(ROLLING, -y["roll"] / y["force_y"])  # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
 
 
 def pitch_and_load(p: VehicleParameters) -> tuple[float, float]:
@@ -568,9 +566,7 @@ def write(folder: Path, number: int, seed: int = 1) -> None:
     for name in (*FITTED, *HELD_OUT):
         log = sensors(p, motion(p, program_of(p, name, seed)), stream(seed, f"{name} noise"))
         path = folder / f"{'log' if name in FITTED else 'hold_out'}_{name}.csv"
-        np.savetxt(
-            path, np.column_stack(list(log.values())), fmt="%.7g", delimiter=",", header=",".join(COLUMNS), comments=""
-        )
+        np.savetxt(path, np.column_stack(list(log.values())), fmt="%.7g", delimiter=",", header=",".join(COLUMNS), comments="")
     (folder / "car.toml").write_text(vehicle_toml(p, number), encoding="utf-8")
     (folder / "truth.json").write_text(json.dumps(truth(p), indent=1) + "\n", encoding="utf-8")
 
@@ -587,9 +583,7 @@ def run(car: int) -> dict:
             write(folder, car)
         logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
         verdict = gap(logs, folder / "car.toml", held).as_json()
-        done.write_text(
-            json.dumps(plain({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")}))
-        )
+        done.write_text(json.dumps(plain({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")})))
     return json.loads(done.read_text())
 
 
@@ -602,10 +596,7 @@ def true_size(truth: dict, effect: str) -> tuple[str, float] | None:
 
 def table(results: dict[int, tuple[dict, dict]]) -> str:
     """By car: result and truth -> Markdown."""
-    lines = [
-        "| car | named: size (the car's) | formula | accel_x, held out | accel_y | yaw_rate |",
-        "|---|---|---|---:|---:|---:|",
-    ]
+    lines = ["| car | named: size (the car's) | formula | accel_x, held out | accel_y | yaw_rate |", "|---|---|---|---:|---:|---:|"]
     for car, (result, truth) in results.items():
         named = []
         for e in result["effects"]:

@@ -108,9 +108,7 @@ def table(rows: Sequence[Row], jobs: int) -> str:
     ]
     for r in rows:
         held_out = f"{r.held_out:.1f}" if r.held_out else "-"
-        lines.append(
-            f"| {r.case} | {r.logs} | {r.minutes:.1f} | {held_out} | {r.seconds:.0f} | {r.gigabytes:.2f} | {r.verdict} |"
-        )
+        lines.append(f"| {r.case} | {r.logs} | {r.minutes:.1f} | {held_out} | {r.seconds:.0f} | {r.gigabytes:.2f} | {r.verdict} |")
     return "\n".join(lines) + "\n"
 
 
@@ -123,14 +121,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tests.gap.scale", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--duration", type=float, default=LONG, help=f"s of a log (%(default)g); of the many at most {SHORT:g}"
-    )
+    parser.add_argument("--duration", type=float, default=LONG, help=f"s of a log (%(default)g); of the many at most {SHORT:g}")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
     parser.add_argument("--jobs", type=int, default=2, help="threads of the command (%(default)s)")
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="for the table; default: the whole one's to scripts/results"
-    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="for the table; default: the whole one's to scripts/results")
     options = parser.parse_args(arguments)
     rows = []
     for case in dict.fromkeys(options.only):

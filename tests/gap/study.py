@@ -137,9 +137,7 @@ def worst_held_out(case: dict) -> float:
 
 def closed_held_out(case: dict) -> float:
     """Share of the energy above the noise, of all channels of the held-out logs, that what was named or proposed closes."""
-    before, after = (
-        sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after")
-    )
+    before, after = (sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after"))
     return 1.0 - after / before if before > 0 else 0.0
 
 
@@ -214,10 +212,7 @@ def tables(cases: list[dict]) -> dict[str, str]:
     lines += ["", *reliability([c for c in cases if not c["outside"]])]
     each = ["| hidden | named, by seed | size error | gap before -> after (fit) | held out |", "|---|---|---:|---|---|"]
     for c in sorted(cases, key=lambda c: (group(c), c["name"])):
-        named = (
-            "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"])
-            or "-"
-        )
+        named = "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"]) or "-"
         if c["sensors"]:
             named = "; ".join([*([] if named == "-" else [named]), *c["sensors"]])
         if c.get("formula"):
@@ -278,9 +273,7 @@ def main() -> int:
     parser.add_argument("--short", action="store_true", help=f"{len(SHORT)} cases")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="forget the cases that are done")
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="where tables go; default: the whole study's to scripts/results"
-    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables go; default: the whole study's to scripts/results")
     options = parser.parse_args()
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
@@ -297,9 +290,7 @@ def main() -> int:
     print("\n".join(found.values()))
     whole = options.short or {s.name for s in specs} >= {s.name for s in chosen(SEEDS, [])}
     written = [str(p) for p in write(found, whole, options.out)]
-    print(
-        f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)", file=sys.stderr
-    )
+    print(f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)", file=sys.stderr)
     return 0
 
 

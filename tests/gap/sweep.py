@@ -26,13 +26,7 @@ from tests.gap.study import same
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-sweep"
 TABLE = ROOT / "scripts" / "results" / "gap-sweep.md"
-CASES = (
-    "clean-108",
-    "relaxation-1x-1",
-    "lateral_load_transfer-1x-1",
-    "body_roll+steering_ratio-1x-2",
-    "low_grip_patch-1x-1",
-)
+CASES = ("clean-108", "relaxation-1x-1", "lateral_load_transfer-1x-1", "body_roll+steering_ratio-1x-2", "low_grip_patch-1x-1")
 # Half and twice, or what is half and twice as probable.
 VALUES: dict[str, tuple[float, float]] = {
     "gap.infer.hypotheses.EXPECTED": (0.5, 2.0),
@@ -114,9 +108,7 @@ def _value(name: str) -> float:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.sweep", description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "--only", nargs="*", default=[], help="parts of names of constants; the table is printed, and not written"
-    )
+    parser.add_argument("--only", nargs="*", default=[], help="parts of names of constants; the table is printed, and not written")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true")
     options = parser.parse_args()

@@ -18,17 +18,7 @@ from generator.case import _careful, _prepare, drive_of
 from generator.effects import hide
 from generator.filters import backlash, bessel, delayed, second_order, sticking
 from generator.manoeuvres import SETTLE, Program
-from generator.model import (
-    LATERAL_C,
-    OUTPUTS,
-    SLOW,
-    STEP,
-    load_factor,
-    magic_formula,
-    side_force_weight,
-    simulate,
-    slope,
-)
+from generator.model import LATERAL_C, OUTPUTS, SLOW, STEP, load_factor, magic_formula, side_force_weight, simulate, slope
 from generator.sensors import imu
 
 G = 9.81
@@ -107,13 +97,7 @@ def rigs():
     brake = -5.0 * (ramp(1.0, 0.2) - ramp(3.0, 0.2))
     swing = np.sin(2 * np.pi * (0.5 + 0.2 * T) * T) * ramp(0, 0.5)
     hill, side = {**baseline(), "grade": 0.03}, {**baseline(), "bank": 0.04, "bank_wander": 0.01}
-    agile = {
-        **baseline(),
-        "exact": 1.0,
-        "ackermann": 1.0,
-        "cornering_stiffness_front": 1.0e6,
-        "cornering_stiffness_rear": 1.2e6,
-    }
+    agile = {**baseline(), "exact": 1.0, "ackermann": 1.0, "cornering_stiffness_front": 1.0e6, "cornering_stiffness_rear": 1.2e6}
     swings = {"roll_gain": 0.008, "roll_coupling": 0.0025, "pitch_gain": 0.004, "pitch_coupling": 0.0005}
     lively = {**baseline(), **swings, "exact": 1.0}
     plain = {
@@ -205,9 +189,7 @@ def test_energy_is_lost_to_the_tyres_at_the_rate_of_force_times_slip_speed(plain
     run, c = plain["coast"], baseline()
     s = run.slow
     spin = c["wheel_inertia"] * (c["track_front"] ** 2 + c["track_rear"] ** 2) / 2 / 0.325**2
-    wheels = (
-        c["wheel_inertia"] * (s["wf"] ** 2 + s["wr"] ** 2) + 0.5 * spin * s["r"] ** 2
-    )  # mean and difference of left and right
+    wheels = c["wheel_inertia"] * (s["wf"] ** 2 + s["wr"] ** 2) + 0.5 * spin * s["r"] ** 2  # mean and difference of left and right
     energy = 0.5 * c["mass"] * (s["vx"] ** 2 + s["vy"] ** 2) + 0.5 * (c["yaw_inertia"] - spin) * s["r"] ** 2 + wheels
     work = np.trapezoid(s["tf"] * s["wf"] + s["tr"] * s["wr"], dx=0.01)
     front = s["steer"] - (s["vy"] + c["lf"] * s["r"]) / s["vx"]
@@ -223,9 +205,7 @@ def test_energy_is_lost_to_the_tyres_at_the_rate_of_force_times_slip_speed(plain
 def test_brakes_share_torque_and_slip_as_they_are_built(plain):
     s, c = plain["brake"].slow, baseline()
     i = 200
-    assert s["tf"][i] / (s["tf"][i] + s["tr"][i]) == pytest.approx(
-        c["brake_front"], abs=0.02
-    )  # the engine drags in front, too
+    assert s["tf"][i] / (s["tf"][i] + s["tr"][i]) == pytest.approx(c["brake_front"], abs=0.02)  # the engine drags in front, too
     slip = {a: (0.325 * s[f"w{a}"][i] - s["vx"][i]) / s["vx"][i] for a in "fr"}
     force = {a: (s[f"t{a}"][i] + 2 * c["wheel_inertia"] * 5.0 / 0.325) / 0.325 for a in "fr"}
     assert slip["f"] == pytest.approx(force["f"] / c["longitudinal_stiffness_front"], rel=0.02)
@@ -412,20 +392,14 @@ def test_a_sensor_turned_to_the_left_reads_side_force_as_push(runs):
 def test_a_wrong_radius_is_a_wrong_speed(runs):
     run, p = runs["sine", "wheel_radius"]
     clean = runs["sine", "clean"][0].slow
-    assert run.slow["wf"][-1] / clean["wf"][-1] == pytest.approx(
-        1 / (1 + p["eps"]), rel=1e-3
-    )  # the driver keeps the speed
+    assert run.slow["wf"][-1] / clean["wf"][-1] == pytest.approx(1 / (1 + p["eps"]), rel=1e-3)  # the driver keeps the speed
     assert abs(p["eps"]) > 0.009
 
 
 # ---- the others: axle stiffness in turns, offsets, losses
 
 
-STEADY, BRAKING, THRUST = (
-    slice(420, 480),
-    slice(560, 615),
-    slice(780, 880),
-)  # samples: 5 m/s2 lateral; -3.5, 2 m/s2 in it
+STEADY, BRAKING, THRUST = (slice(420, 480), slice(560, 615), slice(780, 880))  # samples: 5 m/s2 lateral; -3.5, 2 m/s2 in it
 
 
 def ratios(runs, name, when):
@@ -502,9 +476,7 @@ def test_accel_x_reads_too_much_when_braking(runs, name):
     when = slice(5600, 6150)
     more = run.imu[when, 0].mean() / run.fast["fx"][when].mean() - 1
     # the pitch mode overshoots in half a second of braking; 0.15 of the leak
-    assert more == pytest.approx(
-        p["s"] if name == "imu_scale_ax" else G * p["k"], rel=0.02 if name == "imu_scale_ax" else 0.2
-    )
+    assert more == pytest.approx(p["s"] if name == "imu_scale_ax" else G * p["k"], rel=0.02 if name == "imu_scale_ax" else 0.2)
 
 
 def test_longitudinal_relaxation_delays_the_force_after_the_slip(runs):
@@ -688,9 +660,7 @@ def test_without_noise_the_baseline_model_explains_every_clean_log(cases):
 
 def test_with_noise_the_residual_of_clean_logs_is_the_sensors_noise(cases):
     case = cases["clean"]
-    logs = [
-        {k: low_pass(v) if "wheel" in k or k == "steer_angle" else v for k, v in g.items()} for g in case.logs.values()
-    ]
+    logs = [{k: low_pass(v) if "wheel" in k or k == "steer_angle" else v for k, v in g.items()} for g in case.logs.values()]
     _, residual = fit(logs)
     rms = np.sqrt((residual**2).mean((0, 2)))
     # 1200 rows, three logs: the RMS of white noise scatters by 1/sqrt(2 x 3600) = 1 %; what the smoothing leaves of the
@@ -714,9 +684,7 @@ def test_logs_and_vehicle_are_read_by_tselab(cases, tmp_path):
     from tse.impl.logs.log import read_log
     from tse.impl.vehicle import read_vehicle
 
-    folder = replace(cases["roll"], hold_out={"slalom": cases["stick"].logs["slalom"]}).write(
-        tmp_path / "case", optional=True
-    )
+    folder = replace(cases["roll"], hold_out={"slalom": cases["stick"].logs["slalom"]}).write(tmp_path / "case", optional=True)
     for path in sorted(folder.glob("*.csv")):
         log = read_log(path)
         assert len(log) == 1201
@@ -736,9 +704,7 @@ def test_logs_and_vehicle_are_read_by_tselab(cases, tmp_path):
 
 
 def test_the_vehicle_file_tells_nothing_of_what_is_hidden():
-    files = {
-        _prepare(Spec("", e, 4, duration=6.0))[0].vehicle_toml() for e in ({}, {"mass": 1.0}, {"wheel_radius": 1.0})
-    }
+    files = {_prepare(Spec("", e, 4, duration=6.0))[0].vehicle_toml() for e in ({}, {"mass": 1.0}, {"wheel_radius": 1.0})}
     assert len(files) == 1
 
 
@@ -786,10 +752,7 @@ def test_what_is_told_of_an_effect_is_what_was_asked_for(key, size):
         (truth,) = hide(car, {key: 1.0}, np.random.default_rng(seed), size)
         measured = e.measure(car).get(e.parameter, truth["value"])
         assert size * e.low * 0.999 <= abs(truth["value"]) <= size * e.high * 1.001
-        assert measured == pytest.approx(truth["value"], rel=0.12 if key == "rolling_resistance" else 0.03), (
-            measured,
-            truth,
-        )
+        assert measured == pytest.approx(truth["value"], rel=0.12 if key == "rolling_resistance" else 0.03), (measured, truth)
 
 
 def test_the_study_has_every_effect_in_its_sizes_and_names_are_unique():

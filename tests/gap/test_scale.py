@@ -38,7 +38,4 @@ def test_memory_is_that_of_one_process() -> None:
 
 def test_a_row_of_the_table() -> None:
     row = scale.Row("long", "6, and 2 held out", 30.0, 10.0, 123.4, 1.234, "named: body_roll")
-    assert (
-        scale.table([row], 2).splitlines()[-1]
-        == "| long | 6, and 2 held out | 30.0 | 10.0 | 123 | 1.23 | named: body_roll |"
-    )
+    assert scale.table([row], 2).splitlines()[-1] == "| long | 6, and 2 held out | 30.0 | 10.0 | 123 | 1.23 | named: body_roll |"

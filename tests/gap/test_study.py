@@ -18,22 +18,13 @@ HELD_OUT = ("slalom",)
 
 
 def found(
-    tmp_path: Path,
-    effects: dict[str, float],
-    seed: int,
-    manoeuvres: tuple[str, ...],
-    hold_out: tuple[str, ...] = HELD_OUT,
+    tmp_path: Path, effects: dict[str, float], seed: int, manoeuvres: tuple[str, ...], hold_out: tuple[str, ...] = HELD_OUT
 ) -> tuple[dict, dict, int]:
     """Of 20 s of each manoeuvre. What is hidden is found in few; that nothing is found which is not there is harder in many. With
     held-out logs the search runs twice."""
     case = next(make_cases([Spec("case", effects, seed, manoeuvres=manoeuvres, hold_out=hold_out, duration=20)]))
     folder = case.write(tmp_path / "case")
-    result = run(
-        sorted(folder.glob("log_*.csv")),
-        folder / "car.toml",
-        sorted(folder.glob("hold_out_*.csv")),
-        jobs=2,
-    )
+    result = run(sorted(folder.glob("log_*.csv")), folder / "car.toml", sorted(folder.glob("hold_out_*.csv")), jobs=2)
     return result.as_json(), case.truth, result.exit_code
 
 
@@ -41,15 +32,11 @@ def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
     verdict, _, code = found(tmp_path, {}, 101, MANOEUVRES)
     assert verdict["verdict"] == "none" and code == 0 and verdict["effects"] == []
     assert max(verdict["gap"]["fit"]["after"].values()) < 1.2
-    assert {"aero_drag", "rolling_resistance"} <= {
-        d["id"] for d in verdict["undetectable"]
-    }  # no speed, no torque in the log
+    assert {"aero_drag", "rolling_resistance"} <= {d["id"] for d in verdict["undetectable"]}  # no speed, no torque in the log
 
 
 # 15 %: the forms of the generator differ from the catalogue's
-@pytest.mark.parametrize(
-    ("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")]
-)
+@pytest.mark.parametrize(("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")])
 def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key: str) -> None:
     verdict, truth, code = found(tmp_path, {effect: 1.0}, 2, FEW)
     assert verdict["verdict"] == "named", json.dumps(verdict["words"])

@@ -52,9 +52,7 @@ def messages(clean: pd.DataFrame) -> list[Message]:
     wheels = {}
     for axle, short in (("front", "V"), ("rear", "H")):
         for side, sign in (("L", -1), ("R", 1)):
-            speed = (
-                clean[f"wheel_speed_{axle}"].to_numpy() * RADIUS[axle] + sign * 0.5 * TRACK * clean.yaw_rate.to_numpy()
-            )
+            speed = clean[f"wheel_speed_{axle}"].to_numpy() * RADIUS[axle] + sign * 0.5 * TRACK * clean.yaw_rate.to_numpy()
             wheels[f"Rad{short}{side}"] = 3.6 * speed
     steer = {"LenkradWinkel": DEG * RATIO * clean.steer_angle.to_numpy()}
     imu = {"Gierrate": DEG * clean.yaw_rate.to_numpy(), "Querbeschl": clean.accel_y.to_numpy() / 9.80665,
@@ -206,9 +204,7 @@ def bus(folder: Path, parts: list[Message], name: str) -> Path:
     with can.Logger(str(path)) as logger:
         for t, identifier, extended, data in frames(parts):
             logger.on_message_received(
-                can.Message(
-                    timestamp=float(1.7e9 + t), arbitration_id=identifier, is_extended_id=extended, data=data, channel=1
-                )
+                can.Message(timestamp=float(1.7e9 + t), arbitration_id=identifier, is_extended_id=extended, data=data, channel=1)
             )
     (folder / "car.dbc").write_text(DBC)
     text = signals_toml({"steer": "steer.", "wheels": "wheels.", "imu": "imu."}, units=False)
@@ -254,9 +250,7 @@ def mf4_bus(folder: Path, parts: list[Message]) -> Path:
     source.name = source.path = "CAN1"
     path = folder / "bus.mf4"
     with MDF(version="4.11") as mdf:
-        mdf.append(
-            [Signal(samples, np.array([f[0] for f in found]), name="CAN_DataFrame", source=source)], acq_source=source
-        )
+        mdf.append([Signal(samples, np.array([f[0] for f in found]), name="CAN_DataFrame", source=source)], acq_source=source)
         mdf.save(path, overwrite=True)
     (folder / "car.dbc").write_text(DBC)
     (folder / "signals.toml").write_text(signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n'))
@@ -317,9 +311,7 @@ def _store(ros1: bool = False) -> object:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    store.register(
-        get_types_from_msg(WHEELS_MSG, "car_msgs/msg/Wheels") | get_types_from_msg(STEER_MSG, "car_msgs/msg/Steer")
-    )
+    store.register(get_types_from_msg(WHEELS_MSG, "car_msgs/msg/Wheels") | get_types_from_msg(STEER_MSG, "car_msgs/msg/Steer"))
     return store
 
 
@@ -372,9 +364,7 @@ def mcap(folder: Path, parts: list[Message]) -> Path:
                 schema = writer.register_schema(kind, "ros2msg", text.encode())
                 opened[topic] = writer.register_channel(topic, "cdr", schema)
             at = round(1e9 * t)
-            writer.add_message(
-                opened[topic], log_time=at, publish_time=at, data=bytes(store.serialize_cdr(message, kind))
-            )
+            writer.add_message(opened[topic], log_time=at, publish_time=at, data=bytes(store.serialize_cdr(message, kind)))
 
         _ros(store, parts, write)
         writer.finish()

@@ -23,14 +23,7 @@ from tse.impl.estimate import est_columns
 ROOT = Path(__file__).resolve().parents[2]
 REPLAY = ROOT / "tests" / "replay"
 CAR = {"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32}
-ROW = {
-    "steer_angle": 0.01,
-    "wheel_speed_front": 60.0,
-    "wheel_speed_rear": 60.0,
-    "accel_x": 0.0,
-    "accel_y": 1.0,
-    "yaw_rate": 0.05,
-}
+ROW = {"steer_angle": 0.01, "wheel_speed_front": 60.0, "wheel_speed_rear": 60.0, "accel_x": 0.0, "accel_y": 1.0, "yaw_rate": 0.05}
 
 
 @pytest.fixture(scope="module")
@@ -48,16 +41,7 @@ def same_bits(a, b):
 
 
 def test_what_is_usable_is_what_the_command_says(drive, result, tmp_path):
-    done = tselab(
-        "estimate",
-        drive.log,
-        "--vehicle",
-        drive.vehicle,
-        "--out",
-        tmp_path / "e.csv",
-        "--table",
-        tmp_path / "t.parquet",
-    )
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "e.csv", "--table", tmp_path / "t.parquet")
     assert {0: "yes", 3: "in part", 4: "no"}[done.code] == result.usable
     theirs = pd.read_parquet(tmp_path / "t.parquet").drop(columns="log")
     pd.testing.assert_frame_equal(result.stretches, theirs, check_exact=True)
@@ -104,21 +88,11 @@ def test_settings_and_average_reach_the_filter_as_options_of_the_command_do(driv
 
 
 def test_a_mapping_is_a_vehicle_file(drive, frame, tmp_path):
-    text = (
-        "\n".join(f"{k} = {v}" for k, v in CAR.items())
-        + "\n[latency]\nsteer_angle = 0.02\n[sensors]\naccel_y_sd = 0.2\n"
-    )
+    text = "\n".join(f"{k} = {v}" for k, v in CAR.items()) + "\n[latency]\nsteer_angle = 0.02\n[sensors]\naccel_y_sd = 0.2\n"
     (tmp_path / "car.toml").write_text(text)
-    mapping = {
-        **CAR,
-        "mass": np.int64(1650),
-        "latency": {"steer_angle": np.float32(0.02)},
-        "sensors": {"accel_y_sd": 0.2},
-    }
+    mapping = {**CAR, "mass": np.int64(1650), "latency": {"steer_angle": np.float32(0.02)}, "sensors": {"accel_y_sd": 0.2}}
     before = copy.deepcopy(mapping)
-    first = tse.estimate(
-        frame.head(300), mapping, settings={"steer_angle_latency": 0.02}
-    )  # a float32 is not quite 0.02
+    first = tse.estimate(frame.head(300), mapping, settings={"steer_angle_latency": 0.02})  # a float32 is not quite 0.02
     second = tse.estimate(frame.head(300), tmp_path / "car.toml")
     pd.testing.assert_frame_equal(first.table, second.table, check_exact=True)
     assert mapping == before and first.settings == second.settings
@@ -313,13 +287,7 @@ def test_a_measurement_out_of_range_is_missing_and_said_so():
 
 def test_a_channel_that_is_late_is_waited_for(frame):
     f = tse.Filter({**CAR, "latency": {"accel_y": 0.03}})
-    assert f.latencies == {
-        "steer_angle": 0.0,
-        "wheel_speed_front": 0.0,
-        "wheel_speed_rear": 0.0,
-        "accel_x": 0.0,
-        "accel_y": 0.03,
-    }
+    assert f.latencies == {"steer_angle": 0.0, "wheel_speed_front": 0.0, "wheel_speed_rear": 0.0, "accel_x": 0.0, "accel_y": 0.03}
     seen = [f.step(as_row(frame, i)) for i in range(100)]
     assert seen[0].status == tse.Status.WAITING
     assert 0.029 < seen[-1].estimate_age < 0.051 and seen[-1].status != tse.Status.WAITING
@@ -384,9 +352,7 @@ def test_every_public_name_says_what_it_is():
         thing = getattr(tse, name)
         if isinstance(thing, type) and thing.__module__.startswith("tse."):
             assert thing.__doc__, name
-            public = [
-                m for n, m in vars(thing).items() if not n.startswith("_") and (callable(m) or isinstance(m, property))
-            ]
+            public = [m for n, m in vars(thing).items() if not n.startswith("_") and (callable(m) or isinstance(m, property))]
             assert all(m.__doc__ for m in public), name
     for name in (n for n in tse.__all__ if inspect.isfunction(getattr(tse, n)) or n == "Filter"):
         thing = getattr(tse, name)

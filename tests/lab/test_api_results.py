@@ -112,14 +112,10 @@ def calibrated(folder):
 
 
 def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
-    done = tselab_here(
-        "calibrate", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "calibrated.toml", cwd=folder
-    )
+    done = tselab_here("calibrate", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "calibrated.toml", cwd=folder)
     theirs, mine = tse.read_vehicle(tmp_path / "calibrated.toml"), calibrated.vehicle
     assert done.code == 0 and calibrated.converged
-    assert (
-        mine.values == pytest.approx(theirs.values, rel=1e-9) and mine.calibration.keys() == theirs.calibration.keys()
-    )
+    assert mine.values == pytest.approx(theirs.values, rel=1e-9) and mine.calibration.keys() == theirs.calibration.keys()
     shown(calibrated, tmp_path / "calibrated.html")
     assert calibrated.to_frame()["shown"].any() and calibrated.words[0] in done.out
     tse.read_vehicle(calibrated.write(tmp_path / "mine.toml"))
@@ -128,9 +124,7 @@ def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
 
 
 def test_a_fleet_of_one_process_is_the_commands(folder, tmp_path):
-    done = tselab_here(
-        "fleet", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "command", "--no-calibrate", cwd=folder
-    )
+    done = tselab_here("fleet", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "command", "--no-calibrate", cwd=folder)
     assert done.code in (0, 3, 4), done.err
     result = tse.fleet(folder / "log.csv", CAR, out=tmp_path / "api", calibrate=False)
     shown(result, tmp_path / "fleet.html")
@@ -281,11 +275,7 @@ def test_what_is_no_log_is_named(given, words):
 
 
 def test_a_form_that_is_not_there_is_refused_with_those_that_are(frame):
-    for run in (
-        lambda: tse.estimate(frame, SMALL, form="x"),
-        lambda: tse.Filter(SMALL, form="x"),
-        lambda: tse.Filter(form=None),
-    ):
+    for run in (lambda: tse.estimate(frame, SMALL, form="x"), lambda: tse.Filter(SMALL, form="x"), lambda: tse.Filter(form=None)):
         with pytest.raises(tse.SettingError, match="allowed: default, robust, paper"):
             run()
 
@@ -306,8 +296,7 @@ def test_a_row_is_whatever_has_names(frame):
     for i, named in enumerate(frame.head(50).itertuples()):
         row = frame.iloc[i]
         found = [
-            f.step(x)
-            for f, x in zip(rows, (row.to_dict(), row, named, frame.head(50).to_records(index=False)[i]), strict=True)
+            f.step(x) for f, x in zip(rows, (row.to_dict(), row, named, frame.head(50).to_records(index=False)[i]), strict=True)
         ]
         assert all(np.array_equal(e.stiffness, found[0].stiffness) for e in found)
 
@@ -353,16 +342,8 @@ def test_what_is_refused_is_a_standard_exception_too(tmp_path):
     """With today's text, also of a KeyError, which else would quote it."""
     for named, kind, words in (
         (lambda: tse.read_vehicle(tmp_path / "none.toml"), FileNotFoundError, "none.toml: no such file"),
-        (
-            lambda: tse.Filter(SMALL, settings={"forgeting": 1}),
-            KeyError,
-            "^there is no setting 'forgeting' .did you mean",
-        ),
-        (
-            lambda: tse.Filter(SMALL, settings={"forgetting": 2}),
-            ValueError,
-            "forgetting = 2 is outside its range",
-        ),
+        (lambda: tse.Filter(SMALL, settings={"forgeting": 1}), KeyError, "^there is no setting 'forgeting' .did you mean"),
+        (lambda: tse.Filter(SMALL, settings={"forgetting": 2}), ValueError, "forgetting = 2 is outside its range"),
         (lambda: tse.read_vehicle({"mass": 1650}), ValueError, "lf"),
     ):
         with pytest.raises(kind, match=words) as caught:

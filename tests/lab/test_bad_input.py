@@ -158,20 +158,11 @@ def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
 
 
 def test_missing_files_and_directories_are_named(drive, tmp_path):
-    refused(
-        tselab_here("estimate", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"]
-    )
-    refused(
-        tselab_here("estimate", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"]
-    )
+    refused(tselab_here("estimate", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"])
+    refused(tselab_here("estimate", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"])
     refused(tselab_here("estimate", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path), ["is a directory"])
-    refused(
-        tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"),
-        ["does not exist"],
-    )
-    refused(
-        tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"]
-    )
+    refused(tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"), ["does not exist"])
+    refused(tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"])
 
 
 VEHICLES: dict[str, tuple[str, list[str]]] = {
@@ -194,22 +185,13 @@ VEHICLES |= {  # a rule would take the place of what a misspelt key says
     "misspelt": (WHOLE + "yaw_inertai = 2500.0\n", ["key yaw_inertai is not known", "did you mean yaw_inertia?"]),
     "misspelt and missing": (WHOLE.replace("mass", "mas"), ["key mas is not known", "did you mean mass?"]),
     "misspelt sensor": (WHOLE + "[sensors]\naccel_x_ds = 0.1\n", ["key sensors.accel_x_ds", "did you mean accel_x_sd"]),
-    "in another table": (
-        WHOLE + "[sensors]\nmass_sd = 0.1\n",
-        ["key sensors.mass_sd is not known here", "[uncertainty]"],
-    ),
+    "in another table": (WHOLE + "[sensors]\nmass_sd = 0.1\n", ["key sensors.mass_sd is not known here", "[uncertainty]"]),
     "below a table": (WHOLE + "[sensors]\nyaw_inertia = 2500.0\n", ["key sensors.yaw_inertia", "at the top"]),
     "in no table": (WHOLE + "accel_x_ds = 0.1\n", ["key accel_x_ds", "did you mean accel_x_sd, [sensors]?"]),
     "of the filter": (WHOLE + "particles = 100\n", ["key particles", "--config FILTER.toml"]),
     "of nobody": (WHOLE + "colour = 3\n", ["key colour", "tselab vehicle --example", "table"]),
-    "misspelt table": (
-        WHOLE + "[sensor]\naccel_x_sd = 0.1\n",
-        ["table [sensor] is not known", "did you mean [sensors]?"],
-    ),
-    "misspelt effect": (
-        WHOLE + "[effects.relaxation]\nlenght = 1\n",
-        ["key effects.relaxation.lenght", "did you mean length?"],
-    ),
+    "misspelt table": (WHOLE + "[sensor]\naccel_x_sd = 0.1\n", ["table [sensor] is not known", "did you mean [sensors]?"]),
+    "misspelt effect": (WHOLE + "[effects.relaxation]\nlenght = 1\n", ["key effects.relaxation.lenght", "did you mean length?"]),
     "many": (WHOLE + "one = 1\ntwo = 2\nthree = 3\nfour = 4\nfive = 5\n", ["key one", "key three", "and 2 more"]),
 }
 

@@ -44,9 +44,7 @@ EFFECTS = {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay"
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two logs and a held-out one of 25 s of a car of the generator."""
     folder = tmp_path_factory.mktemp("case")
-    next(make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])).write(
-        folder
-    )
+    next(make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])).write(folder)
     return folder
 
 
@@ -54,9 +52,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def calibrated(case: Path) -> tuple[Path, Result]:
     logs = sorted(case.glob("log_*.csv"))
     out = case / "calibrated.toml"
-    return out, tselab(
-        "calibrate", *logs, "--vehicle", case / "car.toml", "--hold-out", *case.glob("hold_out_*.csv"), "--out", out
-    )
+    return out, tselab("calibrate", *logs, "--vehicle", case / "car.toml", "--hold-out", *case.glob("hold_out_*.csv"), "--out", out)
 
 
 def test_another_simulators_car_is_found(case: Path, calibrated: tuple[Path, Result]) -> None:
@@ -168,13 +164,9 @@ def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
     rows = made(3, 30.0)
     still = made(4, 30.0)
     for name in ("steer_angle", "accel_y", "yaw_rate"):  # straight: what is left there is noise
-        rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(5).standard_normal(
-            len(rows)
-        )
+        rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(5).standard_normal(len(rows))
     log = written(tmp_path / "straight.csv", rows)
-    (tmp_path / "car.toml").write_text(
-        "mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
-    )
+    (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
     run = tselab_here("calibrate", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml")
     assert run.code in (0, 12), run.err
     found = {f["name"]: f for f in json.loads((tmp_path / "out.json").read_text())["findings"]}
@@ -206,16 +198,12 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
     again = tmp_path / "again.toml"
     assert tselab_here("calibrate", log, "--vehicle", outs[told], "--out", again, "--steps", "1").code == 12
     assert read_vehicle(again).formula == lopsided
-    assert (
-        tselab_here("calibrate", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2
-    )  # not over the formula
+    assert tselab_here("calibrate", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2  # not over the formula
 
 
 def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
     out = case / "short.toml"
-    run = tselab_here(
-        "calibrate", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1"
-    )
+    run = tselab_here("calibrate", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1")
     assert run.code == 12 and "NOT converged" in run.out
     assert "NOT CONVERGED" in out.read_text()
 
@@ -238,9 +226,7 @@ def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) 
         rows.loc[30:, empty] = np.nan  # the reader refuses an empty column
         log = tmp_path / "without.csv"
         rows.to_csv(log, index=False)
-        run = tselab_here(
-            "calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
-        )
+        run = tselab_here("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
         assert run.code == code and "Traceback" not in run.err, run.err
 
 
@@ -256,15 +242,7 @@ def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_
     bad = tmp_path / "bad.csv"
     bad.write_text("time,steer_angle\n0,1\n")
     run = tselab_here(
-        "calibrate",
-        case / "log_highway.csv",
-        bad,
-        "--vehicle",
-        case / "car.toml",
-        "--out",
-        tmp_path / "o.toml",
-        "--steps",
-        "1",
+        "calibrate", case / "log_highway.csv", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
     )
     assert run.code == 12 and "left out" in run.err and "bad.csv" in run.err
     alone = tselab_here("calibrate", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml")
@@ -302,7 +280,7 @@ LATE_SD = 0.025
 
 
 def slip_of(config: Config, driven: str, stiffness: float, push: float) -> float:
-    """Return the slip at which tyres push [m/s2], found by search: brush and the other curve as the class mixes them, grip 1, load moving."""
+    """Return the slip at which tyres push [m/s2], found by search: the curve of the class, grip 1, load moving."""
     base = config.lf + config.lr
     rest = config.mass * 9.81 * (config.lr if driven == "front" else config.lf) / base
     load = rest + (1 if driven == "rear" else -1) * config.mass * push * HEIGHT / base
@@ -369,9 +347,7 @@ def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(driven: str,
     logs = [drive(driven, later, 1, factor), drive(driven, later, 2, factor)]
     found = slips(problem, fit, logs, driven_car(driven))
     assert found.x[0] - found.x[1] == pytest.approx(later, abs=0.003)
-    assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(
-        0.0
-    )  # how late both are is as before, not what the search says
+    assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(0.0)  # how late both are is as before, not what the search says
     np.testing.assert_array_equal(found.covariance[:2, :2], problem.covariance[:2, :2])
     assert not found.covariance[:2, 2:].any()
     np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])

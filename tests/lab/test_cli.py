@@ -25,10 +25,7 @@ def test_the_installed_command_is_the_package():
         pytest.skip("tselab is not installed beside this python")
     import subprocess
 
-    assert (
-        subprocess.run([command, "--version"], capture_output=True, text=True, timeout=60).stdout
-        == tselab("--version").out
-    )
+    assert subprocess.run([command, "--version"], capture_output=True, text=True, timeout=60).stdout == tselab("--version").out
 
 
 @pytest.mark.parametrize("command", ["estimate", "simulate", "vehicle", "settings", "demo", "montecarlo"])
@@ -132,17 +129,9 @@ def folder(tmp_path_factory):
         (("formula", "play.toml", "--c", "play.h"), {0}, {"place", "numbers", "settings", "written"}),
         (("simulate", "--maneuver", "straight", "--duration", 5, "--out", "s.csv"), {0}, {"rows", "seed", "written"}),
         (("signals", "log.csv"), {0, 3}, {"signals", "proposal"}),
-        (
-            ("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv"),
-            {0, 3, 4},
-            {"usable", "stretches", "written"},
-        ),
+        (("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv"), {0, 3, 4}, {"usable", "stretches", "written"}),
         (("gap", "check", "log.csv", "--vehicle", "car.toml"), {0, 3, 4}, {"exit_code", "logs"}),
-        (
-            ("gap", "plan", "--separate", "steering_delay,steering_lag", "--vehicle", "car.toml"),
-            {0},
-            {"separable", "manoeuvres"},
-        ),
+        (("gap", "plan", "--separate", "steering_delay,steering_lag", "--vehicle", "car.toml"), {0}, {"separable", "manoeuvres"}),
         (
             ("montecarlo", "--study", "stress", "--cases", "nominal", "--runs", 1, "--jobs", 1, "--out", "study"),
             {0},

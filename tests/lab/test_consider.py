@@ -37,9 +37,7 @@ def driven() -> np.ndarray:
     return drive({})
 
 
-def logged(
-    driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
-) -> np.ndarray:
+def logged(driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None) -> np.ndarray:
     """The log, with columns changed by functions of time and column."""
     rows = np.zeros(ROWS, Filter(Config()).inputs(1).dtype)
     t = DT * np.arange(ROWS)
@@ -118,10 +116,7 @@ def test_the_sd_is_what_the_estimates_move_by(driven: np.ndarray, name: str) -> 
     moved, part = moved_by(driven, name, *OFF[name])
     compared = np.maximum(moved, part) > LEAST
     assert compared.any()
-    assert (part[compared] > 0.7 * moved[compared]).all() and (part[compared] < 1.3 * moved[compared]).all(), (
-        moved,
-        part,
-    )
+    assert (part[compared] > 0.7 * moved[compared]).all() and (part[compared] < 1.3 * moved[compared]).all(), (moved, part)
 
 
 @pytest.mark.parametrize("name", FOUND)
@@ -182,9 +177,7 @@ def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
     filter_.step_into(rows, out)
     valid, off = out["cx_front_valid"][2000:] == 0, np.abs(out["cx_front"][2000:] - 1.0) > 0.1
     assert valid.mean() > 0.5 and off[valid].mean() < 0.05, (valid.mean(), off[valid].mean())
-    assert (
-        rms(out["vel_x"][2000:] - CAR.wheel_radius_rear * rows["wheel_speed_rear"][2000:]) < 0.1
-    )  # the speed goes with no hill
+    assert rms(out["vel_x"][2000:] - CAR.wheel_radius_rear * rows["wheel_speed_rear"][2000:]) < 0.1  # the speed goes with no hill
 
 
 def test_a_channel_that_comes_back_and_a_gap_leave_no_jump(driven: np.ndarray) -> None:

@@ -64,9 +64,7 @@ def test_setting_outside_its_range_is_refused_with_name_value_and_range():
 def test_snapshot_restores_the_filter_bit_for_bit():
     filter_ = Filter(Config({"particles": 50}))
     rng = np.random.default_rng(1)
-    rows = np.concatenate(
-        [row(steer_angle=0.02 * rng.standard_normal(), accel_y=rng.standard_normal()) for _ in range(60)]
-    )
+    rows = np.concatenate([row(steer_angle=0.02 * rng.standard_normal(), accel_y=rng.standard_normal()) for _ in range(60)])
     list(filter_.run(rows[:30]))
     saved = filter_.snapshot()
     first = [y.item() for y in filter_.run(rows[30:])]
@@ -114,11 +112,7 @@ SENSORS = ("accel_x", "accel_y", "yaw_rate")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("forms")
     (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
-    drives = {
-        "road": ("--road-change", f"{CHANGE}:0.7"),
-        "noisy": ("--noise", 3),
-        "wheels": ("--set", "wheel_speed_sd=0.05"),
-    }
+    drives = {"road": ("--road-change", f"{CHANGE}:0.7"), "noisy": ("--noise", 3), "wheels": ("--set", "wheel_speed_sd=0.05")}
     for name, options in drives.items():
         done = tselab_here("simulate", "--maneuver", "square-waves", "--vehicle", "car.toml", "--seed", 1, *options,
                       "--out", f"{name}.csv", "--truth", f"{name}.truth.csv", cwd=folder)  # fmt: skip
@@ -180,19 +174,9 @@ def test_noise_of_the_wheel_speeds_is_found_and_biases_no_stiffness(folder):
 def test_robust_and_paper_are_settings_of_one_form_and_the_defaults_are_as_printed(folder):
     robust, paper = Config.form("robust"), Config.form("paper")
     assert Config.form("default") == {} and (paper["form"], robust["form"]) == (1, 1)
-    kept_from_diverging = {
-        "forgetting_mean",
-        "forgetting_change",
-        "reflect_draws",
-        "integration",
-        "spread_max",
-        "spread_kernel",
-    }
+    kept_from_diverging = {"forgetting_mean", "forgetting_change", "reflect_draws", "integration", "spread_max", "spread_kernel"}
     assert kept_from_diverging <= set(robust) and not kept_from_diverging & set(paper)
-    runs = [
-        Run(folder, "wheels", "--form", form, "--particles", 64).est["cy_front"]
-        for form in ("default", "robust", "paper")
-    ]
+    runs = [Run(folder, "wheels", "--form", form, "--particles", 64).est["cy_front"] for form in ("default", "robust", "paper")]
     assert all((runs[a] != runs[b]).mean() > 0.99 for a, b in ((0, 1), (1, 2)))
 
 

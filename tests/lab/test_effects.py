@@ -118,9 +118,7 @@ def test_replay_reads_what_the_simulator_simulates():
     inputs["wheel_torque_front"] = 300 * np.sin(np.arange(n) * 0.02)
     for i in range(n):
         sim.step_into(inputs, outputs, i)
-    replay = Replay(
-        dt=inputs["dt"], **{c: outputs[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear")}
-    )
+    replay = Replay(dt=inputs["dt"], **{c: outputs[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear")})
     told = {k: v.copy() for k, v in replay.run(config).items()}
     untold = replay.run(Config())
     for channel in ("accel_x", "accel_y", "yaw_rate"):

@@ -218,36 +218,26 @@ def test_irregular_sampling_is_followed_and_reported(drive, tmp_path):
 
 def test_slow_log_of_20_hz_is_handled(drive, tmp_path):
     drive.table().iloc[::5].to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here(
-        "estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, "--forgetting", 0.97, cwd=tmp_path
-    )
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, "--forgetting", 0.97, cwd=tmp_path)
     assert done.code == 0, done.err
     assert "every 50 ms" in done.out
     assert (pd.read_csv(tmp_path / "log.est.csv")[list(STIFFNESS)] > 0).all(axis=None)
 
 
 def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
-    done = tselab_here(
-        "estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path
-    )
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path)
     assert done.code == 0, done.err
     assert "500 rows, 20.0 s, every 40 ms (means of 4 rows)" in done.out
     assert "averaged over 0.04 s: 2001 rows became 500, of 4 rows each" in done.err
     assert "accel_x_sd: 0.15 m/s2 of one sample is 0.075 of a mean of 4" in done.err
     last = pd.read_csv(tmp_path / "log.est.csv").iloc[-1]
     for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True):
-        assert (
-            abs(last[k] - n) < 2.6 * last[f"{k}_sd"] and abs(last[k] - n) < (0.15 if k == "cx_front" else 0.06) * n
-        ), k
+        assert abs(last[k] - n) < 2.6 * last[f"{k}_sd"] and abs(last[k] - n) < (0.15 if k == "cx_front" else 0.06) * n, k
 
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [
-        (0.2, "0.2 is outside its range 0.001 .. 0.1 s"),
-        (0.012, "the rows of the log are 0.01 s apart"),
-        ("nan", "outside"),
-    ],
+    [(0.2, "0.2 is outside its range 0.001 .. 0.1 s"), (0.012, "the rows of the log are 0.01 s apart"), ("nan", "outside")],
 )
 def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)
@@ -374,9 +364,7 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
 
 
 def test_closed_pipe_is_not_an_error_message():
-    run = subprocess.run(
-        f"{shlex.join(COMMAND)} settings | head -n 1", shell=True, capture_output=True, text=True, timeout=60
-    )
+    run = subprocess.run(f"{shlex.join(COMMAND)} settings | head -n 1", shell=True, capture_output=True, text=True, timeout=60)
     assert run.stdout.startswith("setting") and run.stderr == ""
 
 

@@ -17,9 +17,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "scripts" / "examples"
 
 
 def example(name, *arguments):
-    done = subprocess.run(
-        [sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120
-    )
+    done = subprocess.run([sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -41,11 +39,7 @@ def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
     assert done.returncode == 0, done.stderr
     runs = pd.read_csv(tmp_path / "out" / "runs.csv").set_index(["estimator", "seed"])
     assert set(runs.index.get_level_values(0)) == {"tse", "own_filter.random_walk"}
-    errors = (
-        runs["cy_front_rms"]
-        if "cy_front_rms" in runs
-        else runs[[c for c in runs if c.startswith("cy_front")]].iloc[:, 0]
-    )
+    errors = runs["cy_front_rms"] if "cy_front_rms" in runs else runs[[c for c in runs if c.startswith("cy_front")]].iloc[:, 0]
     assert errors.notna().all()
     assert "own_filter.random_walk" in done.stdout
 

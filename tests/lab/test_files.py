@@ -48,9 +48,7 @@ def test_a_full_disk_is_said_and_leaves_what_was_there(drive, tmp_path):
 
 def test_of_two_results_the_one_that_does_not_fit_is_named(drive, tmp_path):
     out, report = tmp_path / "est.csv", tmp_path / "report.html"
-    done = with_little_room(
-        "estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report, room=2000
-    )
+    done = with_little_room("estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report, room=2000)
     assert done.returncode == 2
     assert f"{report}: cannot be written: " in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["est.csv"]
@@ -74,10 +72,7 @@ unit = "1/m"
         ("est.csv", ["estimate", "LOG", "--vehicle", "CAR", "--out", "est.csv"]),
         ("learnt", ["estimate", "LOG", "--vehicle", "CAR", "--out", "/dev/null", "--save-learnt", "learnt"]),
         ("log.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "log.csv"]),
-        (
-            "truth.csv",
-            ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "/dev/null", "--truth", "truth.csv"],
-        ),
+        ("truth.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "/dev/null", "--truth", "truth.csv"]),
         ("drag.h", ["formula", "drag.toml", "--c", "drag.h"]),
         ("studies", ["montecarlo", "--study", "robust", "--runs", "1", "--jobs", "1", "--out", "studies"]),
     ],

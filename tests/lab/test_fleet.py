@@ -73,11 +73,7 @@ def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_err
     assert ran.code == 3 and "9 logs of 2 cars" in ran.out and "3 that cannot be read" in ran.out, ran.err
     bad = table[table.error.notna()]
     assert set(bad.log.map(lambda p: Path(p).name)) == {"2024-05-02 empty.csv", "2024-05-09.mf4", "2024-05-09.csv"}
-    assert (
-        bad.value.isna().all()
-        and bad.error.str.contains("is empty").any()
-        and bad.error.str.contains("tselab signals").any()
-    )
+    assert bad.value.isna().all() and bad.error.str.contains("is empty").any() and bad.error.str.contains("tselab signals").any()
     good = table[table.error.isna()]
     assert sorted(good.groupby(["car", "log"]).stiffness.unique().map(len)) == [3] * 6
     last = good.groupby(["car", "stiffness"]).value.last() / good.groupby(["car", "stiffness"]).nominal.last()
@@ -92,13 +88,9 @@ def test_a_drive_starts_from_what_the_one_before_it_taught(done, logs, tmp_path)
     _, out, table = done
     up = [logs / "logs" / "up" / f"2024-05-{day:02d}.csv" for day in (1, 2)]
     car = ["--vehicle", logs / "car.toml"]
-    assert (
-        tselab_here("estimate", up[0], *car, "--out", tmp_path / "1.parquet", "--save-learnt", tmp_path / "l").code == 0
-    )
+    assert tselab_here("estimate", up[0], *car, "--out", tmp_path / "1.parquet", "--save-learnt", tmp_path / "l").code == 0
     age = (86400 - table.seconds[table.log == str(up[0])].iloc[0]) / 86400
-    again = tselab_here(
-        "estimate", up[1], *car, "--out", tmp_path / "2.parquet", "--load-learnt", tmp_path / "l", "--age", age
-    )
+    again = tselab_here("estimate", up[1], *car, "--out", tmp_path / "2.parquet", "--load-learnt", tmp_path / "l", "--age", age)
     assert again.code == 0, again.err
     for day in (1, 2):
         (kept,) = (out / "estimates").glob(f"up-2024-05-{day:02d}-*.parquet")
@@ -174,9 +166,7 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
 
 def task(log: Path) -> Task:
     """Nothing but a log."""
-    return Task(
-        log, log.parent, None, None, False, (), None, None, "default", {}, None, 0.0, False, None, False, (), code_of()
-    )
+    return Task(log, log.parent, None, None, False, (), None, None, "default", {}, None, 0.0, False, None, False, (), code_of())
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
@@ -274,9 +264,7 @@ def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
 
 
 def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path):
-    distributed = pytest.importorskip(
-        "distributed", reason="dask.distributed is missing: there is no cluster to test with"
-    )
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is missing: there is no cluster to test with")
     with starting() as start:
         address = scheduler(start)
         with distributed.Client(address, set_as_default=False) as client:
@@ -296,9 +284,7 @@ def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path
 
 
 def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
-    distributed = pytest.importorskip(
-        "distributed", reason="dask.distributed is missing: there is no cluster to test with"
-    )
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is missing: there is no cluster to test with")
     (tmp_path / "old" / "tse" / "impl").mkdir(parents=True)
     (tmp_path / "old" / "tse" / "__init__.py").touch()
     (tmp_path / "old" / "tse" / "impl" / "__init__.py").write_text('__version__ = "0.0.1"\n')
@@ -316,10 +302,7 @@ def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
 def test_the_table_is_read_by_others_as_the_help_says(done):
     """What the help says of reading it works."""
     _, out, table = done
-    assert (
-        set(table.usable.unique()) <= {"yes", "in part", "no"}
-        and list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
-    )
+    assert set(table.usable.unique()) <= {"yes", "in part", "no"} and list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
     duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
     text = f"select car, stiffness, arg_max(value, start_time) from '{out}/fleet.parquet' where usable <> 'no' group by all"
     assert len(duckdb.sql(text).fetchall()) == 6
@@ -355,9 +338,7 @@ def test_a_table_of_cars_of_any_spreadsheet(text, says, tmp_path):
         with pytest.raises(UserError, match=says):
             drives([str(tmp_path)], None, table, None, tmp_path / "out")
     else:
-        assert (
-            drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle == (tmp_path / "car.toml").resolve()
-        )
+        assert drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle == (tmp_path / "car.toml").resolve()
 
 
 def test_a_log_of_another_car_is_said():

@@ -185,9 +185,7 @@ def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere, n
             if isinstance(b, lief.ELF.Binary):
                 versions = [a.name for r in b.symbols_version_requirement for a in r.get_auxiliary_symbols()]
                 numbers = [tuple(int(x) for x in v.removeprefix("GLIBC_").split(".")) for v in versions]
-                assert (
-                    max(numbers, default=()) <= ((2, 17) if fmi == "3" else OLDEST[platform]) and b.has_nx is not False
-                )
+                assert max(numbers, default=()) <= ((2, 17) if fmi == "3" else OLDEST[platform]) and b.has_nx is not False
             if isinstance(b, lief.MachO.Binary) and b.abstract.header.architecture == ARM:
                 assert b.has_code_signature  # macOS on arm64 loads nothing else
         assert b"/tmp/" not in data and str(build.checkout()).encode() not in data

@@ -78,12 +78,7 @@ def stack_machine(formula: Formula, row: dict[str, float]) -> float:
         38: max,
         39: min,
     }
-    unary = {
-        36: lambda x: -x,
-        37: abs,
-        40: lambda x: math.sqrt(x) if x > 0 else 0.0,
-        41: lambda x: x / math.sqrt(1 + x * x),
-    }
+    unary = {36: lambda x: -x, 37: abs, 40: lambda x: math.sqrt(x) if x > 0 else 0.0, 41: lambda x: x / math.sqrt(1 + x * x)}
     stack: list[float] = []
     for code in codes:
         if code == 0:
@@ -192,10 +187,7 @@ REFUSED = {
     "unknown name": ("steer_angl", r"column 1: 'steer_angl' is neither.*did you mean steer_angle"),
     "column": ("   slip_front + what", r"column 17: 'what'"),
     "operation as a name": ("lag", "neither a signal nor a number"),
-    "unknown operation": (
-        "sofd(1)",
-        r"'sofd' is not an operation \(did you mean soft or second\?\); allowed: \+ - \* /",
-    ),
+    "unknown operation": ("sofd(1)", r"'sofd' is not an operation \(did you mean soft or second\?\); allowed: \+ - \* /"),
     "builtin": ("print(1)", r"not an operation.*operations \(abs, max, min, sqrt, soft, lag"),
     "import": ("__import__(time)", "'__import__' is not an operation"),
     "import of a text": ("__import__('os')", 'column 12: "\'" is not allowed'),
@@ -329,13 +321,7 @@ def test_no_text_of_allowed_characters_ends_otherwise_than_in_a_formula_or_a_ref
     ],
 )
 def test_parts_that_are_refused(change, message):
-    parts = {
-        "id": "it",
-        "title": "a title",
-        "place": "front_angle",
-        "text": "play(steer_angle, w)",
-        "numbers": [W],
-    } | change
+    parts = {"id": "it", "title": "a title", "place": "front_angle", "text": "play(steer_angle, w)", "numbers": [W]} | change
     with pytest.raises(UserError, match=message) as error:
         parse(**parts, source="x.toml")
     assert str(error.value).startswith("x.toml: key ")
@@ -374,12 +360,7 @@ def test_dimensions_that_fit(text, place, unit):
     [
         ("k*accel_y", "front_angle", "rad", r"column 1: 'k\*accel_y' has the unit m/s2, the place has rad"),
         ("steer_angle + k", "front_angle", "m", r"'steer_angle \+ k' does not fit: 'k' has the unit m, needed is 1"),
-        (
-            "k*(vel_x - 0.5)",
-            "force_x",
-            "1/s",
-            r"column 4: .*'0.5' has the unit 1, needed is m/s; a literal.*\[numbers.<name>\]",
-        ),
+        ("k*(vel_x - 0.5)", "force_x", "1/s", r"column 4: .*'0.5' has the unit 1, needed is m/s; a literal.*\[numbers.<name>\]"),
         ("k*0", "force_x", "1", "has the unit 1, the place has m/s2"),
         ("max(accel_x, k)", "force_x", "m/s", "'k' has the unit m/s, needed is m/s2"),
         ("sqrt(vel_x)*k", "force_x", "m/s2", r"has the unit m1.5/s2.5, the place"),
@@ -393,12 +374,7 @@ def test_dimensions_that_fit(text, place, unit):
         ("limit(vel_x, k)", "force_x", "m/s", "needed is m/s2"),
         ("rate(vel_x)*k", "force_x", "s", "has the unit m/s, the place has m/s2"),
         ("-k", "force_x", "m", "has the unit m, the place"),
-        (
-            "steer_angle*k",
-            "front_angle",
-            "deg",
-            "0.0174533 of the unit that the model counts in; write the number in rad",
-        ),
+        ("steer_angle*k", "front_angle", "deg", "0.0174533 of the unit that the model counts in; write the number in rad"),
         ("vel_x*k", "force_x", "1/ms", "1000 of the unit"),
         ("vel_x*k", "force_x", "kg/m s2", "after each / stands one name"),
         ("vel_x*k", "force_x", "m\ns", "is not a unit"),
@@ -455,11 +431,7 @@ def test_whatever_a_formula_holds_comes_back_from_its_file(tmp_path):
         ('id = "steering_play"', 'id = "steering_play"\ngian = 1.0', r"key gian is not known \(did you mean gain\?\)"),
         ('id = "steering_play"', 'id = "steering_play"\ngain = "1"', "key gain: '1' is not a number"),
         ('id = "steering_play"', 'id = "steering_play"\ngain = true', "key gain: True is not a number"),
-        (
-            'id = "steering_play"',
-            f'id = "steering_play"\ngain = 1{"0" * 400}',
-            "key gain: an integer has at most 64 bits",
-        ),
+        ('id = "steering_play"', f'id = "steering_play"\ngain = 1{"0" * 400}', "key gain: an integer has at most 64 bits"),
         ("[numbers.w]\n", "[numbers]\nv = 1\n[numbers.w]\n", r"key numbers.v must be a table: \[numbers.v\]"),
         ("value = 0.002", "", "key numbers.w.value is missing"),
         ("value = 0.002", "value = nan", "key numbers.w.value: nan"),
@@ -531,9 +503,7 @@ def test_late_play_limit_and_rate_row_by_row():
     assert make("play(steer_angle, p)", n[0]).evaluate(signals, dt) == pytest.approx([1, 1, 1, 3, 3, 1, 1])
     assert make("play(steer_angle, -p)", n[0]).evaluate(signals, dt) == pytest.approx([1, 1, 1, 3, 3, 1, 1])
     assert make("limit(steer_angle, q)", n[1]).evaluate(signals, dt) == pytest.approx([1, 1, 1.5, 2, 3, 2.5, 2])
-    assert make("rate(steer_angle)*time").evaluate(signals | {"time": np.ones(7)}, dt) == pytest.approx(
-        [0, 0, 10, 20, 0, -40, 0]
-    )
+    assert make("rate(steer_angle)*time").evaluate(signals | {"time": np.ones(7)}, dt) == pytest.approx([0, 0, 10, 20, 0, -40, 0])
     assert make("late(steer_angle, late_by)", n[2]).evaluate(signals, dt) == pytest.approx([1, 1, 1, 1.5, 4, 4, 2])
     assert make("late(steer_angle, -late_by)", n[2]).evaluate(signals, dt) == pytest.approx(x)  # no look ahead
 
@@ -594,9 +564,7 @@ int main(void)
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-@pytest.mark.parametrize(
-    "title", ["plain", "*/ int x = ; /*", "ends in \\", "??/", "a\n*/\n#error", "/*/*/", "\u202e ü */"]
-)
+@pytest.mark.parametrize("title", ["plain", "*/ int x = ; /*", "ends in \\", "??/", "a\n*/\n#error", "/*/*/", "\u202e ü */"])
 def test_the_header_is_c99_and_computes_the_same(tmp_path, title):
     numbers = (Number("w", 0.25, "rad", text=title), Number("v", 4.0, "m/s"))
     formula = Formula("it", title, "rear_angle", "(steer_angle - w)**2/soft(vel_x/v) + 2*slip_front*0.75", numbers)
@@ -605,9 +573,7 @@ def test_the_header_is_c99_and_computes_the_same(tmp_path, title):
     (tmp_path / "it.h").write_text(header, encoding="utf-8")
     (tmp_path / "it.c").write_text(C_STUB, encoding="utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-function"]
-    done = subprocess.run(
-        ["cc", *flags, "it.c", "-o", "it", "-lm"], cwd=tmp_path, capture_output=True, text=True, timeout=60
-    )
+    done = subprocess.run(["cc", *flags, "it.c", "-o", "it", "-lm"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     place, id, value = subprocess.run([tmp_path / "it"], capture_output=True, text=True, timeout=10).stdout.split()
     signals = {"steer_angle": np.array([0.1]), "vel_x": np.array([20.0]), "slip_front": np.array([-0.3])}

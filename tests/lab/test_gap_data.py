@@ -71,11 +71,7 @@ def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     config = Config(read_vehicle(vehicle).values)
     paths = [whole, tmp_path / "without.csv", tmp_path / "empty.csv"]
     logs = [prepare(x, config) for x in workflow.read_logs_of(paths, [])]
-    assert [log.channels for log in logs] == [
-        ["accel_x", "accel_y", "yaw_rate"],
-        ["accel_y", "yaw_rate"],
-        ["accel_y", "yaw_rate"],
-    ]
+    assert [log.channels for log in logs] == [["accel_x", "accel_y", "yaw_rate"], ["accel_y", "yaw_rate"], ["accel_y", "yaw_rate"]]
     assert "without accel_x" in logs[1].notes[0] and "without accel_x" in logs[2].notes[0]
     values = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}
     of_all, of_some = (Problem([log], config) for log in logs[:2])

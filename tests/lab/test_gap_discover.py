@@ -57,9 +57,7 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
     """Within a fifth: one step a block, straight driving, no coupling of both directions; it only chooses what is simulated."""
     values = fit(plain, STIFFNESS, {}).values
     term = terms.Term("accel_x", terms.PULL.unit) if place in terms.LONGITUDINAL else terms.Term("steer_angle", (0, 0))
-    size = {"force_x": 0.1, "accel_x": 0.1, "force_y": 5.0, "yaw_moment": 3.0, "accel_y": 5.0, "yaw_rate": 1.0}.get(
-        place, 0.05
-    )
+    size = {"force_x": 0.1, "accel_x": 0.1, "force_y": 5.0, "yaw_moment": 3.0, "accel_y": 5.0, "yaw_rate": 1.0}.get(place, 0.05)
     formula = terms.formula(place, term, size)
     base = plain.residuals(values)
     exact = plain.residuals(values | formula.settings()) - base
@@ -145,9 +143,7 @@ def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     vehicle = car(folder)
-    logs = [
-        write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i) for i, d in enumerate(("sweep", "brakes"), 1)
-    ]
+    logs = [write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i) for i, d in enumerate(("sweep", "brakes"), 1)]
     held = write_log(folder / "held.csv", vehicle, "steps", HIDDEN.settings(), 3)
     done = tselab("gap", *logs, "--vehicle", vehicle, "--out", folder / "out", "--hold-out", held, "--jobs", 2)
     return folder, logs, done
@@ -157,15 +153,10 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     folder, _, done = run
     assert done.code == 20, done.out + done.err
     assert "A formula closes" in done.out and "not a cause" in done.out
-    verdict, report = (
-        json.loads((folder / "out" / "verdict.json").read_text()),
-        (folder / "out" / "report.html").read_text(),
-    )
+    verdict, report = (json.loads((folder / "out" / "verdict.json").read_text()), (folder / "out" / "report.html").read_text())
     assert verdict["formula"]["proposed"]["place"] == "yaw_moment"
     assert all(p["why"] and f"{p['id']} (" in report and f"{p['why']})" in report for p in verdict["possible"])
-    assert (
-        verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
-    )
+    assert verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
     formula = read_formula(folder / "out" / "formula.toml")
     improved = read_vehicle(folder / "out" / "vehicle_improved.toml")
     assert improved.formula == formula

@@ -95,10 +95,7 @@ def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
 def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
     """A car that rolls, in 48 s of log, of which 20 are searched: its size is that of all logs, and so is what is left."""
     vehicle = car(tmp_path)
-    logs = [
-        write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
-        for k, d in enumerate(("sweep", "brakes"))
-    ]
+    logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k) for k, d in enumerate(("sweep", "brakes"))]
     with changed("gap.infer.excerpt.MOST_SECONDS", 20.0):
         result = workflow.run(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)

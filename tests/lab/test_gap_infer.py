@@ -61,8 +61,7 @@ def test_the_discrepancy_of_noise_is_noise_and_of_a_misfit_a_misfit() -> None:
     assert quiet.white == pytest.approx(1.0, abs=0.05) and noise.Left.of(quiet, [piece(0)]).energy < 1.1
     rng = np.random.default_rng(5)
     wrong = [
-        replace(p, residual=p.residual + 0.8 * p.size * np.repeat(rng.standard_normal(N // 8), 8))
-        for p in map(piece, range(4))
+        replace(p, residual=p.residual + 0.8 * p.size * np.repeat(rng.standard_normal(N // 8), 8)) for p in map(piece, range(4))
     ]
     found = noise.Left.of(noise.found(wrong), wrong)
     assert found.energy > 3.0
@@ -129,9 +128,7 @@ def test_evidence_of_a_linear_problem_is_the_integral() -> None:
         ours = j.evidence - 0.5 * N * np.log(2 * np.pi)
         for e in effects:  # a normal stands for the size's prior while it is fitted
             value = j.values[problem.effect.name]
-            ours -= (
-                e.odds + e.ln_prior(j.values) - norm.logpdf(value, 0.0, j.space.sd[names.index(problem.effect.name)])
-            )
+            ours -= e.odds + e.ln_prior(j.values) - norm.logpdf(value, 0.0, j.space.sd[names.index(problem.effect.name)])
         assert ours == pytest.approx(exact, abs=0.05)
 
 
@@ -140,9 +137,7 @@ def test_a_search_names_what_is_there_and_nothing_else() -> None:
         h, problem = one_effect(of)
         search = Search(Layout(problem), [h])
         assert search.run().ids == expected
-        assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(
-            1.0 if expected else 0.0, abs=0.05
-        )
+        assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
 
 
 def test_sets_that_copies_of_the_process_judge_are_worth_the_same() -> None:
@@ -186,9 +181,7 @@ def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
     for p in h.effect.strengths:
         top = max(abs(p.typical_low - p.default), abs(p.typical_high - p.default))
         edges = np.geomspace(1e-4 * top, 100 * top, 60)
-        mass = sum(
-            quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0] for s in (-1, 1) for a, b in pairwise(edges)
-        )
+        mass = sum(quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0] for s in (-1, 1) for a, b in pairwise(edges))
         assert mass == pytest.approx(1.0, abs=0.01), p.name
         assert ln_size(p, p.scale * (p.sign or 1)) > ln_size(p, 10 * p.scale * (p.sign or 1)) + 5.0  # no car has that
 
@@ -203,9 +196,7 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
     heavy = next(h for h in hypotheses(effects) if h.id == "mass")
     for size in (0.0, -0.15):
         assert heavy.ln_prior({"mass_change": size}) == pytest.approx(norm.logpdf(size, 0.0, 0.01))
-    logs = [
-        write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k) for k, d in enumerate(("sweep", "steps"))
-    ]
+    logs = [write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k) for k, d in enumerate(("sweep", "steps"))]
     read, config = workflow.read(logs, read_vehicle(path))
     problem = Problem([prepare(log, config) for log in read], config)
     for asked, names in ((list(catalogue().values()), {"mass", "yaw_inertia"}), (effects, {"yaw_inertia"})):
@@ -234,11 +225,7 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Problem) -> None:
     """Positive: what the C library simulates as a delay. Negative: as latencies. The same numbers to 2 % of the change."""
     plain = late.predict({})
-    for values in (
-        {"imu_delay_time": 0.02},
-        {"steering_delay_time": 0.015},
-        {"imu_delay_time": -0.02, "accel_y_latency": 0.01},
-    ):
+    for values in ({"imu_delay_time": 0.02}, {"steering_delay_time": 0.015}, {"imu_delay_time": -0.02, "accel_y_latency": 0.01}):
         told = settings(late, values)
         assert all(v >= 0 for k, v in told.items() if not k.endswith("_latency"))
         shifted = late.predict(values)
@@ -253,13 +240,7 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
 
 def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
     """All of them: settings, stiffness of the car and of a log, latencies. A road's profile is fitted to what they leave."""
-    values = {
-        "cy_front": 0.9,
-        Own("cy_rear", 0): 0.05,
-        "body_roll_gain": 0.01,
-        "imu_delay_time": -0.01,
-        "accel_y_latency": 0.02,
-    }
+    values = {"cy_front": 0.9, Own("cy_rear", 0): 0.05, "body_roll_gain": 0.01, "imu_delay_time": -0.01, "accel_y_latency": 0.02}
     given = late.residuals(values)
     late.fixed = values
     try:
@@ -272,13 +253,7 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
 
 
 def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
-    values = {
-        "cy_rear": 0.9,
-        Own("cy_rear", 1): 0.05,
-        Own("bank", 0, 0): 0.01,
-        Own("bank", 0, 1): -0.01,
-        Own("grade", 0, 0): 0.02,
-    }
+    values = {"cy_rear": 0.9, Own("cy_rear", 1): 0.05, Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01, Own("grade", 0, 0): 0.02}
     assert of_the_car(values) == {"cy_rear": 0.9}
     assert profiles(values, "bank") == {Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01}
     assert profile_size(catalogue()["bank"], values) == pytest.approx(0.01)
@@ -325,20 +300,13 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
 
 def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
     """The steering's: its own and the IMU's; the wheels': the IMU's; an effect of the car has no share. Of a low pass its own."""
-    sizes = {
-        "imu_delay": (-0.02, 0.002),
-        "steering_delay": (-0.01, 0.001),
-        "steering_lag": (0.012, 0.003),
-        "mass": (0.1, 0.02),
-    }
+    sizes = {"imu_delay": (-0.02, 0.002), "steering_delay": (-0.01, 0.001), "steering_lag": (0.012, 0.003), "mass": (0.1, 0.02)}
     named = []
     for effect, (x, half) in sizes.items():
         key = catalogue()[effect].strengths[0].name
         named.append(Named(catalogue()[effect], {key: x}, {key: (x - half, x + half)}, 0.5, 40.0))
     values = {k: v for n in named for k, v in n.values.items()}
-    found = {
-        s["id"]: s for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))
-    }
+    found = {s["id"]: s for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))}
     expected = {
         "steer_angle_latency": (0.03, np.hypot(0.002, 0.001)),
         "wheel_speed_front_latency": (0.02, 0.002),
@@ -429,9 +397,7 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
     assert judged(None, [])[0] == 0
     swing = 5.0 * np.sin(np.pi * late.rows.time)
     assert len(workflow.what_is_left(late, replace(baseline, residuals=baseline.residuals + swing))) == 3
-    assert (
-        workflow.what_is_left(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []
-    )  # noise, though larger
+    assert workflow.what_is_left(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []  # noise, though larger
     code, words = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
     assert code == 20 and "yaw_rate 3.08 times the noise" in words[-1]
     assert "Nothing" not in " ".join(words) and "nothing is missing" not in " ".join(words)
@@ -444,32 +410,20 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
 
     def code(effect: str, closed: float, remains: list[Remainder], possible: float = 0.0) -> int:
         (p,) = catalogue()[effect].strengths[:1]
-        named = (
-            [Named(catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)] if closed else []
-        )
+        named = [Named(catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)] if closed else []
         maybe = [{"id": effect, "probability": possible, "why": "below 90 %"}] if possible else []
         found = naming.Naming(baseline, baseline, named, closed, maybe, [], True)
         return workflow.judge(workflow.Found(found), [], remains)[1]
 
     assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (10, 20, 20)
     assert (code("body_roll", 0.06, []), code("grade", 0.8, [])) == (10, 10)
-    assert (code("body_roll", 0.0, [], 0.61), code("body_roll", 0.0, [], 0.3), code("body_roll", 0.0, left, 0.61)) == (
-        11,
-        0,
-        20,
-    )
+    assert (code("body_roll", 0.0, [], 0.61), code("body_roll", 0.0, [], 0.3), code("body_roll", 0.0, left, 0.61)) == (11, 0, 20)
 
 
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
     """Of the IMU, as far as a log can say; a lag of a steering is one."""
     lag = {
-        t: Named(
-            catalogue()["steering_lag"],
-            {"steering_lag_time": t},
-            {"steering_lag_time": (t - 0.002, t + 0.002)},
-            0.5,
-            40.0,
-        )
+        t: Named(catalogue()["steering_lag"], {"steering_lag_time": t}, {"steering_lag_time": (t - 0.002, t + 0.002)}, 0.5, 40.0)
         for t in (0.012, 0.03)
     }
     assert lag[0.012].message and "low pass" in lag[0.012].title

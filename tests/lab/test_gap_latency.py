@@ -17,13 +17,7 @@ from tse.impl.gap.run import workflow
 from tse.impl.identify.data import in_time, prepare
 from tse.impl.vehicle import read_vehicle
 
-LATE = {
-    "steer_angle": 0.03,
-    "wheel_speed_front": 0.02,
-    "wheel_speed_rear": 0.02,
-    "accel_x": 0.01,
-    "accel_y": -0.02,
-}  # whole rows
+LATE = {"steer_angle": 0.03, "wheel_speed_front": 0.02, "wheel_speed_rear": 0.02, "accel_x": 0.01, "accel_y": -0.02}  # whole rows
 HIDDEN = {"body_roll_gain": 0.009}
 
 
@@ -60,9 +54,7 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
 def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str, tuple[Path, Path]]) -> None:
     """As in the log that is in time; not told of them, that something is late is found, and no physics that is not there."""
     results = {name: workflow.run([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
-    named = {
-        name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {} for name, r in results.items()
-    }
+    named = {name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {} for name, r in results.items()}
     assert list(named["in time"]) == list(named["told"]) == ["body_roll"]
     sizes = [named[name]["body_roll"].values["body_roll_gain"] for name in ("in time", "told")]
     assert sizes[1] == pytest.approx(sizes[0], rel=0.05)
@@ -87,9 +79,7 @@ def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(tmp_path: Pa
     assert verdict["verdict"] == "named"
     (effect,) = verdict["effects"]
     assert {effect["id"], *effect["look_alikes"]} >= ALIKE
-    assert effect["parameters"]["time"]["value"] == pytest.approx(
-        DELAY, rel=0.1
-    )  # of a lag, too: seen below its corner
+    assert effect["parameters"]["time"]["value"] == pytest.approx(DELAY, rel=0.1)  # of a lag, too: seen below its corner
     sentence = f"These logs cannot exclude {', '.join(effect['look_alikes'])} in its place."
     assert verdict["words"][0].startswith("Stiffness at no slip") and sentence in verdict["words"][1]
     assert sentence in done.out

@@ -49,9 +49,7 @@ def case(tmp_path_factory):
     """An IMU that is 20 ms late, in two logs and one that is held out."""
     folder = tmp_path_factory.mktemp("gap")
     vehicle = car(folder)
-    logs = [
-        write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0) for seed, d in enumerate(("sweep", "brakes"), 1)
-    ]
+    logs = [write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0) for seed, d in enumerate(("sweep", "brakes"), 1)]
     held = write_log(folder / "held.csv", vehicle, "steps", DELAY, 3, 16.0)
     out = folder / "out"
     done = tselab("gap", *logs, "--vehicle", vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
@@ -73,9 +71,7 @@ def test_names_the_hidden_effect_in_words_and_by_exit_code(case):
 def test_verdict_has_all_that_was_agreed_and_no_number_that_json_lacks(case):
     text = (case.out / "verdict.json").read_text()
     assert "NaN" not in text and "Infinity" not in text
-    assert {"verdict", "effects", "where", "gap", "undetectable", "stiffness", "estimator", "words"} <= set(
-        case.verdict
-    )
+    assert {"verdict", "effects", "where", "gap", "undetectable", "stiffness", "estimator", "words"} <= set(case.verdict)
     assert {"channel", "condition", "entry_point", "strength"} <= set(case.verdict["where"][0])
     for key, true in STIFFNESS.items():
         assert case.verdict["stiffness"][key] == pytest.approx(true, rel=0.02)
@@ -94,9 +90,7 @@ def test_the_estimator_is_valid_as_long_and_foresees_rows_as_well_with_the_impro
 def test_improved_vehicle_is_the_users_with_stiffness_and_effect(case):
     old, new = read_vehicle(case.vehicle), read_vehicle(case.out / "vehicle_improved.toml")
     assert new.name == old.name and not new.filled
-    assert all(
-        "[uncertainty] is 0" in note for note in new.notes
-    )  # as the user's is, who told the simulator's car exactly
+    assert all("[uncertainty] is 0" in note for note in new.notes)  # as the user's is, who told the simulator's car exactly
     assert new.values["imu_delay_time"] == pytest.approx(0.02, abs=0.002)
     assert new.values["cornering_stiffness_front"] == pytest.approx(0.92 * 110000, rel=0.02)
     assert new.values["longitudinal_stiffness_rear"] == pytest.approx(1.1 * 160000, rel=0.03)
@@ -111,9 +105,7 @@ def test_improved_vehicle_estimates_and_simulates(case):
     improved = case.out / "vehicle_improved.toml"
     est = tselab("estimate", case.held, "--vehicle", improved, "--particles", 50, "--out", case.folder / "e.csv")
     assert est.code in RAN, est.err
-    sim = tselab(
-        "simulate", "--maneuver", "step-steer", "--duration", 1, "--vehicle", improved, "--out", case.folder / "s.csv"
-    )
+    sim = tselab("simulate", "--maneuver", "step-steer", "--duration", 1, "--vehicle", improved, "--out", case.folder / "s.csv")
     assert sim.code == 0, sim.err
 
 
@@ -224,12 +216,6 @@ def test_bad_input_is_exit_2_and_a_sentence(tmp_path, case, args, text, monkeypa
 def test_help_tells_of_the_workflow_and_its_commands():
     done = tselab("gap", "--help")
     assert done.code == 0
-    for text in (
-        "LOG ...",
-        "--hold-out",
-        "check",
-        "plan",
-        "Exit code",
-    ):
+    for text in ("LOG ...", "--hold-out", "check", "plan", "Exit code"):
         assert text in done.out, text
     assert "  run " not in done.out

@@ -120,9 +120,7 @@ def test_check_prints_a_table(folder, vehicle):
 
 
 def test_optional_columns_are_kept_checked_and_averaged(folder, vehicle):
-    path = write_log(
-        folder / "extra.csv", vehicle, "sweep", {}, 1, seconds=6.0, vehicle_speed=0.05, wheel_torque_front=5.0
-    )
+    path = write_log(folder / "extra.csv", vehicle, "sweep", {}, 1, seconds=6.0, vehicle_speed=0.05, wheel_torque_front=5.0)
     table = pd.read_csv(path)
     table.loc[3, "vehicle_speed"] = 500.0
     table["wheel_torque_rear"] = "n/a at all"
@@ -130,9 +128,7 @@ def test_optional_columns_are_kept_checked_and_averaged(folder, vehicle):
     log = read_log(path)
     assert list(log.extra) == ["vehicle_speed", "wheel_torque_front"]
     assert np.isnan(log.extra["vehicle_speed"][3]) and log.extra["vehicle_speed"][4] == table["vehicle_speed"][4]
-    assert any("1 values outside" in n for n in log.notes) and any(
-        "wheel_torque_rear is not numeric" in n for n in log.notes
-    )
+    assert any("1 values outside" in n for n in log.notes) and any("wheel_torque_rear is not numeric" in n for n in log.notes)
     assert average(log, 0.1).extra["wheel_torque_front"][5] == pytest.approx(table["wheel_torque_front"][50:60].mean())
 
 
@@ -143,7 +139,4 @@ def test_column_in_other_units_is_not_used_and_the_log_is_not_refused(folder, ve
     table.to_csv(path, index=False)
     log = read_log(path)
     assert log.extra.empty and any("divide by 3.6" in n for n in log.notes)
-    assert (
-        tselab_here("estimate", path, "--vehicle", vehicle, "--particles", 50, "--out", folder / "kmh.est.csv").code
-        in RAN
-    )
+    assert tselab_here("estimate", path, "--vehicle", vehicle, "--particles", 50, "--out", folder / "kmh.est.csv").code in RAN

@@ -58,9 +58,7 @@ def test_down_to_the_noise_all_values_count():
     # 3000 independent values: ln(1.1/1.0) of each half is 143 nats, more than three names cost
     w = worlds((naming(1.1, "mass"),), (naming(1.0, "mass", "body_roll", "relaxation", "cg_shift"),))
     ratio = np.log(w.known[1].probability) - np.log(max(w.known[0].probability, 1e-300))
-    assert ratio == pytest.approx(
-        0.5 * ROWS * np.log(1.21) - sum(map(price_of, ("body_roll", "relaxation", "cg_shift"))), rel=1e-6
-    )
+    assert ratio == pytest.approx(0.5 * ROWS * np.log(1.21) - sum(map(price_of, ("body_roll", "relaxation", "cg_shift"))), rel=1e-6)
 
 
 def test_a_patchwork_of_names_does_not_stand_beside_a_formula_that_is_shorter():
@@ -77,9 +75,7 @@ def test_one_name_that_closes_as_much_as_a_formula_stands():
     empty = naming(10.0)
     w = worlds((naming(2.0, "mass"),), (empty, formula(2.0, 5)))
     assert w.with_name("mass") > NAME_AT
-    assert w.known[1].probability / w.known[0].probability == pytest.approx(
-        np.exp(price_of("mass") - 10.0 - np.log(4.0))
-    )
+    assert w.known[1].probability / w.known[0].probability == pytest.approx(np.exp(price_of("mass") - 10.0 - np.log(4.0)))
 
 
 def test_a_formula_beside_a_name_is_asked_with_both_prices():
@@ -123,9 +119,7 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     nothing, kept = naming(10.0), []
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
-    monkeypatch.setattr(
-        rivals, "discover", lambda _p, last, *_: found if last is nothing.final else SimpleNamespace(formula=None)
-    )
+    monkeypatch.setattr(rivals, "discover", lambda _p, last, *_: found if last is nothing.final else SimpleNamespace(formula=None))
     monkeypatch.setattr(rivals, "on_all", lambda _p, _last, discovery: discovery)
     monkeypatch.setattr(rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing)
     _, names, shown = rivals.explained(problem(), None, one, lambda _: None)
@@ -150,9 +144,7 @@ def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
     judged, with its words, or it is not, and there are none."""
     short = naming(2.0)
     short.baseline, short.closed, short.possible = fit(2.0), 0.0, []
-    found = SimpleNamespace(
-        fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"]
-    )
+    found = SimpleNamespace(fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"])
     monkeypatch.setattr(rivals, "discover", lambda *_: found)
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))

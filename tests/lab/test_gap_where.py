@@ -66,9 +66,7 @@ def answer(config: Config, speed: float, place: str, d: np.ndarray) -> tuple[np.
     f = expm(whole * STEP)
     x, ay, r = np.zeros(2), [], []
     for value in d:
-        force = (
-            value / m if place in ("front axle", "rear axle", "side force") else 0.0
-        )  # an accelerometer feels no gravity
+        force = value / m if place in ("front axle", "rear axle", "side force") else 0.0  # an accelerometer feels no gravity
         ay.append(matrix[0] @ x + speed * x[1] + force)
         r.append(x[1])
         x = f[:2, :2] @ x + f[:2, 2] * value

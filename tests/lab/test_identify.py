@@ -23,13 +23,7 @@ from tse.impl.logs.log import read_log
 from tse.impl.vehicle import default_vehicle, read_vehicle
 
 DT = 0.01
-LATE = {
-    "steer_angle": -0.024,
-    "wheel_speed_front": 0.013,
-    "wheel_speed_rear": 0.013,
-    "accel_x": 0.006,
-    "accel_y": 0.006,
-}
+LATE = {"steer_angle": -0.024, "wheel_speed_front": 0.013, "wheel_speed_rear": 0.013, "accel_x": 0.006, "accel_y": 0.006}
 HIDDEN = {"steering_offset_angle": 0.004, "body_roll_gain": 0.009, "relaxation_length": 0.5, "imu_lever_arm_x": 0.4}
 STIFF = {"cx_front": 0.9, "cy_front": 1.1, "cy_rear": 0.95}
 QUIET = {"accel_x_sd": 0.03, "accel_y_sd": 0.03, "yaw_rate_sd": 0.001}
@@ -45,16 +39,13 @@ def made(
     inputs, outputs = simulator.inputs(n), simulator.outputs(n)
     t = DT * np.arange(n)
     inputs["dt"], inputs["road_level"] = DT, 1.0
-    inputs["steer_angle"] = (
-        0.025 * np.sin(2 * np.pi * 0.3 * t + 4 * np.sin(0.2 * t + seed)) * (1 + 0.5 * np.sin(0.11 * t))
-    )
+    inputs["steer_angle"] = 0.025 * np.sin(2 * np.pi * 0.3 * t + 4 * np.sin(0.2 * t + seed)) * (1 + 0.5 * np.sin(0.11 * t))
     torque = 500 * np.tanh(4 * np.sin(0.9 * t + seed)) - 60
     inputs["wheel_torque_front"], inputs["brake_torque_rear"] = torque, np.where(torque < 0, 150.0, 0.0)
     for i in range(n):
         simulator.step_into(inputs, outputs, i)
     rows = {
-        k: outputs[k].copy()
-        for k in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+        k: outputs[k].copy() for k in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     }
     for k, by in (late or {}).items():
         rows[k] = np.interp(t - by, t, rows[k])
@@ -63,9 +54,7 @@ def made(
 
 def written(path: Path, rows: np.ndarray) -> Path:
     names = rows.dtype.names
-    np.savetxt(
-        path, np.column_stack([rows[n] for n in names]), delimiter=",", header=",".join(names), comments="", fmt="%.9g"
-    )
+    np.savetxt(path, np.column_stack([rows[n] for n in names]), delimiter=",", header=",".join(names), comments="", fmt="%.9g")
     return path
 
 
@@ -227,9 +216,9 @@ def test_the_prior_is_around_what_the_vehicle_file_tells_and_messages_are_late_t
     assert prior.mean[at("yaw_inertia")] == config.yaw_inertia
     front, rear = at("wheel_speed_front_latency"), at("wheel_speed_rear_latency")
     assert prior.covariance[front, rear] == pytest.approx(COMMON_SD["wheels"] ** 2)
-    assert prior.covariance[front, front] + prior.covariance[rear, rear] - 2 * prior.covariance[
-        front, rear
-    ] == pytest.approx(2 * 0.0005**2)
+    assert prior.covariance[front, front] + prior.covariance[rear, rear] - 2 * prior.covariance[front, rear] == pytest.approx(
+        2 * 0.0005**2
+    )
     assert np.linalg.eigvalsh(prior.covariance / np.outer(prior.sd, prior.sd))[0] > 0
 
 
@@ -268,11 +257,7 @@ def test_a_latency_moves_the_simulation_by_itself(found: tuple[Problem, object])
     problem, _ = found
     x = problem.mean.copy()
     x[problem.names.index("accel_y_latency")] = 0.03
-    log, before, after = (
-        problem.logs[0],
-        problem.simulate(0, problem.mean)["accel_y"],
-        problem.simulate(0, x)["accel_y"],
-    )
+    log, before, after = (problem.logs[0], problem.simulate(0, problem.mean)["accel_y"], problem.simulate(0, x)["accel_y"])
     rows = slice(log.stretches[0].first + 50, log.stretches[0].last - 50)
     np.testing.assert_allclose(after[rows], before[rows.start - 3 : rows.stop - 3], atol=1e-9)  # 30 ms are three rows
     x = problem.mean.copy()
@@ -296,14 +281,10 @@ def test_slopes_are_differences_of_the_residuals(found: tuple[Problem, object]) 
         back[k] -= h
         for a, b, s in zip(problem.residuals(there), problem.residuals(back), slopes, strict=True):
             expected = (a - b) / (2 * h)
-            np.testing.assert_allclose(
-                s[:, k], expected, atol=0.03 * max(float(np.max(np.abs(expected))), 1e-9), err_msg=name
-            )
+            np.testing.assert_allclose(s[:, k], expected, atol=0.03 * max(float(np.max(np.abs(expected))), 1e-9), err_msg=name)
 
 
-def test_the_lean_of_roads_that_the_file_tells_is_where_each_log_starts_and_does_not_count_twice(
-    tmp_path: Path,
-) -> None:
+def test_the_lean_of_roads_that_the_file_tells_is_where_each_log_starts_and_does_not_count_twice(tmp_path: Path) -> None:
     log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
     told = Config(QUIET | {"bank_superelevation": 0.2})
     other, plain = (Problem([log], c, prior_of(default_vehicle(), c)) for c in (told, Config(QUIET)))
@@ -449,11 +430,7 @@ def test_pieces_that_contradict_each_other_make_the_sd_wider(tmp_path: Path) -> 
     prior = prior_of(default_vehicle(), config)
     few = [prior.names.index(n) for n in (*STIFFNESS, "steering_offset_angle")]
     few_prior = Prior(
-        tuple(prior.names[k] for k in few),
-        prior.mean[few],
-        prior.covariance[np.ix_(few, few)],
-        prior.low[few],
-        prior.high[few],
+        tuple(prior.names[k] for k in few), prior.mean[few], prior.covariance[np.ix_(few, few)], prior.low[few], prior.high[few]
     )
     sd = []
     for logs in (alike, unlike):
@@ -491,7 +468,5 @@ def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> 
         with pytest.raises(UserError, match=r"\[calibration\]"):
             read_vehicle(path)
     # what is left of nothing by rounding is no contradiction: `tselab calibrate` writes such files
-    path.write_text(
-        car + "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 1e-12], [2e-12, 1e-3]]", encoding="utf-8"
-    )
+    path.write_text(car + "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 1e-12], [2e-12, 1e-3]]", encoding="utf-8")
     assert read_vehicle(path).calibration["names"] == ["a", "b"]

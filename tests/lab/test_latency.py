@@ -15,9 +15,7 @@ from tse.impl.vehicle import latency_settings
 ROWS, DT = 6000, 0.01
 LAST = slice(-1500, None)
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
-INTEGRATED = (
-    0.03  # of the stiffness, with an sd of 0.02: 0.01 of it is the row of 10 ms in one substep (two: 0.02 at most)
-)
+INTEGRATED = 0.03  # of the stiffness, with an sd of 0.02: 0.01 of it is the row of 10 ms in one substep (two: 0.02 at most)
 STRICT = {"steer_lag_sd": 0.0, "driven_axle": 1.0}  # nothing is found out that is not told
 
 
@@ -90,10 +88,7 @@ def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
 
 def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
     """So that the test above shows what telling does: but for one of six, whose latencies happen to be alike."""
-    worst = [
-        max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS)
-        for seed in range(6)
-    ]
+    worst = [max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS) for seed in range(6)]
     assert sorted(worst)[1] > 0.05, worst
 
 
@@ -137,9 +132,7 @@ def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
     table["ref_vel_y"] = driven["true_vel_y"][::10]
     table.to_csv(folder / "log.csv", index=False)
     (folder / "car.toml").write_text(CAR + EXACT)
-    done = tselab_here(
-        "estimate", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder
-    )
+    done = tselab_here("estimate", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder)
     assert done.code in RAN, done.err
     return done, pd.read_csv(folder / "log.est.csv"), table, (folder / "r.html").read_text(encoding="utf-8")
 
@@ -157,9 +150,7 @@ def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> Non
 def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tuple) -> None:
     """vel_y agrees with the reference where the plot draws it, and less where the row stands."""
     _, est, table, page = run
-    traces = {
-        t["name"]: t for figure in figures_of(page) for t in figure["data"] if t["name"] in ("ref_vel_y", "estimate")
-    }
+    traces = {t["name"]: t for figure in figures_of(page) for t in figure["data"] if t["name"] in ("ref_vel_y", "estimate")}
     assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"].to_numpy())
     spoken = regimes.spoken_of(est)
     assert spoken == pytest.approx(table["time"].to_numpy() - 0.04, abs=1e-6)

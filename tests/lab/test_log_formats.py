@@ -73,9 +73,7 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
         return
     log = read_log(path, reading=how)
     assert 0.3 * len(table) < len(log) < 0.7 * len(table)
-    assert any(
-        "damaged" in n or "its end is missing" in n or "end of the file" in n or "cut" in n for n in log.notes
-    ), log.notes
+    assert any("damaged" in n or "its end is missing" in n or "end of the file" in n or "cut" in n for n in log.notes), log.notes
     np.testing.assert_allclose(np.nanmean(log.data["yaw_rate"]), np.mean(table.yaw_rate[: len(log)]), atol=0.01)
 
 
@@ -149,9 +147,7 @@ def test_signals_lists_what_a_log_holds(clean, tmp_path):
     signals = {s["name"]: s for s in found["signals"]}
     assert done.code == 0 and len(signals) == 8
     wheel = signals["RadVL"]
-    assert (
-        wheel["rate"] == pytest.approx(50, rel=0.02) and wheel["used"] == "wheel_speed_front" and wheel["missing"] > 0.4
-    )
+    assert wheel["rate"] == pytest.approx(50, rel=0.02) and wheel["used"] == "wheel_speed_front" and wheel["missing"] > 0.4
     assert signals["Gierrate"]["rate"] == pytest.approx(100, rel=0.02)
     assert signals["LenkradWinkel"]["high"] == pytest.approx(DEG * RATIO * table.steer_angle[::5].max(), rel=1e-6)
     assert found["proposal"]["yaw_rate"]["figures"] and found["proposal"]["yaw_rate"]["unit"] == "deg/s"
@@ -194,11 +190,7 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
     (tmp_path / "a.rlog").write_bytes(raw)
     found = read_recording(tmp_path / "a.rlog")
     c = found.channels["carState.wheelSpeeds.fl"]
-    assert (
-        len(c) == 300
-        and c.value[-1] == pytest.approx(22.99, rel=1e-5)
-        and np.diff(c.time) == pytest.approx(0.01, abs=1e-6)
-    )
+    assert len(c) == 300 and c.value[-1] == pytest.approx(22.99, rel=1e-5) and np.diff(c.time) == pytest.approx(0.01, abs=1e-6)
 
 
 @pytest.mark.parametrize("command", ["calibrate", "gap check"])
@@ -253,11 +245,7 @@ def test_without_wheels_the_speed_stands_for_an_axle_and_says_so(bends):
     assert {g.channel: g.name for g in found.guesses} == {
         "steer_angle": ("df",), "wheel_speed_rear": ("vx",), "accel_x": ("a_long",),
         "accel_y": ("a_lat",), "yaw_rate": ("wz",)}  # fmt: skip
-    assert (found["wheel_speed_rear"].unit, found["steer_angle"].unit, found["steer_angle"].ratio) == (
-        "m/s",
-        "rad",
-        None,
-    )
+    assert (found["wheel_speed_rear"].unit, found["steer_angle"].unit, found["steer_angle"].ratio) == ("m/s", "rad", None)
     assert "slip and longitudinal stiffness are not known" in " ".join(found["wheel_speed_rear"].figures)
 
 

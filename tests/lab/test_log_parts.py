@@ -143,10 +143,7 @@ def test_a_wheel_that_is_missing_is_made_up_for_by_the_other_and_the_turn(tmp_pa
     log = read_log(path)
     expected = np.where(np.arange(400) == 200, np.nan, middle["wheel_speed_front"])
     np.testing.assert_allclose(log.data["wheel_speed_front"], expected, atol=1e-9)
-    assert (
-        "wheel_speed_front: one of both wheels is missing in 70 rows: taken from the other and the yaw rate"
-        in log.notes
-    )
+    assert "wheel_speed_front: one of both wheels is missing in 70 rows: taken from the other and the yaw rate" in log.notes
 
 
 def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_path):
@@ -154,9 +151,7 @@ def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_
     np.testing.assert_allclose(read_log(path).data["wheel_speed_rear"], 50.0)
     table = pd.read_csv(path).drop(columns="wheel_speed_front_right")
     table.to_csv(path, index=False)
-    with pytest.raises(
-        UserError, match=r"column wheel_speed_front is missing in the header .* left and right wheel may stand"
-    ):
+    with pytest.raises(UserError, match=r"column wheel_speed_front is missing in the header .* left and right wheel may stand"):
         read_log(path)
 
 
@@ -165,10 +160,7 @@ def test_a_wheel_out_of_range_is_missing_and_named_with_its_side(tmp_path):
     wrong[7] = 900.0
     path, *_ = four_wheels(tmp_path, wheel_speed_rear_right=wrong)
     log = read_log(path)
-    assert (
-        "wheel_speed_rear_right: 1 values outside -400 .. 400 rad/s are treated as missing (first in line 9)"
-        in log.notes
-    )
+    assert "wheel_speed_rear_right: 1 values outside -400 .. 400 rad/s are treated as missing (first in line 9)" in log.notes
     assert log.data["wheel_speed_rear"].notna().all()  # the other wheel stands in
 
 
@@ -329,8 +321,7 @@ def test_gaps_stay_gaps_and_only_of_the_channel_that_has_them():
 
 def test_a_gap_of_all_channels_is_no_rows():
     all_gone = {
-        n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)])
-        for n, s in table().items()
+        n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)]) for n, s in table().items()
     }
     rows = on_raster(all_gone, None)
     assert np.diff(rows.time).max() == pytest.approx(4.0, abs=0.15) and (np.diff(rows.time) > 0.02).sum() == 1

@@ -90,20 +90,11 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
         names[channel] = (full,)
         sign[channel], si[channel] = way, per
 
-    flip = (
-        1.0 if rng.random() < 0.7 else -1.0
-    )  # a maker who has right positive has it in all of the lateral ones, mostly
+    flip = 1.0 if rng.random() < 0.7 else -1.0  # a maker who has right positive has it in all of the lateral ones, mostly
     n = len(clean)
     deg = rng.random() < 0.8
     way = flip if rng.random() < 0.9 else -flip
-    put(
-        "steer_angle",
-        pick(STEER),
-        clean.steer_angle.to_numpy() * ratio,
-        "deg" if deg else "rad",
-        1 / DEG if deg else 1.0,
-        way,
-    )
+    put("steer_angle", pick(STEER), clean.steer_angle.to_numpy() * ratio, "deg" if deg else "rad", 1 / DEG if deg else 1.0, way)
     deg = rng.random() < 0.6
     put("yaw_rate", pick([y for y in YAW if deg or not y.endswith("dps")]), clean.yaw_rate.to_numpy(), pick(["deg/s",
     "°/s"]) if deg else "rad/s",
@@ -243,10 +234,7 @@ def named(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
-    mph = {
-        s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694
-        for s in ("rear_right", "front_left", "rear_left", "front_right")
-    }
+    mph = {s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694 for s in ("rear_right", "front_left", "rear_left", "front_right")}
     noise = np.random.default_rng(0).normal(size=len(drive))
     columns = [noise, -drive.accel_y, mph["rear_right"], mph["front_left"], drive.yaw_rate * DEG, mph["rear_left"],
                drive.steer_angle * DEG * GEAR, mph["front_right"], drive.accel_x]  # fmt: skip
@@ -270,9 +258,7 @@ def test_what_the_log_cannot_test_is_unsure(drive):
 
 
 def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
-    found = proposed(
-        drive.time[:500], {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)}
-    )
+    found = proposed(drive.time[:500], {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)})
     assert found["yaw_rate"].unit == "deg/s" and found["yaw_rate"].confidence == "unsure"
 
 

@@ -309,9 +309,7 @@ def test_the_truth_of_tyres_that_saturate_is_their_secant():
     x = c.accel_x_sd * phi[:, 0] * scores.grip(use[:, 0])
     assert d.truth["true_accel_y"][rows] == pytest.approx((force_y + x * d.truth["steer_angle"])[rows], abs=0.03)
     level = scores.knowable(d, studies.NOMINAL).level[rows]
-    assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[
-        :, 1
-    ].mean()  # drive and steering in front
+    assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[:, 1].mean()  # drive and steering in front
     one = np.ones(len(use), bool)
     assert (scores.felt(d.stiffness, phi, 0 * use, one, 100.0) == d.stiffness).all()
     alone = np.zeros_like(use)
@@ -411,9 +409,7 @@ def alone(tmp_path_factory) -> pd.DataFrame:
 
 
 def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
-    done = tselab(
-        "montecarlo", "--study", "stress", "--cases", "nominal,paper-prior", "--runs", 2, "--jobs", 2, cwd=tmp_path
-    )
+    done = tselab("montecarlo", "--study", "stress", "--cases", "nominal,paper-prior", "--runs", 2, "--jobs", 2, cwd=tmp_path)
     assert done.code == 0, done.err
     out = tmp_path / "montecarlo-stress"
     table = pd.read_csv(out / "runs.csv")
@@ -576,9 +572,7 @@ def test_a_small_part_of_each_study(name, tmp_path):
 
 def _accuracy(lines, text):
     for name, limit in (("cx_front", 10.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
-        assert (
-            lines.loc["accuracy", "tse"][f"{name}_rms"] < limit and lines.loc["accuracy", "tse"][f"{name}_covered"] > 90
-        )
+        assert lines.loc["accuracy", "tse"][f"{name}_rms"] < limit and lines.loc["accuracy", "tse"][f"{name}_covered"] > 90
 
 
 def _paper(lines, text):

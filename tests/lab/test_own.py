@@ -245,9 +245,7 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     assert not any("calibrated on" in n or "taught is not used" in n for n in second["notes"])
     (made,) = (tmp_path / "out" / CALIBRATED).glob("*.toml")
     assert read_vehicle(made).calibration["own"]
-    loaded = tselab_here(
-        "estimate", "logs/2026-01-02.csv", "--vehicle", made, "--load-learnt", "out/learnt/x.tse", cwd=tmp_path
-    )
+    loaded = tselab_here("estimate", "logs/2026-01-02.csv", "--vehicle", made, "--load-learnt", "out/learnt/x.tse", cwd=tmp_path)
     assert loaded.code in (0, 3), loaded.err
     stat = made.stat().st_mtime_ns
     assert tselab_here(*command, cwd=tmp_path).out == done.out and made.stat().st_mtime_ns == stat

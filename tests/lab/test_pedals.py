@@ -43,9 +43,7 @@ def vehicle(made, tmp_path_factory) -> Vehicle:
 
 def said(log: Log, made) -> list[str]:
     v = made.vehicle
-    return check_units(
-        log, v["wheelbase"], v["wheel_radius_front"], v["wheel_radius_rear"], v["steering_ratio"], mass=v["mass"]
-    )
+    return check_units(log, v["wheelbase"], v["wheel_radius_front"], v["wheel_radius_rear"], v["steering_ratio"], mass=v["mass"])
 
 
 def test_columns_are_bits_of_a_row_where_they_have_a_number(drive: pd.DataFrame) -> None:
@@ -148,12 +146,7 @@ def test_a_pressure_becomes_a_switch_by_signals_toml(vehicle, drive: pd.DataFram
     recording = read_recording(tmp_path / "drive.csv", How())
     proposal = propose(recording)
     brake, torque = proposal["brake"], proposal["wheel_torque_front"]
-    assert (
-        brake is not None
-        and brake.name == ("Brake_Pressure",)
-        and brake.confidence == "sure"
-        and 0.1 < brake.above < 5.1
-    )
+    assert brake is not None and brake.name == ("Brake_Pressure",) and brake.confidence == "sure" and 0.1 < brake.above < 5.1
     assert torque is not None and torque.name == ("FrontAxleTorque",) and torque.unsure
     assert proposal["wheel_torque_rear"] is None
     path = tmp_path / "signals.toml"

@@ -78,10 +78,7 @@ def test_false_changes_are_those_that_are_not_within_two_seconds_after_an_event(
     for when in (12.0, 29.5, 29.9, 31.9, 32.2, 45.0):
         says(estimate, d, when, when, until=when + 0.3)
     row = scores.regimes(d, case, known, estimate)
-    assert (row["changes"], row["false_changes"]) == (
-        4,
-        3,
-    )  # 31.9 and 32.2 are one, and right; 29.5 and 29.9 are one, and early
+    assert (row["changes"], row["false_changes"]) == (4, 3)  # 31.9 and 32.2 are one, and right; 29.5 and 29.9 are one, and early
     assert scores.regimes(d, replace(case, events=()), known, estimate)["false_changes"] == 4
     assert scores.regimes(d, replace(case, lasts=14.0), known, estimate)["false_changes"] == 2
     assert scores.regimes(d, replace(case, events=(30.0, 45.0)), known, estimate)["false_changes"] == 2
@@ -238,10 +235,6 @@ def test_false_changes_are_counted_by_the_hour():
         {"case": "false-alarms", "estimator": "tse", "changes": [1, 0, 3], "false_changes": [0, 0, 2], "seconds": 600.0}
     )
     (row,) = summary.false_changes(plan, runs).rows
-    assert (
-        row[:5] == ["false-alarms", "tse", "0.5", "4", "2"]
-        and row[5].startswith("4.00 (0.48 .. 14.45)")
-        and row[6] == "1"
-    )
+    assert row[:5] == ["false-alarms", "tse", "0.5", "4", "2"] and row[5].startswith("4.00 (0.48 .. 14.45)") and row[6] == "1"
     runs["changes"] = np.nan
     assert summary.false_changes(plan, runs).rows == []

@@ -24,12 +24,8 @@ def page(drive, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     vehicle = folder / "bare.toml"
     text = drive.vehicle.read_text().split("[sensors]")[0]
-    vehicle.write_text(
-        "\n".join(line for line in text.splitlines() if "stiffness_" not in line) + '\n["<b>red</b>"]\nshade = 1\n'
-    )
-    done = tselab_here(
-        "estimate", drive.log, "--vehicle", vehicle, "--particles", 100, "--report", "r.html", cwd=folder
-    )
+    vehicle.write_text("\n".join(line for line in text.splitlines() if "stiffness_" not in line) + '\n["<b>red</b>"]\nshade = 1\n')
+    done = tselab_here("estimate", drive.log, "--vehicle", vehicle, "--particles", 100, "--report", "r.html", cwd=folder)
     assert done.code == 0, done.err
     return (folder / "r.html").read_text(encoding="utf-8"), done
 
@@ -46,12 +42,7 @@ def test_figures_hold_stiffness_states_inputs_and_health(page):
 
     figures = figures_of(page[0])
     names = [{trace["name"] for trace in figure["data"]} for figure in figures]
-    assert {
-        "mean, valid",
-        "95 % interval",
-        "nominal",
-        "reference",
-    } <= names[0]
+    assert {"mean, valid", "95 % interval", "nominal", "reference"} <= names[0]
     assert {"estimate", "95 % interval", "measured", "ref_vel_x", "ref_vel_y", "ref_yaw_rate"} <= names[1]
     assert {"steer_angle", "wheel_speed_front", "accel_y"} <= names[2]
     assert {"log_evidence", "nis", "status", "bias_yaw_rate"} <= names[3]
@@ -87,11 +78,7 @@ def test_reference_columns_find_their_quantity(column, quantity):
 
 def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, noise: float = 1.0):
     rows = {"time": range(len(valid)), "status": [0 if v else 1 for v in valid]}
-    rows |= {
-        "noise_accel_x": [noise] * len(valid),
-        "noise_accel_y": [1.0] * len(valid),
-        "noise_yaw_rate": [1.0] * len(valid),
-    }
+    rows |= {"noise_accel_x": [noise] * len(valid), "noise_accel_y": [1.0] * len(valid), "noise_yaw_rate": [1.0] * len(valid)}
     for key in ("cx_front", "cy_front", "cy_rear"):
         rows |= {key: [mean] * len(valid), f"{key}_sd": [1500.0] * len(valid), f"{key}_spread": [5000.0] * len(valid)}
         rows |= {f"{key}_spread_seen": [seen] * len(valid)}
@@ -128,10 +115,7 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
     table["cy_front_sd"] = 3e3 - 10.0 * np.arange(100)
     end, median = (verdicts(table, Config({"form": form}))[1] for form in (0, 1))
     assert end.value == pytest.approx(98 + 8.9) and end.band == pytest.approx(1.96 * (3 - 0.89))
-    assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (
-        end.value - end.band,
-        end.value + end.band,
-    )
+    assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (end.value - end.band, end.value + end.band)
 
 
 def test_grip_and_sideslip_have_their_intervals():
@@ -141,9 +125,7 @@ def test_grip_and_sideslip_have_their_intervals():
     table = table_of([1] * 100, "")
     assert others(table, Config({"grip_sd": 0.2})) == []  # a table without them
     angle = np.where(np.arange(100) == 40, -0.05, 0.01)
-    table = table.assign(
-        grip=0.9, grip_sd=0.1, grip_valid=0, grip_reason="uncertain", sideslip=angle, sideslip_sd=0.002
-    )
+    table = table.assign(grip=0.9, grip_sd=0.1, grip_valid=0, grip_reason="uncertain", sideslip=angle, sideslip_sd=0.002)
     table.loc[70, ["sideslip", "status"]] = [0.5, 4]  # held
     grip, slip = others(table, Config({"grip_sd": 0.2}))
     assert grip.line() == "Grip: 0.90 ± 0.20 (95 %), not valid: uncertain, the tyres were not driven near their limit"
@@ -186,9 +168,7 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
     table["accel_y"] += 0.6 * np.random.default_rng(1).standard_normal(len(table))
     table.to_csv(tmp_path / "noisy.csv", index=False)
     for log, noisy in ((drive.log, False), ("noisy.csv", True)):
-        done = tselab_here(
-            "estimate", log, "--vehicle", drive.vehicle, "--particles", 100, "--report", "r.html", cwd=tmp_path
-        )
+        done = tselab_here("estimate", log, "--vehicle", drive.vehicle, "--particles", 100, "--report", "r.html", cwd=tmp_path)
         assert done.code == 0, done.err
         page = (tmp_path / "r.html").read_text(encoding="utf-8")
         names = {trace["name"] for trace in figures_of(page)[3]["data"]}
@@ -220,9 +200,7 @@ def made_up(n: int) -> tuple[Log, pd.DataFrame]:
     rng = np.random.default_rng(n)
     time = 0.01 * np.arange(n)
     data = pd.DataFrame({c: rng.standard_normal(n) for c in columns()[1:]})
-    ref = pd.DataFrame(
-        {"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]}
-    )
+    ref = pd.DataFrame({"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]})
     log = Log(Path("made-up.csv"), time, data, ref, np.arange(n) + 2, 0.01)
     names = [c for c in (*plots.WITH_BAND, *plots.PLAIN) if c not in ("status",)]
     est = {"time": time, "status": (rng.random(n) < 0.1).astype(int)}
@@ -331,9 +309,7 @@ def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
     from tse.impl.gap.run.pictures import overlay
 
     n = 21_000
-    table = pd.DataFrame(
-        {"part": "fit", "log": "long", "channel": pd.Categorical(["accel_y"] * n), "time": 0.04 * np.arange(n)}
-    )
+    table = pd.DataFrame({"part": "fit", "log": "long", "channel": pd.Categorical(["accel_y"] * n), "time": 0.04 * np.arange(n)})
     for column in ("measured", "predicted_before", "predicted_after", "residual_before"):
         table[column] = 0.0
     table.loc[12_345, "measured"] = 30.0
@@ -350,9 +326,7 @@ def drive(told, seconds: float = 200.0):
     table = table_of_events(told, seconds)
     log, other = made_up(len(table))
     rest = other[[c for c in other if c not in table]]
-    return log, pd.concat(
-        [table, rest.assign(**{f"discrepancy_{c}": 0.1 for c in ("accel_x", "accel_y", "yaw_rate")})], axis=1
-    )
+    return log, pd.concat([table, rest.assign(**{f"discrepancy_{c}": 0.1 for c in ("accel_x", "accel_y", "yaw_rate")})], axis=1)
 
 
 def test_the_strip_shows_the_least_usual_row_and_its_probabilities_add_up():

@@ -310,9 +310,7 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     table.to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 32, cwd=tmp_path)
     assert done.code == 4 and "warning: check the units: accel_y is in g" in done.err
-    strict = tselab_here(
-        "estimate", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path
-    )
+    strict = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path)
     assert strict.code == 2 and "option --strict: check the units: accel_y is in g" in strict.err
     assert not (tmp_path / "strict.csv").exists()
 
@@ -402,10 +400,7 @@ def test_wheels_that_stand_while_the_car_drives_are_a_note(lively, drive, tmp_pa
     table.to_csv(tmp_path / "log.csv", index=False)
     done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code in RAN and "RuntimeWarning" not in done.err
-    assert (
-        "note: both wheel speeds are 0 from 10.01 to 29.99 s, while the car drove (19.6 m/s in the row before"
-        in done.err
-    )
+    assert "note: both wheel speeds are 0 from 10.01 to 29.99 s, while the car drove (19.6 m/s in the row before" in done.err
 
 
 def test_a_car_that_stops_and_starts_gets_no_note_and_two_gaps_get_one(lively):
@@ -453,9 +448,7 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
     table = pd.DataFrame(dict.fromkeys(("cx_front_reason", "cy_front_reason", "cy_rear_reason"), reasons))
     table = table.assign(fault_channel=4, fault_factor=-1.0)
     assert implausible(table) == ""
-    assert implausible(table.iloc[:70]).endswith(
-        "accel_x seems to have the other sign (factor -1, about 1 is expected)"
-    )
+    assert implausible(table.iloc[:70]).endswith("accel_x seems to have the other sign (factor -1, about 1 is expected)")
     assert "in 67 % of the rows that drive" in implausible(table.iloc[np.r_[0:10, 70:100, 10:70]])
     assert implausible(table.iloc[np.r_[70:100, 0:10, 10:35]]) == ""
 

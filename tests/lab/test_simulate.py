@@ -65,9 +65,7 @@ def test_step_steer_reaches_the_yaw_rate_of_the_textbook(tmp_path):
 
 
 def test_drive_torque_accelerates_mass_and_wheels(tmp_path):
-    _, truth = simulate(
-        tmp_path, "--maneuver", "square-waves", "--amplitude", 0, "--spread", 0, "--noise", 0, "--duration", 2.4
-    )
+    _, truth = simulate(tmp_path, "--maneuver", "square-waves", "--amplitude", 0, "--spread", 0, "--noise", 0, "--duration", 2.4)
     a = np.polyfit(truth["time"][50:], truth["true_vel_x"][50:], 1)[0]
     assert a == pytest.approx(700 / 0.33 / (1900 + (2.4 + 2.4) / 0.33**2), rel=0.005)
 
@@ -89,9 +87,7 @@ def test_stop_and_go_stands_still_and_goes_again(tmp_path):
 
 
 def test_road_change_changes_the_truth_from_its_time_on(tmp_path):
-    _, truth = simulate(
-        tmp_path, "--maneuver", "straight", "--duration", 6, "--road-change", "2:0.7", "--road-change", "4:0.4"
-    )
+    _, truth = simulate(tmp_path, "--maneuver", "straight", "--duration", 6, "--road-change", "2:0.7", "--road-change", "4:0.4")
     level = truth["true_cy_front"] / 1.2e5
     assert level[truth["time"] < 1.99].to_numpy() == pytest.approx(1.0)
     assert level[truth["time"].between(2.02, 3.98)].to_numpy() == pytest.approx(0.7)
@@ -99,7 +95,5 @@ def test_road_change_changes_the_truth_from_its_time_on(tmp_path):
 
 
 def test_true_bias_is_in_the_log(tmp_path):
-    log, truth = simulate(
-        tmp_path, "--maneuver", "straight", "--duration", 5, "--noise", 0, "--set", "true_bias_yaw_rate=0.02"
-    )
+    log, truth = simulate(tmp_path, "--maneuver", "straight", "--duration", 5, "--noise", 0, "--set", "true_bias_yaw_rate=0.02")
     assert (log["yaw_rate"] - truth["true_yaw_rate"]).to_numpy() == pytest.approx(0.02, abs=1e-6)

@@ -51,15 +51,7 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
     from tse.impl.vehicle import filter_values
 
     bare = filter_values(read(tmp_path, BARE))
-    for name in (
-        "initial_cy_front_sd",
-        "grip",
-        "grip_sd",
-        "relaxation_length",
-        "body_roll_gain",
-        "accel_y_sd",
-        "model_sd",
-    ):
+    for name in ("initial_cy_front_sd", "grip", "grip_sd", "relaxation_length", "body_roll_gain", "accel_y_sd", "model_sd"):
         assert bare[name] == class_of(name), name
     assert bare["driven_axle"] == 1
     told = BARE + "[sensors]\naccel_y_sd = 0.5\n[effects.body_roll]\ngain = 0.004\n"
@@ -112,19 +104,12 @@ def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
     from tse.impl.core import Config
     from tse.impl.vehicle import uncertainty_settings, unknown_car
 
-    bare, told = (
-        read(tmp_path, BARE),
-        read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"),
-    )
+    bare, told = (read(tmp_path, BARE), read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"))
     assert {k: bare.values[k] for k in unknown_car()} == unknown_car()
     assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
     assert told.given_uncertainty == ["mass_sd", "cg_sd"]
     line = next(line for line in told.filled if line.startswith("[uncertainty]"))
-    assert (
-        f"relaxation_sd = {unknown_car()['relaxation_sd']:g} m" in line
-        and "cg_sd" not in line
-        and "mass_sd" not in line
-    )
+    assert f"relaxation_sd = {unknown_car()['relaxation_sd']:g} m" in line and "cg_sd" not in line and "mass_sd" not in line
     names = list(Config().fields)  # the table of the file is that of the library
     assert set(uncertainty_settings()) == set(names[names.index("mass_sd") : names.index("accel_x_sd")])
 
@@ -199,14 +184,9 @@ def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
     slow = np.repeat(rng.standard_normal(n // 20) * 0.3, 20)
     quiet, rough = read(tmp_path, BARE), read(tmp_path, BARE)
     base = 0.1 * rng.standard_normal(n)
+    fill_sensors(quiet, log_of(wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base, accel_y=base, yaw_rate=0.01 * base))
     fill_sensors(
-        quiet, log_of(wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base, accel_y=base, yaw_rate=0.01 * base)
-    )
-    fill_sensors(
-        rough,
-        log_of(
-            wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base + slow, accel_y=base, yaw_rate=0.01 * base
-        ),
+        rough, log_of(wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base + slow, accel_y=base, yaw_rate=0.01 * base)
     )
     assert quiet.values["accel_x_sd"] == pytest.approx(0.1, rel=0.3)
     assert rough.values["accel_x_sd"] > 3 * quiet.values["accel_x_sd"]
@@ -238,9 +218,7 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
 def test_stated_noise_is_left_alone(tmp_path):
     from tse.impl.vehicle import fill_sensors
 
-    car = read(
-        tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n"
-    )
+    car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n")
     before = dict(car.values)
     fill_sensors(car, log_of(accel_x=np.zeros(500)))
     assert car.values == before
@@ -277,7 +255,5 @@ def test_every_line_of_the_example_can_be_taken_in(tmp_path):
 
 
 def test_an_edited_car_that_is_told_exactly_is_spoken_of(tmp_path):
-    car = read(
-        tmp_path, re.sub(r"^mass = \S+", "mass = 1400.0", tselab("vehicle", "--simulated").out, flags=re.MULTILINE)
-    )
+    car = read(tmp_path, re.sub(r"^mass = \S+", "mass = 1400.0", tselab("vehicle", "--simulated").out, flags=re.MULTILINE))
     assert [n for n in car.notes if "[uncertainty] is 0 throughout" in n]

@@ -55,9 +55,7 @@ def gnss(drive: pd.DataFrame) -> pd.DataFrame:
     course = heading + np.arctan2(drive.ref_vel_y, drive.ref_vel_x)
     new = np.arange(len(drive)) % 10 == 0
     wrapped = (course + np.pi) % (2 * np.pi) - np.pi
-    return drive.assign(
-        gnss_speed=np.hypot(drive.ref_vel_x, drive.ref_vel_y).where(new), gnss_course=wrapped.where(new)
-    )
+    return drive.assign(gnss_speed=np.hypot(drive.ref_vel_x, drive.ref_vel_y).where(new), gnss_course=wrapped.where(new))
 
 
 def test_the_library_names_the_velocities_behind_the_channels() -> None:
@@ -131,9 +129,7 @@ def test_a_row_of_a_filter_has_them_too(drive: pd.DataFrame) -> None:
 def test_a_channel_left_out_is_named(drive: pd.DataFrame) -> None:
     wrong = drive.ref_vel_y.where(np.arange(ROWS) < 2000, drive.ref_vel_y + 4.0)
     step = tse.Filter({**CAR}, sample_time=DT)
-    names = {
-        step.step({**row, "ins_vel_y": v}).fault_channel for row, v in zip(drive.to_dict("records"), wrong, strict=True)
-    }
+    names = {step.step({**row, "ins_vel_y": v}).fault_channel for row, v in zip(drive.to_dict("records"), wrong, strict=True)}
     assert names == {None, "ins_vel_y"}
 
 

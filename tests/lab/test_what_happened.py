@@ -45,11 +45,7 @@ def table_of(told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np
         level[rows] = ratio
     ok = valid(time)
     for s in STIFFNESS:
-        columns |= {
-            s: NOMINAL[s] * level,
-            f"{s}_sd": NOMINAL[s] * level * 0.01,
-            f"{s}_spread": NOMINAL[s] * level * 0.05,
-        }
+        columns |= {s: NOMINAL[s] * level, f"{s}_sd": NOMINAL[s] * level * 0.01, f"{s}_spread": NOMINAL[s] * level * 0.05}
         columns |= {f"{s}_valid": ok.astype(int), f"{s}_spread_seen": np.ones(n, int)}
         columns |= {f"{s}_reason": np.where(ok, "valid", "not excited")}
     columns |= {f"noise_{c}": np.ones(n) for c in ("accel_x", "accel_y", "yaw_rate")}
@@ -81,20 +77,12 @@ def test_a_change_has_time_kind_probability_and_what_it_did():
     assert change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
     assert change.label == "road changed at 36.03 s, 97 %"
     assert change.ratio["cy_rear"] == pytest.approx((0.7, 0.7 * 0.01 * np.sqrt(2)))
-    assert (
-        change.effect == "front longitudinal x 0.70 ± 0.01, front cornering x 0.70 ± 0.01, rear cornering x 0.70 ± 0.01"
-    )
+    assert change.effect == "front longitudinal x 0.70 ± 0.01, front cornering x 0.70 ± 0.01, rear cornering x 0.70 ± 0.01"
 
 
 @pytest.mark.parametrize(
     ("kind", "what", "touched"),
-    [
-        (1, "road changed", 3),
-        (2, "front axle changed", 1),
-        (3, "rear axle changed", 1),
-        (4, "started over", 0),
-        (9, "changed", 0),
-    ],
+    [(1, "road changed", 3), (2, "front axle changed", 1), (3, "rear axle changed", 1), (4, "started over", 0), (9, "changed", 0)],
 )
 def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, touched):
     (change,) = changes(table_of([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
@@ -102,12 +90,7 @@ def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, 
 
 
 def test_earlier_changes_are_remembered_though_rows_tell_only_the_last():
-    told = [
-        (0, 10.1, None),
-        (10.1, 30.2, (10, 1, 0.95, 0.5)),
-        (30.2, 45, (30, 1, 0.9, 2)),
-        (45, 60, (44.8, 3, 1.0, 0.9)),
-    ]
+    told = [(0, 10.1, None), (10.1, 30.2, (10, 1, 0.95, 0.5)), (30.2, 45, (30, 1, 0.9, 2)), (45, 60, (44.8, 3, 1.0, 0.9))]
     assert [(round(c.time, 2), c.kind) for c in changes(table_of(told))] == [(10, 1), (30, 1), (44.8, 3)]
 
 
@@ -196,9 +179,7 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
     assert rear.value == pytest.approx(98) and rear.valid == pytest.approx(0.5, abs=0.01)
     assert "30 % below nominal" in rear.text and "last valid" not in rear.text
     assert "changed during" not in front.text + rear.text
-    assert two.lines()[0] == "From 36.0 .. 60.0 s:" and two.lines()[3].startswith(
-        "  Rear cornering stiffness: 98 kN/rad"
-    )
+    assert two.lines()[0] == "From 36.0 .. 60.0 s:" and two.lines()[3].startswith("  Rear cornering stiffness: 98 kN/rad")
 
 
 def test_a_stretch_on_which_nothing_is_valid_says_so():
@@ -209,9 +190,7 @@ def test_a_stretch_on_which_nothing_is_valid_says_so():
     assert lines[1].startswith("  Front cornering stiffness: 84 kN/rad ± 2 (95 %), not valid: not excited: ")
 
 
-@pytest.mark.parametrize(
-    ("share", "text"), [(0, "0 %"), (0.004, "under 1 %"), (0.5, "50 %"), (0.996, "over 99 %"), (1, "100 %")]
-)
+@pytest.mark.parametrize(("share", "text"), [(0, "0 %"), (0.004, "under 1 %"), (0.5, "50 %"), (0.996, "over 99 %"), (1, "100 %")])
 def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
     assert percent(share) == text
 
@@ -238,16 +217,12 @@ CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front 
 CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
 
 
-@pytest.mark.parametrize(
-    ("car", "level"), [(CAR, 0.5), (CAR + CALIBRATED, 0.7), (CAR, 1.0)], ids=["unknown", "calibrated", "none"]
-)
+@pytest.mark.parametrize(("car", "level"), [(CAR, 0.5), (CAR + CALIBRATED, 0.7), (CAR, 1.0)], ids=["unknown", "calibrated", "none"])
 def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_path):
     """A band of 25 % is of the car, and is the same before and after."""
     (tmp_path / "car.toml").write_text(car)
     road = ("--road-change", f"40:{level}") if level < 1 else ()
-    done = tselab_here(
-        "simulate", "--maneuver", "double-lane-change", "--duration", 60, *road, "--out", "log.csv", cwd=tmp_path
-    )
+    done = tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 60, *road, "--out", "log.csv", cwd=tmp_path)
     assert done.code == 0, done.err
     done = tselab_here("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path)
     times = [c.time for c in changes(pd.read_csv(tmp_path / "e.csv"))]
@@ -319,9 +294,7 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
         assert found == pytest.approx(part**2)
         value, sd = smooth(table, key, config, found)
         assert value == pytest.approx(NOMINAL[key] * np.exp(expected.mean()))
-        assert (
-            sd / value == pytest.approx(np.sqrt(expected_var.mean() + part**2 + expected.var())) and sd / value > part
-        )
+        assert sd / value == pytest.approx(np.sqrt(expected_var.mean() + part**2 + expected.var())) and sd / value > part
         more = table.loc[table.index.repeat(10)].assign(time=(np.arange(10 * n) + 0.5) * step / 10)
         assert smooth(more, key, config, found) == pytest.approx((value, sd))  # as often as it is read
         refused = pd.concat([table, table.assign(status=-1, time=99.0) * [1, 1, *[9] * 6]])
@@ -372,9 +345,7 @@ def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_n
     assert all(v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts)  # particles forget
 
 
-@pytest.mark.parametrize(
-    ("known", "before", "after"), [(False, 1.0, 0.7), (True, 0.9, 0.6)], ids=["uncalibrated", "exact"]
-)
+@pytest.mark.parametrize(("known", "before", "after"), [(False, 1.0, 0.7), (True, 0.9, 0.6)], ids=["uncalibrated", "exact"])
 def test_the_interval_holds_on_simulated_drives_with_a_change_of_the_road(known, before, after, drive):
     car = drive.vehicle if known else UNKNOWN
     inside, errors = [], []
@@ -384,9 +355,7 @@ def test_the_interval_holds_on_simulated_drives_with_a_change_of_the_road(known,
         result = tse.estimate(made.log, car)
         table = result.stretches
         assert table["start"].tolist() == pytest.approx([0, 0, 0, 30, 30, 30], abs=3)
-        told = (
-            np.sqrt(sum(sd**2 for sd in result.uncertainty_sd.values())) / result.stiffness[-1]
-        )  # over the nominal of each
+        told = np.sqrt(sum(sd**2 for sd in result.uncertainty_sd.values())) / result.stiffness[-1]  # over the nominal of each
         for n, row in enumerate(table.itertuples()):
             true = row.nominal * (before if n < 3 else after)
             inside.append(row.smoothed_low < true < row.smoothed_high)
@@ -397,18 +366,14 @@ def test_the_interval_holds_on_simulated_drives_with_a_change_of_the_road(known,
 
 
 def test_a_log_with_no_valid_row_has_an_answer_with_its_reason(tmp_path):
-    (tmp_path / "car.toml").write_text(
-        "mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
-    )
+    (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
     made = ("simulate", "--maneuver", "straight", "--duration", 20, "--out", "log.csv")
     assert tselab_here(*made, "--vehicle", "car.toml", cwd=tmp_path).code == 0
     run = ("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv")
     done = tselab_here(*run, "--report", "r.html", "--table", "t.csv", cwd=tmp_path)
     assert done.code == 4, done.err
     lines = [x for x in done.out.splitlines() if "stiffness:" in x]
-    assert len(lines) == 3 and all(
-        "; smoothed over the log " in x and ", not valid: " in x.split("smoothed")[1] for x in lines
-    )
+    assert len(lines) == 3 and all("; smoothed over the log " in x and ", not valid: " in x.split("smoothed")[1] for x in lines)
     said = json.loads(tselab_here(*run, "--json", cwd=tmp_path).out)["stretches"][0]["stiffness"]
     table = pd.read_csv(tmp_path / "t.csv").set_index("stiffness")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")

@@ -30,12 +30,7 @@ from tests.mistakes.drives import AXLES, CAR, CHANNELS, STEP, Drive, LogOf, vehi
 from tse.impl.core import library  # noqa: E402
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
-COLUMNS = (
-    "status",
-    *(f"{s}_reason" for s in STIFFNESS),
-    "fault_channel",
-    "fault_factor",
-)  # what rows.c writes of a row
+COLUMNS = ("status", *(f"{s}_reason" for s in STIFFNESS), "fault_channel", "fault_factor")  # what rows.c writes of a row
 HERE = Path(__file__).parent
 
 

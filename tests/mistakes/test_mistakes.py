@@ -27,9 +27,7 @@ def test_nothing_is_said_against_a_log_without_one(front_end: str, both: list[Dr
     for drive in both:
         said = FRONT_ENDS[front_end](drive, drive.log)
         assert not said.against.any() and said.words == (), drive.name
-        assert (
-            said.silent == drive.known
-        )  # the car that is known exactly is valid: the mistakes above are not missed by default
+        assert said.silent == drive.known  # the car that is known exactly is valid: the mistakes above are not missed by default
 
 
 @pytest.mark.parametrize(
@@ -45,9 +43,7 @@ def test_nothing_is_said_against_a_log_without_one(front_end: str, both: list[Dr
         ("wheel speeds in m/s", "wheel_speed_front", 0.33),
     ],
 )
-def test_the_channel_is_named_with_its_factor(
-    mistake: str, channel: str, factor: float | None, both: list[Drive]
-) -> None:
+def test_the_channel_is_named_with_its_factor(mistake: str, channel: str, factor: float | None, both: list[Drive]) -> None:
     for drive in both:
         said = FRONT_ENDS["C"](drive, MISTAKES[mistake](drive))
         at = int(said.against.nonzero()[0][-1])

@@ -26,9 +26,7 @@ RELEASE = [sys.executable, ROOT / "scripts" / "release.py"]
 
 
 def run(*command, cwd=None, **environment):
-    done = subprocess.run(
-        [str(c) for c in command], cwd=cwd, capture_output=True, text=True, env={**os.environ, **environment}
-    )
+    done = subprocess.run([str(c) for c in command], cwd=cwd, capture_output=True, text=True, env={**os.environ, **environment})
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -89,11 +87,7 @@ def test_the_wheel_holds_the_packages_the_library_and_nothing_else(wheel):
     assert len(libraries) == 1 and Path(libraries.pop()).stem == "libtse"
     code = {n.removeprefix("scripts/") for n in tracked() if n.startswith(("scripts/tse/", "scripts/tselab/"))}
     assert {n for n in names if not n.startswith(("tse/impl/lib/", "tse-"))} == code
-    assert {
-        "tse/py.typed",
-        f"tse-{VERSION}.dist-info/licenses/LICENSE",
-        f"tse-{VERSION}.dist-info/licenses/NOTICE",
-    } <= names
+    assert {"tse/py.typed", f"tse-{VERSION}.dist-info/licenses/LICENSE", f"tse-{VERSION}.dist-info/licenses/NOTICE"} <= names
 
 
 def test_the_description_has_bounds_and_types(wheel):
@@ -112,9 +106,7 @@ def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_p
         "tse.estimate(tse.simulate(duration=5).log, {'mass': 1650, 'lf': 1.2, 'lr': 1.5, 'wheel_radius_front': 0.32,"
         "'wheel_radius_rear': 0.32}).to_csv(sys.argv[1])"
     )
-    where = run(
-        sys.executable, "-c", code, tmp_path / "installed.csv", cwd=tmp_path, PYTHONPATH=str(installed)
-    ).splitlines()
+    where = run(sys.executable, "-c", code, tmp_path / "installed.csv", cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
     assert all(line.startswith(str(installed)) for line in where)
     run(sys.executable, "-c", code, tmp_path / "here.csv", cwd=tmp_path, PYTHONPATH=str(ROOT / "scripts"))
     assert (tmp_path / "installed.csv").read_bytes() == (tmp_path / "here.csv").read_bytes()
@@ -130,10 +122,7 @@ def canonical(name):
 
 def bounds(lines):
     """Package -> lower bound."""
-    return {
-        canonical(m[1]): m[2]
-        for m in (re.match(r"([A-Za-z0-9._-]+)(?:\[.*\])?\s*[>=]=([0-9.]+)", line) for line in lines)
-    }
+    return {canonical(m[1]): m[2] for m in (re.match(r"([A-Za-z0-9._-]+)(?:\[.*\])?\s*[>=]=([0-9.]+)", line) for line in lines)}
 
 
 @pytest.mark.parametrize(("lock", "extra"), [("lock.txt", "dev"), ("lock-release.txt", "release")])
@@ -165,27 +154,15 @@ def made_twice(checkout, tmp_path_factory):
         run(*git, "add", "-A", cwd=folder)
         run(*git, "commit", "-q", "-m", "all", cwd=folder, **dates)
         out = folder.parent / "out"
-        run(
-            sys.executable,
-            folder / "scripts" / "release.py",
-            VERSION,
-            "--only",
-            "source,sdist,amalgamation,sbom",
-            "--out",
-            out,
-        )
+        run(sys.executable, folder / "scripts" / "release.py", VERSION, "--only", "source,sdist,amalgamation,sbom", "--out", out)
         made.append(out)
     return made
 
 
 def test_the_same_commit_gives_the_same_bytes_wherever_it_lies(made_twice):
-    one, other = (
-        {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()} for folder in made_twice
-    )
+    one, other = ({p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()} for folder in made_twice)
     assert one == other
-    assert {f"tse-{VERSION}.tar.gz", f"tse-{VERSION}-source.tar.gz", f"tse-{VERSION}.cdx.json", "SHA256SUMS"} <= set(
-        one
-    )
+    assert {f"tse-{VERSION}.tar.gz", f"tse-{VERSION}-source.tar.gz", f"tse-{VERSION}.cdx.json", "SHA256SUMS"} <= set(one)
     sums = dict(line.split("  ")[::-1] for line in (made_twice[0] / "SHA256SUMS").read_text().splitlines())
     assert sums == {name: digest for name, digest in one.items() if name != "SHA256SUMS"}
 
@@ -202,9 +179,7 @@ def test_the_bill_of_materials_names_the_files_and_what_tse_needs(made_twice):
 
 def test_a_release_of_another_version_than_the_sources_say_is_refused(tmp_path):
     pytest.importorskip("build", reason="a tool of releases is not installed: scripts/setup.sh release")
-    done = subprocess.run(
-        [*RELEASE, "99.0.0", "--only", "source", "--out", tmp_path / "x"], capture_output=True, text=True
-    )
+    done = subprocess.run([*RELEASE, "99.0.0", "--only", "source", "--out", tmp_path / "x"], capture_output=True, text=True)
     assert done.returncode == 1 and f"include/tse/version.h says version {VERSION}, not 99.0.0" in done.stderr
     assert not (tmp_path / "x").exists()
 

@@ -66,9 +66,7 @@ def drive():
 def slow():
     """One of 30 s at about 40 km/h."""
     config = Config()
-    plan = maneuvers.build(
-        "double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4
-    )
+    plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4)
     return simulate(plan, config, SimConfig({"seed": 4})).log
 
 
@@ -110,9 +108,7 @@ def logs(drive, slow, tmp_path_factory):
     })  # fmt: skip
     german.to_csv(folder / "german.csv", sep=";", decimal=",", index=False, encoding="cp1252")
     text = (folder / "plain.csv").read_text().splitlines()
-    (folder / "word.csv").write_text(
-        "\n".join([text[0], *(",".join(["x", *line.split(",")[1:]]) for line in text[1:50])]) + "\n"
-    )
+    (folder / "word.csv").write_text("\n".join([text[0], *(",".join(["x", *line.split(",")[1:]]) for line in text[1:50])]) + "\n")
     (folder / "empty.csv").write_text("")
     (folder / "broken.csv").write_text("\n".join(text[:40]) + "\n1,2,3,4,5,6,7,8,9,10\n")
     degrees = drive.assign(steer_angle=np.degrees(drive["steer_angle"]) * RATIO)
@@ -156,9 +152,7 @@ def checks(slow, tmp_path_factory):
     """Logs whose channels do not agree; and one of other names that says no unit, in km/h, deg/s and g."""
     folder = tmp_path_factory.mktemp("checks")
     files = {}
-    gentle = slow.assign(
-        **{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")}
-    )  # deg/s fit the range, too
+    gentle = slow.assign(**{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")})  # deg/s fit the range, too
     for i, (name, change) in enumerate(wrong_ones().items()):
         files[name] = str(folder / f"{i}.csv")
         write_table(change(gentle), files[name])
@@ -177,14 +171,7 @@ def checks(slow, tmp_path_factory):
 def cars(tmp_path_factory):
     """Vehicle files."""
     folder = tmp_path_factory.mktemp("cars")
-    lines = [
-        "mass = 1500",
-        "lf = 1.1",
-        "lr = 1.6",
-        "wheel_radius_front = 0.3",
-        "wheel_radius_rear = 0.31",
-        'name = "ours"',
-    ]
+    lines = ["mass = 1500", "lf = 1.1", "lr = 1.6", "wheel_radius_front = 0.3", "wheel_radius_rear = 0.31", 'name = "ours"']
     (folder / "little.toml").write_text("\n".join([*lines, "[uncertainty]", "cg_sd = 0.01"]))
     (folder / "misspelt.toml").write_text("\n".join(["masss = 1500", *lines]))
     (folder / "heavy.toml").write_text("\n".join(["mass = 1e9", *lines[1:]]))
@@ -198,15 +185,7 @@ def seen(built, browser, logs, cars, checks, tmp_path_factory):
     """What the browser saw."""
     file = tmp_path_factory.mktemp("page") / "logs.json"
     file.write_text(json.dumps({"logs": logs, "cars": cars, "checks": checks}))
-    command = [
-        "node",
-        str(Path(__file__).parent / "browse.mjs"),
-        str(page.modules()),
-        browser,
-        str(built),
-        str(SHOTS),
-        str(file),
-    ]
+    command = ["node", str(Path(__file__).parent / "browse.mjs"), str(page.modules()), browser, str(built), str(SHOTS), str(file)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
@@ -216,9 +195,7 @@ def of_tselab(folder, log, car):
     """EST.csv of `tselab estimate`, as bytes; run here, because a process of its own is mostly imports."""
     numbers = np.random.default_rng(1).standard_normal(1000).tolist()
     if pd.read_csv(io.StringIO("\n".join(["x", *map(repr, numbers)])))["x"].tolist() != numbers:
-        pytest.skip(
-            f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not"
-        )
+        pytest.skip(f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not")
     (folder / "vehicle.toml").write_text(car)
     single.run(prepare(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None)
     return (folder / "est.csv").read_bytes()
@@ -228,17 +205,7 @@ def command_line(folder, log, car):
     """The same of the command itself."""
     (folder / "vehicle.toml").write_text(car)
     out = folder / "est.csv"
-    command = [
-        sys.executable,
-        "-m",
-        "tselab",
-        "estimate",
-        str(log),
-        "--vehicle",
-        str(folder / "vehicle.toml"),
-        "--out",
-        str(out),
-    ]
+    command = [sys.executable, "-m", "tselab", "estimate", str(log), "--vehicle", str(folder / "vehicle.toml"), "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 3, 4), done.stderr
     return out.read_bytes()
@@ -382,9 +349,7 @@ def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(s
     """The check stands in two languages, on rasters that are made in two ways: the same causes, figures within some per cent."""
     car = Config()
     (tmp_path / "car.toml").write_text(
-        "\n".join(
-            f"{key} = {getattr(car, key)}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
-        )
+        "\n".join(f"{key} = {getattr(car, key)}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear"))
     )
     here = seen["checks"][name]
     try:
@@ -397,9 +362,7 @@ def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(s
     number = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
     assert [number.sub("#", x) for x in lines] == [number.sub("#", x) for x in expected]
     for mine, theirs in zip(lines, expected, strict=True):
-        assert np.allclose(
-            [float(x) for x in number.findall(mine)], [float(x) for x in number.findall(theirs)], rtol=0.1
-        )
+        assert np.allclose([float(x) for x in number.findall(mine)], [float(x) for x in number.findall(theirs)], rtol=0.1)
     assert ("contradict" in here["cards"]) == bool(expected)
 
 

@@ -35,9 +35,7 @@ def compiler() -> str | None:
     for name in filter(None, names):
         if not shutil.which(name):
             continue
-        version = re.search(
-            r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout
-        )
+        version = re.search(r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout)
         if version and int(version.group(1)) >= 19 and shutil.which(tool(name, "llvm-profdata")):
             return name
     return None
@@ -164,11 +162,7 @@ def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
 def listed(table: str) -> dict[tuple, tuple[int, str]]:
     """(file, function, condition, what was never seen): at how many uses, why. `open`: neither a test yet nor a reason."""
     rows = tomllib.loads(REASONS.read_text()).get(table, [])
-    return {
-        (r["file"], r["function"], r["condition"], what): (n, r.get("why", ""))
-        for r in rows
-        for what, n in r["never"].items()
-    }
+    return {(r["file"], r["function"], r["condition"], what): (n, r.get("why", "")) for r in rows for what, n in r["never"].items()}
 
 
 def reasons() -> dict[tuple, str]:
@@ -176,14 +170,7 @@ def reasons() -> dict[tuple, str]:
 
 
 def page(
-    data: dict,
-    branches: dict,
-    decisions: dict,
-    found: dict,
-    known: dict,
-    clang: str,
-    programs: int,
-    unmeasured: list[str],
+    data: dict, branches: dict, decisions: dict, found: dict, known: dict, clang: str, programs: int, unmeasured: list[str]
 ) -> str:
     files = {in_src(f["filename"]): f["summary"] for f in data["files"] if in_src(f["filename"])}
     rows, total = [], Counter()
@@ -231,19 +218,11 @@ def page(
     unlisted = sorted(k for k in found if k not in known)
     if unlisted:
         out += ["", "## Not covered, without a reason", ""] + [f"- {f}, {fn}: `{c}` {w}" for f, fn, c, w in unlisted]
-    out += [
-        "",
-        "## What cannot be reached, and why",
-        "",
-        "| file | function | condition | never | why |",
-        "|---|---|---|---|---|",
-    ]
+    out += ["", "## What cannot be reached, and why", "", "| file | function | condition | never | why |", "|---|---|---|---|---|"]
     grouped: dict[tuple, list] = defaultdict(list)
     for k in sorted(found):
         if k in known:
-            grouped[(*k[:3], known[k])].append(
-                k[3].removeprefix("never ") + (f" ({found[k]} uses)" if found[k] > 1 else "")
-            )
+            grouped[(*k[:3], known[k])].append(k[3].removeprefix("never ") + (f" ({found[k]} uses)" if found[k] > 1 else ""))
     for (file, function, condition, why), never in grouped.items():
         shown = condition.replace("|", "\\|")
         out.append(f"| {file.removeprefix('src/')} | {function} | `{shown}` | {', '.join(never)} | {why} |")
@@ -286,8 +265,7 @@ def main() -> int:
         )
     for file, function, condition, what in gone:
         print(
-            f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so",
-            file=sys.stderr,
+            f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so", file=sys.stderr
         )
     return 1 if unlisted or gone else 0
 

@@ -33,14 +33,7 @@ TARGETS = {  # name: what it asks
 }
 SHORT = ["learnt"]  # for the tests
 # What these refuse is told apart. Of what stands in a header with a suffix for its format, that is the star.
-REFUSE = [
-    "tse_input_check_*",
-    "tse_input_decode_*",
-    "tse_align_row_*",
-    "tse_config_check_*",
-    "tse_prepare_*",
-    "latencies_fit",
-]
+REFUSE = ["tse_input_check_*", "tse_input_decode_*", "tse_align_row_*", "tse_config_check_*", "tse_prepare_*", "latencies_fit"]
 FOLLOWED = {  # functions in which so many cases are kept apart: refused or not, each early return
     "tse_step_row_*": 8, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
     "tse_config_check_*": 2000, "latencies_fit": 8, "tse_prepare_*": 8, "prove_prepare": 8,
@@ -187,10 +180,7 @@ def main() -> int:
                     used[k].add(alarm)
             wrong += len(open_)
             results.append((target, form, numbers, found, open_))
-            print(
-                f"eva: {target}, {form}: {len(found)} alarms, {len(open_)} of them not explained; {seconds:.0f} s",
-                flush=True,
-            )
+            print(f"eva: {target}, {form}: {len(found)} alarms, {len(open_)} of them not explained; {seconds:.0f} s", flush=True)
     if not given.target:
         for k, row in enumerate(rows):
             if not used[k]:

@@ -31,9 +31,7 @@ def faults() -> list[tuple[str, mutation.Fault]]:
             raise ValueError(f"src/{row['file']} has {row['old']!r} {text.count(row['old'])} times: {row['what']}")
         at = text.index(row["old"])
         line = text.count("\n", 0, at) + 1
-        found.append(
-            (row["what"], mutation.Fault(row["file"], at, at + len(row["old"]), row["new"], "hand", line, row["old"]))
-        )
+        found.append((row["what"], mutation.Fault(row["file"], at, at + len(row["old"]), row["new"], "hand", line, row["old"])))
     return found
 
 

@@ -76,12 +76,7 @@ ADVISORY = {
     "21.12",
 }
 DEFINES = ["-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=512"]
-SHORT = [
-    "src/estimator/input.c",
-    "src/filter/step.c",
-    "src/paper/resample.c",
-    "src/host/learnt.c",
-]  # for the tests
+SHORT = ["src/estimator/input.c", "src/filter/step.c", "src/paper/resample.c", "src/host/learnt.c"]  # for the tests
 
 
 def category(rule: str) -> str:
@@ -174,9 +169,7 @@ def page(without: list, used: Counter, by_rule: dict) -> str:
     for k, row in enumerate(deviations()):
         line = row.get("line", "")
         shown = f"`{line}`".replace("|", "\\|") if line else "any"
-        out.append(
-            f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |"
-        )
+        out.append(f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |")
     left = [h for h in without if category(h[0]) == "advisory"]
     if left:
         out += ["", f"## Advisory, neither followed nor deviated from: {len(left)}", ""]
@@ -214,9 +207,7 @@ def main() -> int:
         ]
     for line in wrong:
         print(f"misra: {line}", file=sys.stderr)
-    print(
-        f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation"
-    )
+    print(f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation")
     return 1 if wrong else 0
 
 

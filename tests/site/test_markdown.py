@@ -32,9 +32,7 @@ def wrong_links(path: Path) -> list[str]:
 def raw_markers(text: str) -> list[str]:
     """Return what a builder would expand and a forge shows as it is, or as nothing."""
     prose = links.CODE.sub("", text)
-    lone = [
-        f"<!-- {k}: {x} -->" for k, x in re.findall(r"^<!-- (table|code): (\S+) -->$", fill.BLOCK.sub("", text), re.M)
-    ]
+    lone = [f"<!-- {k}: {x} -->" for k, x in re.findall(r"^<!-- (table|code): (\S+) -->$", fill.BLOCK.sub("", text), re.M)]
     empty = [m[2] for m in fill.BLOCK.finditer(text) if not m[3].strip()]
     return [m[0] for m in RAW.finditer(prose)] + lone + empty
 

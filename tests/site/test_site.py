@@ -70,18 +70,7 @@ def site(tmp_path_factory):
         "NO_MKDOCS_2_WARNING": "1",
     }
     done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "mkdocs",
-            "build",
-            "--quiet",
-            "--strict",
-            "-f",
-            ROOT / "docs" / "mkdocs.yml",
-            "-d",
-            out / "site",
-        ],
+        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "-f", ROOT / "docs" / "mkdocs.yml", "-d", out / "site"],
         capture_output=True,
         text=True,
         env=env,
@@ -260,9 +249,7 @@ def test_toml_is_read_by_the_tools(body, folder):
     elif "formula" in data and "place" in data:
         read_formula(path)
     else:
-        path.write_text(
-            (folder / "car.toml").read_text().partition("[uncertainty]")[0] + body if "mass" not in data else body
-        )
+        path.write_text((folder / "car.toml").read_text().partition("[uncertainty]")[0] + body if "mass" not in data else body)
         read_vehicle(path)
 
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LATE_ROWS, LATE_TIME = (
-    8,
-    0.5,
-)  # an entry that is out of order belongs before so many, and so many seconds, at most: a buffer's
+LATE_ROWS, LATE_TIME = (8, 0.5)  # an entry that is out of order belongs before so many, and so many seconds, at most: a buffer's
 LONGEST_GAP = 3600.0  # s: the library's limit; a clock that jumps further was set
 BRIDGED = 60.0  # s: what is left of such a jump: longer than any state of a car lasts
 
@@ -56,17 +53,13 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
                 f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): they are spread over its ticks"
             )
         else:
-            notes.append(
-                f"{same.sum()} entries have the time of the next one (first at {t[same.argmax()]:.3f} s): left out"
-            )
+            notes.append(f"{same.sum()} entries have the time of the next one (first at {t[same.argmax()]:.3f} s): left out")
             at, t = at[~same], t[~same]
     jump = np.diff(t)
     far = jump > LONGEST_GAP
     if far.any():
         i = int(far.argmax())
-        notes.append(
-            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, a gap of {BRIDGED:g} s is left"
-        )
+        notes.append(f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, a gap of {BRIDGED:g} s is left")
         t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED, 0.0)))
     kept = np.zeros(len(time), bool)
     kept[at] = True

@@ -17,14 +17,7 @@ from tse.impl.vehicle import Vehicle, filter_values
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
 # Effects that the car's filter does not apply (src/EQUATIONS.md, "In the default filter"); nor the formula of the user.
-NOT_IN_FILTER = (
-    "steering_delay",
-    "imu_delay",
-    "longitudinal_relaxation",
-    "combined_slip",
-    "stiffness_drift",
-    "crosswind",
-)
+NOT_IN_FILTER = ("steering_delay", "imu_delay", "longitudinal_relaxation", "combined_slip", "stiffness_drift", "crosswind")
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; longitudinal stiffness is not "
     "estimated"

@@ -188,9 +188,7 @@ class Library:
 
     def __init__(self, path: Path):
         if not path.is_file():
-            raise UserError(
-                f"the tse library is not at {path}: run scripts/setup.sh, or set TSELAB_LIBRARY to the shared library"
-            )
+            raise UserError(f"the tse library is not at {path}: run scripts/setup.sh, or set TSELAB_LIBRARY to the shared library")
         try:
             self._dll = ctypes.CDLL(str(path))
         except OSError as error:
@@ -198,10 +196,7 @@ class Library:
         self.path = path
         for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
             if hasattr(self._dll, "tse_step" + suffix):
-                self._suffix, self.real = (
-                    suffix,
-                    np.dtype(real),
-                )  # fixed point goes in and out as double: native(), from_native()
+                self._suffix, self.real = (suffix, np.dtype(real))  # fixed point goes in and out as double: native(), from_native()
                 break
         else:
             raise UserError(f"{path}: is not a double, float or fixed-point build of the tse library")
@@ -222,34 +217,18 @@ class Library:
             rows = describe(which, ctypes.addressof(count), ctypes.addressof(size))
             self._sizes[which] = size.value
             self._fields[which] = [
-                Field(
-                    f.name.decode(),
-                    f.kind.decode(),
-                    f.offset,
-                    f.default,
-                    f.low,
-                    f.high,
-                    f.unit.decode(),
-                    f.text.decode(),
-                )
+                Field(f.name.decode(), f.kind.decode(), f.offset, f.default, f.low, f.high, f.unit.decode(), f.text.decode())
                 for f in (rows[i] for i in range(count.value))
             ]
 
         self.effects = self._read_effects()
         kinds = {"n": "NUMBER", "s": "SIGNAL", "p": "PLAIN", "m": "MEMORY"}
-        self.formula_places = {
-            f.name: FormulaPlace(f.name, f.offset, f.unit, f.text) for f in self.fields(FORMULA_PLACE)
-        }
+        self.formula_places = {f.name: FormulaPlace(f.name, f.offset, f.unit, f.text) for f in self.fields(FORMULA_PLACE)}
         self.formula_ops = {
-            f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
-            for f in self.fields(FORMULA_OP)
+            f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text) for f in self.fields(FORMULA_OP)
         }
-        names = [
-            f.name for f in self.fields(CONFIG)
-        ]  # rows of uncertainty.toml: between the vehicle's and the sensors'
-        self.uncertainties = tuple(
-            names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")]
-        )
+        names = [f.name for f in self.fields(CONFIG)]  # rows of uncertainty.toml: between the vehicle's and the sensors'
+        self.uncertainties = tuple(names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")])
 
     def _read_effects(self) -> dict[str, Effect]:
         """The catalogue of effects, in its order."""
@@ -279,12 +258,7 @@ class Library:
         f = getattr(self._dll, name + self._suffix)
         f.restype = restype
         if argtypes is None:
-            argtypes = [ctypes.c_void_p] * {
-                "tse_step": 4,
-                "tse_sim_reset": 4,
-                "tse_prepare": 3,
-                "tse_sim_step": 3,
-            }.get(name, 1)
+            argtypes = [ctypes.c_void_p] * {"tse_step": 4, "tse_sim_reset": 4, "tse_prepare": 3, "tse_sim_step": 3}.get(name, 1)
         f.argtypes = argtypes
         return f
 
@@ -630,9 +604,7 @@ class Simulator:
             raise UserError(f"{lib.path}: this build of the library has no simulator")
         self._sim = _memory(lib.sim_bytes)
         wrong = ctypes.c_char_p()
-        status = lib.function("tse_sim_reset")(
-            self._sim.ctypes.data, config.address, sim_config.address, ctypes.addressof(wrong)
-        )
+        status = lib.function("tse_sim_reset")(self._sim.ctypes.data, config.address, sim_config.address, ctypes.addressof(wrong))
         _refuse(status, wrong, (sim_config, config))
         self._step = lib.function("tse_sim_step")
 

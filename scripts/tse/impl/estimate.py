@@ -251,12 +251,7 @@ class _Parquet:
 
 
 def _run(
-    log: Log,
-    config: Config,
-    take: Callable[[Block], None],
-    progress: bool,
-    learnt: Learnt | None,
-    contradicted: bool,
+    log: Log, config: Config, take: Callable[[Block], None], progress: bool, learnt: Learnt | None, contradicted: bool
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
     """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.uncertainty_sd()."""
     filter_ = Filter(config)
@@ -266,13 +261,7 @@ def _run(
     with (
         _stop_flag() as stopped,
         tqdm(
-            total=len(log),
-            unit="row",
-            unit_scale=True,
-            disable=not progress,
-            file=sys.stderr,
-            leave=False,
-            desc="estimate",
+            total=len(log), unit="row", unit_scale=True, disable=not progress, file=sys.stderr, leave=False, desc="estimate"
         ) as bar,
     ):
         while done < len(log) and not stopped():

@@ -52,9 +52,7 @@ def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
             yield file
     except OSError as error:
         reason = no_room(error)
-        if error.errno is None and not isinstance(
-            error, ValueError
-        ):  # packages that write pictures keep no number of it
+        if error.errno is None and not isinstance(error, ValueError):  # packages that write pictures keep no number of it
             reason = str(error)
         if reason:
             raise UserError(f"{path}: cannot be written: {reason}; nothing of it is kept") from error
@@ -72,9 +70,7 @@ def _anew(path: Path, mode: str) -> Iterator[IO]:
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror}") from None
     try:
-        with os.fdopen(
-            handle, mode, encoding=None if "b" in mode else "utf-8", newline=None if "b" in mode else ""
-        ) as f:
+        with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8", newline=None if "b" in mode else "") as f:
             yield f
             f.flush()
             os.fsync(f.fileno())  # before the new name: else a power cut can leave the name without the content

@@ -94,15 +94,11 @@ class Formula:
             _check_range(f"key numbers.{name}.value", setting, self._values[name])
         for letter, value in zip(_letters()[len(program.named) :], program.constants, strict=False):
             _check_range("key formula", f"formula_{letter}", value)
-        object.__setattr__(
-            self, "found", {str(key): _plain(value, f"key found.{key}") for key, value in self.found.items()}
-        )
+        object.__setattr__(self, "found", {str(key): _plain(value, f"key found.{key}") for key, value in self.found.items()})
 
     @property
     def _program(self) -> _Program:
-        return _program(
-            self.text, library().formula_places[self.place].unit, tuple((n.name, n.unit) for n in self.numbers)
-        )
+        return _program(self.text, library().formula_places[self.place].unit, tuple((n.name, n.unit) for n in self.numbers))
 
     @property
     def _values(self) -> dict[str, float]:
@@ -168,13 +164,7 @@ class Formula:
 
 
 def parse(
-    id: str,
-    title: str,
-    place: str,
-    text: str,
-    numbers: Iterable[Number] = (),
-    gain: float = 1.0,
-    source: str = "formula",
+    id: str, title: str, place: str, text: str, numbers: Iterable[Number] = (), gain: float = 1.0, source: str = "formula"
 ) -> Formula:
     """A formula from its parts. FormulaError, with `source` before its text: whatever is wrong with it."""
     try:
@@ -220,10 +210,7 @@ def toml_text(formula: Formula) -> str:
         lines += [f"unit = {_toml(n.unit)}"] + ([f"text = {_toml(n.text)}"] if n.text else [])
     if formula.found:
         lines += ["", "[found]  # written by tselab, not interpreted"]
-        lines += [
-            f"{key if re.fullmatch('[A-Za-z0-9_-]+', key) else _toml(key)} = {_toml(v)}"
-            for key, v in formula.found.items()
-        ]
+        lines += [f"{key if re.fullmatch('[A-Za-z0-9_-]+', key) else _toml(key)} = {_toml(v)}" for key, v in formula.found.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -237,9 +224,7 @@ def c_header(formula: Formula) -> str:
     comment = [f"{formula.id} - {formula.title}", "", f"{formula.text}   added at {place.name} [{place.unit}]"]
     for name, setting in formula.slots.items():
         n = numbers[name]
-        comment.append(
-            f"{name} [{n.unit or '1'}] is {setting}, {float(n.value)!r} when written{': ' + n.text if n.text else ''}"
-        )
+        comment.append(f"{name} [{n.unit or '1'}] is {setting}, {float(n.value)!r} when written{': ' + n.text if n.text else ''}")
     for letter, value in zip(letters[len(program.named) :], program.constants, strict=False):
         comment.append(f"{value!r} is formula_{letter}")
     comment += ["", "Written by tselab, not by hand."]
@@ -302,9 +287,7 @@ def _program(text: str, place_unit: str, numbers: tuple[tuple[str, str], ...]) -
     compiler = _Compiler(text, units)
     result = compiler.visit(node, 1)
     if result != _dimension(place_unit):
-        raise compiler.wrong(
-            node, f"has the unit {_unit_text(result)}, the place has {place_unit}" + _literal_advice(node)
-        )
+        raise compiler.wrong(node, f"has the unit {_unit_text(result)}, the place has {place_unit}" + _literal_advice(node))
     named = tuple(dict.fromkeys(s for s in compiler.steps if s in units))
     constants = tuple(dict.fromkeys(s for s in compiler.steps if isinstance(s, float)))
     slots, letters = [*named, *constants], _letters()
@@ -321,9 +304,7 @@ def _parse_text(text: str) -> ast.expr:
     """The tree of a text; what cannot be a formula, or could hurt the parser, is refused before it."""
     if len(text) > MOST_TEXT:
         raise FormulaError(f"key formula: has {len(text)} characters, {MOST_TEXT} are allowed")
-    if strange := re.search(
-        r"[^A-Za-z0-9_+\-*/()., ]", text
-    ):  # ASCII only: Python takes other letters for their look-alikes
+    if strange := re.search(r"[^A-Za-z0-9_+\-*/()., ]", text):  # ASCII only: Python takes other letters for their look-alikes
         raise FormulaError(f"key formula: column {strange.start() + 1}: {strange[0]!r} is not allowed; {_allowed()}")
     depth = 0
     for i, c in enumerate(text):
@@ -362,13 +343,9 @@ class _Compiler:
         self.depth += 1 - takes
         memories = [s for s in self.steps if s not in self.units and s in self.table and self.table[s].kind == "MEMORY"]
         if len(self.steps) > MOST_OPERATIONS:
-            raise self.wrong(
-                node, f"is beyond the {MOST_OPERATIONS} operations that are allowed (powers count as products)"
-            )
+            raise self.wrong(node, f"is beyond the {MOST_OPERATIONS} operations that are allowed (powers count as products)")
         if self.depth > MOST_STACK:
-            raise self.wrong(
-                node, f"needs more than the {MOST_STACK} values in hand that are allowed: put long terms first"
-            )
+            raise self.wrong(node, f"needs more than the {MOST_STACK} values in hand that are allowed: put long terms first")
         if len(memories) > MOST_MEMORIES:
             listed = ", ".join(op.name for op in self.table.values() if op.kind == "MEMORY")
             raise self.wrong(node, f"is beyond the {MOST_MEMORIES} that are allowed of {listed} together")
@@ -378,9 +355,7 @@ class _Compiler:
     def visit(self, node: ast.expr, level: int) -> Any:
         """Write the operations of this part of the text. Returned: its dimension."""
         if level > MOST_NESTING:
-            raise self.wrong(
-                node, f"is nested deeper than {MOST_NESTING}, the most allowed; a sum of n terms counts as n"
-            )
+            raise self.wrong(node, f"is nested deeper than {MOST_NESTING}, the most allowed; a sum of n terms counts as n")
         if isinstance(node, ast.Constant):
             return self.literal(node)
         if isinstance(node, ast.Name):
@@ -490,9 +465,7 @@ def _dimension(unit: str) -> Any:
         raise FormulaError(f"{unit!r} is not a unit that is known; {UNIT_STYLE}") from None
     if not math.isclose(base.magnitude, 1.0):
         same = _unit_text(base.dimensionality) if base.dimensionality else "rad or 1"
-        raise FormulaError(
-            f"{unit!r} is {base.magnitude:.6g} of the unit that the model counts in; write the number in {same}"
-        )
+        raise FormulaError(f"{unit!r} is {base.magnitude:.6g} of the unit that the model counts in; write the number in {same}")
     return base.dimensionality
 
 
@@ -517,9 +490,7 @@ def _signals() -> list[str]:
 
 
 def _callable() -> list[str]:
-    return [
-        op.name for op in library().formula_ops.values() if op.kind in ("PLAIN", "MEMORY") and op.name not in WRITTEN
-    ]
+    return [op.name for op in library().formula_ops.values() if op.kind in ("PLAIN", "MEMORY") and op.name not in WRITTEN]
 
 
 def _allowed() -> str:
@@ -559,9 +530,7 @@ def _check_numbers(numbers: tuple[Number, ...]) -> None:
     for n in numbers:
         key = f"key numbers.{n.name}"
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", n.name) or keyword.iskeyword(n.name):
-            raise FormulaError(
-                f"{key}: is not a name; allowed: a letter, then letters, digits and _, and no word of Python"
-            )
+            raise FormulaError(f"{key}: is not a name; allowed: a letter, then letters, digits and _, and no word of Python")
         if n.name in table:  # a .. h, too: whoever sets formula_b should not have to ask which b that is
             text = table[n.name].text
             raise FormulaError(f"{key}: the name is taken ({table[n.name].kind.lower()}: {text}); allowed: any that is not in "

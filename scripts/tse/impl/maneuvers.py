@@ -53,17 +53,12 @@ def _square_waves(t: np.ndarray, speed: float, amplitude: float, config: Config,
     return {"steer_angle": amplitude * square(t, 4.0), "wheel_torque_front": 700.0 * square(t, 5.0)}
 
 
-def _double_lane_change(
-    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
-) -> dict:
+def _double_lane_change(t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator) -> dict:
     """Cycles of 12 s: accelerate 3 s, one lane to the left and back in 6 s, brake 2 s, roll 1 s. The braking takes back the
     speed gained."""
     cycle = t % 12.0
     steer = np.zeros_like(t)
-    for start, sign in (
-        (3.0, 1.0),
-        (6.0, -1.0),
-    ):  # a full sine turns the car and straightens it one lane further
+    for start, sign in ((3.0, 1.0), (6.0, -1.0)):  # a full sine turns the car and straightens it one lane further
         s = (cycle - start) / 2.5
         inside = (s >= 0) & (s < 1)
         steer[inside] += sign * amplitude * np.sin(2 * np.pi * s[inside])
@@ -72,10 +67,7 @@ def _double_lane_change(
 
 
 def _step_steer(t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator) -> dict:
-    return {
-        "steer_angle": amplitude * np.clip((t - 1.0) / 0.2, 0.0, 1.0),
-        "target_speed": np.full_like(t, speed),
-    }
+    return {"steer_angle": amplitude * np.clip((t - 1.0) / 0.2, 0.0, 1.0), "target_speed": np.full_like(t, speed)}
 
 
 def _sine_sweep(t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator) -> dict:
@@ -114,10 +106,7 @@ def _stop_and_go(t: np.ndarray, speed: float, amplitude: float, config: Config, 
     top = 12.0
     target = np.interp(cycle, [0, 6, 10, 15, 20], [0, top, top, 0, 0])
     bend = np.clip(np.sin(np.pi * (cycle - 5.0) / 6.0), 0.0, None) * ((cycle > 5) & (cycle < 11))
-    return {
-        "steer_angle": amplitude * bend * np.where((t // 20.0) % 2 == 0, 1.0, -1.0),
-        "target_speed": target,
-    }
+    return {"steer_angle": amplitude * bend * np.where((t // 20.0) % 2 == 0, 1.0, -1.0), "target_speed": target}
 
 
 def _coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
@@ -171,9 +160,7 @@ def build(
     speed = kind.speed if speed is None else speed
     n = round(duration / sample_time) + 1
     t = np.round(np.arange(n) * sample_time, 9)
-    histories = kind.build(
-        t, speed, kind.amplitude if amplitude is None else amplitude, config, np.random.default_rng(seed)
-    )
+    histories = kind.build(t, speed, kind.amplitude if amplitude is None else amplitude, config, np.random.default_rng(seed))
     level = np.ones(n)
     for start, value in sorted(road or []):
         level[t >= start - 1e-9] = value

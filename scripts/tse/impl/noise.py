@@ -22,13 +22,7 @@ import numpy as np
 
 from tse.impl.rows import DRIVES, Log
 
-FLOOR = {
-    "accel_x": 0.05,
-    "accel_y": 0.05,
-    "yaw_rate": 0.001,
-    "wheel_speed_front": 0.0,
-    "wheel_speed_rear": 0.0,
-}  # m/s2, rad/s
+FLOOR = {"accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.001, "wheel_speed_front": 0.0, "wheel_speed_rear": 0.0}  # m/s2, rad/s
 LONGEST_HOLD = 10
 FEWEST_ROWS = 50
 
@@ -169,9 +163,7 @@ def _quiet_sd(x: np.ndarray) -> float:
 def fresh(x: np.ndarray) -> np.ndarray:
     """Rows with a new value, where a slow signal is held in a fast log: held values are old ones, and half a hold late on average.
     All rows, unless new values come every k-th row: a quantised signal repeats itself, too, but at no beat."""
-    changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:]))).astype(
-        np.int32
-    )  # half the memory
+    changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:]))).astype(np.int32)  # half the memory
     gaps = np.diff(changed[1:])
     if len(gaps) < 50:
         return np.ones(len(x), bool)

@@ -23,9 +23,7 @@ INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 PART = 1 << 18  # rows that are thinned at a time, whole strides
 MOST_POINTS = 8000  # per line; longer logs are thinned
-QUIET = (
-    1.4  # noise found over the setting's up to which there is nothing to see: steps of steering and torque read as some
-)
+QUIET = 1.4  # noise found over the setting's up to which there is nothing to see: steps of steering and torque read as some
 FINDING = 2.0  # s at the start in which the noise is still being found
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
@@ -213,17 +211,7 @@ class Data:
 
 
 FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}  # drawn in other units than EST.csv has
-WITH_BAND = (
-    *STIFFNESS,
-    "vel_x",
-    "vel_y",
-    "yaw_rate",
-    "sideslip",
-    GRIP,
-    "bias_accel_x",
-    "bias_accel_y",
-    "bias_yaw_rate",
-)
+WITH_BAND = (*STIFFNESS, "vel_x", "vel_y", "yaw_rate", "sideslip", GRIP, "bias_accel_x", "bias_accel_y", "bias_yaw_rate")
 OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")  # where they are
 PLAIN = ("log_evidence", "n_eff", "nis", "status", *(f"noise_{c}" for c in MEASURES))
 
@@ -289,16 +277,7 @@ class Figure:
         return {"data": self.data, "layout": self.layout}
 
 
-def _line(
-    figure: Figure,
-    row: int,
-    x: np.ndarray,
-    y: Any,
-    name: str,
-    colour: str,
-    legend: bool = True,
-    **more: Any,
-) -> None:
+def _line(figure: Figure, row: int, x: np.ndarray, y: Any, name: str, colour: str, legend: bool = True, **more: Any) -> None:
     line = {"color": colour, "width": more.pop("width", 1.5)}
     for key, known in (("dash", "dash"), ("line_shape", "shape")):
         if key in more:
@@ -309,16 +288,7 @@ def _line(
     )  # fmt: skip
 
 
-def _band(
-    figure: Figure,
-    row: int,
-    x: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    name: str,
-    colour: str,
-    legend: bool,
-) -> None:
+def _band(figure: Figure, row: int, x: np.ndarray, low: np.ndarray, high: np.ndarray, name: str, colour: str, legend: bool) -> None:
     for y, fill in ((low, "none"), (high, "tonexty")):
         figure.add(
             row, x=x, y=y, name=name, mode="lines", line={"width": 0, "color": colour}, fill=fill, fillcolor=colour,
@@ -333,10 +303,7 @@ def shade(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None
     if len(starts) > MOST_SHADES:
         gaps = starts[1:] - ends[:-1]
         keep = np.sort(np.argsort(gaps)[::-1][: MOST_SHADES - 1])
-        starts, ends = (
-            np.concatenate([starts[:1], starts[1:][keep]]),
-            np.concatenate([ends[:-1][keep], ends[-1:]]),
-        )
+        starts, ends = (np.concatenate([starts[:1], starts[1:][keep]]), np.concatenate([ends[:-1][keep], ends[-1:]]))
     axis = figure.axis(row)
     figure.layout["shapes"] += [
         {"type": "rect", "xref": f"x{axis}", "yref": f"y{axis} domain", "x0": float(time[a]),
@@ -423,9 +390,7 @@ def states_figure(d: Data, grip: bool = False) -> Figure:
         _band(figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % interval", BAND, first)
         _line(figure, row, d.time, d.line(key), "estimate", BLUE, first, width=2)
         for c in d.references(key):
-            _line(
-                figure, row, d.logged_time, d.logged(c) * FACTOR.get(key, 1.0), c, ORANGE, True, dash="dash", width=1.4
-            )
+            _line(figure, row, d.logged_time, d.logged(c) * FACTOR.get(key, 1.0), c, ORANGE, True, dash="dash", width=1.4)
     return figure
 
 

@@ -207,9 +207,7 @@ def dask(scheduler: str) -> Any:
 def check_workers(client: Any, scheduler: str) -> None:
     """There are workers, and they compute what this process would: else the run would wait for ever, or give other numbers."""
 
-    def theirs() -> tuple[
-        str, str
-    ]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in
+    def theirs() -> tuple[str, str]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in
         import hashlib
         from pathlib import Path
 

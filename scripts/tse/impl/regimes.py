@@ -20,12 +20,7 @@ REGIMES = {  # probability of each at a row; their sum is 1
     "p_sliding": "sliding",
     "p_restarted": "started over",
 }
-KINDS = {
-    1: "road changed",
-    2: "front axle changed",
-    3: "rear axle changed",
-    4: "started over",
-}  # change_kind; 0: none yet
+KINDS = {1: "road changed", 2: "front axle changed", 3: "rear axle changed", 4: "started over"}  # change_kind; 0: none yet
 TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}  # whose ratio is reported
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
 COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
@@ -202,8 +197,7 @@ def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
 
 def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
     return [
-        Spell(what, float(time[a]), float(time[b - 1]), float(p[a:b][where[a:b]].max()), channel)
-        for a, b in spans(time, where)
+        Spell(what, float(time[a]), float(time[b - 1]), float(p[a:b][where[a:b]].max()), channel) for a, b in spans(time, where)
     ]
 
 

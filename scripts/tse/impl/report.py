@@ -81,9 +81,7 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("tse.impl"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("tse.impl"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= words.pop("filters", {})
     page = environment.get_template(template).render(
         sections=[

@@ -82,13 +82,7 @@ def _of_quantity(q: Quantity) -> dict[str, Any]:
             "time": q.time, "valid": q.valid, "reason": q.reason or None, "text": q.line()}  # fmt: skip
 
 
-def document(
-    log: Path,
-    est: Estimate,
-    found: Sequence[Finding],
-    config: Config,
-    said: Mapping[str, Any],
-) -> dict[str, Any]:
+def document(log: Path, est: Estimate, found: Sequence[Finding], config: Config, said: Mapping[str, Any]) -> dict[str, Any]:
     """An estimate as JSON. `said`: what else there is to say: vehicle, notes, files."""
     changes, spells = regimes.changes(est.table), regimes.spells(est.table)
     time = est.table["time"]
@@ -180,9 +174,7 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
         ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
         ("Filter", filter_text(config)),
     ]
-    late = {
-        channel: 1000 * getattr(config, name) for channel, name in latency_settings().items() if getattr(config, name)
-    }
+    late = {channel: 1000 * getattr(config, name) for channel, name in latency_settings().items() if getattr(config, name)}
     if late:
         said = ", ".join(f"{channel} {ms:g} ms" for channel, ms in late.items())
         age = 1000 * float(est.table["estimate_age"].min()) if len(est) else 0.0

@@ -23,20 +23,8 @@ SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in p
 # columns that a log may have besides: unit, range, text, hint. The estimator uses those of the library (input.toml);
 # vehicle_speed checks the units of the others
 OPTIONAL = {
-    "vehicle_speed": (
-        "m/s",
-        -60.0,
-        120.0,
-        "speed over ground of the centre of gravity: GNSS, optical",
-        "km/h: divide by 3.6",
-    ),
-    "ins_vel_x": (
-        "m/s",
-        -120.0,
-        120.0,
-        "velocity along the car, of an INS or an optical sensor",
-        "km/h: divide by 3.6",
-    ),
+    "vehicle_speed": ("m/s", -60.0, 120.0, "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
+    "ins_vel_x": ("m/s", -120.0, 120.0, "velocity along the car, of an INS or an optical sensor", "km/h: divide by 3.6"),
     "ins_vel_y": ("m/s", -60.0, 60.0, "velocity across the car, positive left", "km/h: divide by 3.6"),
     "gnss_speed": ("m/s", 0.0, 120.0, "speed over ground", "km/h: divide by 3.6"),
     "gnss_course": (
@@ -53,20 +41,8 @@ OPTIONAL = {
         "the car brakes: 1 yes, 0 no",
         "a pressure: name it in signals.toml, with above = the pressure from which the car brakes",
     ),
-    "wheel_torque_front": (
-        "Nm",
-        -20000.0,
-        20000.0,
-        "drive less brake torque of both front wheels",
-        "kNm: multiply by 1000",
-    ),
-    "wheel_torque_rear": (
-        "Nm",
-        -20000.0,
-        20000.0,
-        "drive less brake torque of both rear wheels",
-        "kNm: multiply by 1000",
-    ),
+    "wheel_torque_front": ("Nm", -20000.0, 20000.0, "drive less brake torque of both front wheels", "kNm: multiply by 1000"),
+    "wheel_torque_rear": ("Nm", -20000.0, 20000.0, "drive less brake torque of both rear wheels", "kNm: multiply by 1000"),
 }
 VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")
@@ -130,9 +106,7 @@ class Log:
     sample_time: float | None
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # rows of the file in one of these, usually
-    extra: pd.DataFrame = field(
-        default_factory=lambda: _frame({}, 0)
-    )  # of OPTIONAL those that are there; NaN = missing
+    extra: pd.DataFrame = field(default_factory=lambda: _frame({}, 0))  # of OPTIONAL those that are there; NaN = missing
     place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
     stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and slip is not observable
     slower: dict[str, Slower] = field(default_factory=dict)  # channels whose entries are further apart than the rows
@@ -258,9 +232,7 @@ def checked(
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
         hint = _time_hint(sample_time)
-        raise UserError(
-            f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {SLOWEST:g} s{hint}"
-        )
+        raise UserError(f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {SLOWEST:g} s{hint}")
     for name in wanted:
         gone = np.isnan(data[name])
         if 0 < (count := int(gone.sum())) < len(time):
@@ -270,9 +242,7 @@ def checked(
     ref = _frame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, len(time))
     some = {c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None}
     extra = _frame(some, len(time) if some else 0)
-    return Log(
-        path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn
-    )
+    return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn)
 
 
 def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str]) -> None:
@@ -329,9 +299,7 @@ def _remedy(missing: Collection[str]) -> str:
     return ": name its signal in signals.toml"
 
 
-def _axle(
-    axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]
-) -> tuple[np.ndarray, float]:
+def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> tuple[np.ndarray, float]:
     """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
     track over radius times the yaw rate, found from the rows that have both, which is returned, too."""
     difference = right - left
@@ -349,17 +317,13 @@ def _axle(
     if alone.any():
         half = 0.5 * per_turn * yaw_rate
         mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
-        notes.append(
-            f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate"
-        )
+        notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
     # on a straight road both are noise, and do not show units
     shown = bool(per_turn**2 * turned > TURN_SHOWN * differed)
     return mean, per_turn if shown else 0.0
 
 
-def _optional(
-    name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
-) -> np.ndarray | None:
+def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line") -> np.ndarray | None:
     """One of OPTIONAL, checked; None, and a note why, if it cannot be used. It refuses no log: the estimator needs none."""
     unit, low, high, _, hint = OPTIONAL[name]
     value = column.copy()
@@ -367,11 +331,7 @@ def _optional(
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
     if not there or bad.sum() > FEW_OUTSIDE * there:
-        where = (
-            f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}"
-            if there
-            else "; it is empty"
-        )
+        where = f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}" if there else "; it is empty"
         notes.append(f"column {name} is not used: allowed are {low:g} .. {high:g} {unit}{where}")
         return None
     if bad.any():
@@ -432,9 +392,7 @@ def sampling_notes(log: Log, max_gap: float) -> list[str]:
     notes = []
     off = np.abs(dt - log.sample_time) > 0.1 * log.sample_time
     if off.mean() > 0.01:
-        notes.append(
-            f"irregular sampling: {100 * off.mean():.0f} % of the steps differ from the median by more than 10 %"
-        )
+        notes.append(f"irregular sampling: {100 * off.mean():.0f} % of the steps differ from the median by more than 10 %")
     gaps = np.flatnonzero(dt > max_gap)
     if len(gaps):
         notes.append(
@@ -472,9 +430,7 @@ def straightened(
 def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "line") -> None:
     bad = ~np.isfinite(time)
     if bad.any():
-        raise UserError(
-            f"{path}: {place} {line[bad.argmax()]}, column time: empty or not finite; every row needs a time in s"
-        )
+        raise UserError(f"{path}: {place} {line[bad.argmax()]}, column time: empty or not finite; every row needs a time in s")
     step = np.diff(time)
     bad = step <= 0
     if bad.any():
@@ -494,13 +450,7 @@ def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "lin
 
 
 def _check_channel(
-    path: Path,
-    data: dict[str, np.ndarray],
-    line: np.ndarray,
-    f: Field,
-    notes: list[str],
-    name: str,
-    place: str,
+    path: Path, data: dict[str, np.ndarray], line: np.ndarray, f: Field, notes: list[str], name: str, place: str
 ) -> None:
     """`name`: of the column, which may be one side of the channel f. A few values that nothing can have are missing."""
     value = data[name]
@@ -518,9 +468,7 @@ def _check_channel(
             f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
         )
     data[name] = np.where(bad, np.nan, value)
-    notes.append(
-        f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in {place} {line[i]})"
-    )
+    notes.append(f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in {place} {line[i]})")
 
 
 def _time_hint(step: float) -> str:

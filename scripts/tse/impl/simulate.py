@@ -16,14 +16,7 @@ from tse.impl.rows import columns
 SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
 BRAKE_FRONT = 0.6  # share of the braking done by the front axle
 HOLD_TORQUE = 300.0  # Nm, brake at standstill
-HISTORIES = (
-    "steer_angle",
-    "wheel_torque_front",
-    "wheel_torque_rear",
-    "brake_torque_front",
-    "brake_torque_rear",
-    "road_level",
-)
+HISTORIES = ("steer_angle", "wheel_torque_front", "wheel_torque_rear", "brake_torque_front", "brake_torque_rear", "road_level")
 
 
 @dataclass
@@ -35,11 +28,7 @@ class Simulation:
 
 
 def simulate(
-    maneuver: Maneuver,
-    config: Config,
-    sim_config: SimConfig,
-    driven_axle: str = "front",
-    progress: bool = False,
+    maneuver: Maneuver, config: Config, sim_config: SimConfig, driven_axle: str = "front", progress: bool = False
 ) -> Simulation:
     """Drive the manoeuvre; the log and the truth as they are written to files."""
     inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress)
@@ -47,11 +36,7 @@ def simulate(
 
 
 def drive(
-    maneuver: Maneuver,
-    config: Config,
-    sim_config: SimConfig,
-    driven_axle: str = "front",
-    progress: bool = False,
+    maneuver: Maneuver, config: Config, sim_config: SimConfig, driven_axle: str = "front", progress: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """Drive the manoeuvre; inputs and outputs of the simulator."""
     sim_config.speed = maneuver.speed

@@ -6,14 +6,7 @@ from collections.abc import Iterable
 
 from tse.impl.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
 from tse.impl.estimate import est_columns, est_fields
-from tse.impl.vehicle import (
-    REQUIRED,
-    latency_settings,
-    sensor_settings,
-    uncertainty_settings,
-    unknown_car,
-    vehicle_settings,
-)
+from tse.impl.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, unknown_car, vehicle_settings
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:

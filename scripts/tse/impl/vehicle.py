@@ -22,16 +22,7 @@ from tse.impl.rows import MEASURES, Log
 GRAVITY = 9.81
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 WHEELBASE_TOLERANCE = 0.01  # m
-DESCRIPTIVE = (
-    "name",
-    "wheelbase",
-    "steering_ratio",
-    "track_front",
-    "track_rear",
-    "cg_height",
-    "driven_axle",
-    "source",
-)
+DESCRIPTIVE = ("name", "wheelbase", "steering_ratio", "track_front", "track_rear", "cg_height", "driven_axle", "source")
 FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
 SHAPE = "tyre_saturation_shape"
 TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
@@ -144,11 +135,7 @@ def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
 
 def stiffness_words(vehicle: Vehicle) -> str:
     """Return what a person should know first."""
-    units = {
-        "cy_front": ("front cornering", "kN/rad"),
-        "cy_rear": ("rear cornering", "kN/rad"),
-        "cx_front": ("longitudinal", "kN"),
-    }
+    units = {"cy_front": ("front cornering", "kN/rad"), "cy_rear": ("rear cornering", "kN/rad"), "cx_front": ("longitudinal", "kN")}
     known = {k: [x / 1000 for x in v] for k, v in known_stiffness(vehicle).items()}
     parts = [f"{units[k][0]} {known[k][0]:.0f} {units[k][1]} ({known[k][1]:.0f} .. {known[k][2]:.0f})" for k in units]
     return f"Stiffness at no slip, 95 % interval: {', '.join(parts)}."
@@ -229,9 +216,7 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
                     raise UserError(f"{path}: table [{key}] is not known (did you mean [{near[0]}]?)")
                 others.append(key)
             else:
-                unknown.append(
-                    f"key {prefix}{key} is not known{_advice(name, key, {n: t[1] for n, t in tables.items()})}"
-                )
+                unknown.append(f"key {prefix}{key} is not known{_advice(name, key, {n: t[1] for n, t in tables.items()})}")
     if unknown:
         more = len(unknown) - MOST_UNKNOWN
         raise UserError(f"{path}: {'; '.join(unknown[:MOST_UNKNOWN])}{f'; and {more} more' if more > 0 else ''}")
@@ -239,9 +224,7 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     if missing:
         ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
         raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
-    vehicle = Vehicle(
-        path, str(facts.get("name", path.stem)), values, facts, formula=formula, formula_path=formula_path
-    )
+    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, formula=formula, formula_path=formula_path)
     vehicle.calibration = calibration
     if others:
         vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is not known and not used")
@@ -271,9 +254,7 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
 
 def _is_table(value: Any) -> bool:
     """A table, or several under one name."""
-    return isinstance(value, dict) or (
-        isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
-    )
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value))
 
 
 def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
@@ -309,9 +290,7 @@ def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
         return None
     name = table.get("file")
     if set(table) != {"file"} or not isinstance(name, str) or Path(name).name != name:
-        raise UserError(
-            f"{path}: [formula] needs one key, file: the name of a formula beside this file, and nothing else"
-        )
+        raise UserError(f"{path}: [formula] needs one key, file: the name of a formula beside this file, and nothing else")
     return path.parent / name
 
 
@@ -342,9 +321,7 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         names = [str(name) for name in table["names"]]
         mean, covariance = np.array(table["mean"], float), np.array(table["covariance"], float)
     except (KeyError, TypeError, ValueError):
-        raise UserError(
-            f"{path}: [calibration] needs names, mean and covariance, as 'tselab calibrate' writes them"
-        ) from None
+        raise UserError(f"{path}: [calibration] needs names, mean and covariance, as 'tselab calibrate' writes them") from None
     n = len(names)
     if mean.shape != (n,) or covariance.shape != (n, n) or len(set(names)) < n:
         raise UserError(f"{path}: [calibration]: {n} different names need {n} means and {n} rows of {n} covariances")
@@ -354,9 +331,7 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
-        raise UserError(
-            f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite"
-        )
+        raise UserError(f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite")
     own = table.get("own") is True
     return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist(), "own": own}
 
@@ -401,9 +376,7 @@ def _set(config: Config, key: str, value: Any, source: str) -> None:
 def _check_facts(path: Path, vehicle: Vehicle) -> None:
     for key in ("wheelbase", "steering_ratio", "track_front", "track_rear", "cg_height"):
         value = vehicle.facts.get(key)
-        if value is not None and (
-            isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1000
-        ):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1000):
             raise UserError(f"{path}: key {key}: {value!r} is not a positive number")
     axle = vehicle.facts.get("driven_axle", "front")
     if axle not in ("front", "rear", "both"):
@@ -424,9 +397,7 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
     for key in vehicle_settings():
         if key in ordinary and key not in v:
             v[key] = ordinary[key]
-            vehicle.filled.append(
-                f"{key} = {v[key]:.0f} {fields[key].unit} (rule: an ordinary car of its mass and axles)"
-            )
+            vehicle.filled.append(f"{key} = {v[key]:.0f} {fields[key].unit} (rule: an ordinary car of its mass and axles)")
     _fill_uncertainty(vehicle)
 
 

@@ -13,11 +13,7 @@ from tse.impl.regimes import LIKELY, Change, Stretch, channel_name, percent, spa
 from tse.impl.rows import MEASURES
 from tse.impl.smooth import fixed, smooth
 
-NAMES = {
-    "cx_front": "Front longitudinal stiffness",
-    "cy_front": "Front cornering stiffness",
-    "cy_rear": "Rear cornering stiffness",
-}
+NAMES = {"cx_front": "Front longitudinal stiffness", "cy_front": "Front cornering stiffness", "cy_rear": "Rear cornering stiffness"}
 UNITS = {"cx_front": "kN", "cy_front": "kN/rad", "cy_rear": "kN/rad"}
 QUIET = {
     "cx_front": "driving and braking were too weak or too steady",
@@ -56,9 +52,7 @@ class Verdict:
     name: str
     level: str  # good, partly, none
     unit: str
-    value: (
-        float  # at the end of the stretch, where the filter knows most of it; of particles the median of the valid rows
-    )
+    value: float  # at the end of the stretch, where the filter knows most of it; of particles the median of the valid rows
     band: float  # half of the 95 % interval
     spread: float  # sample to sample, share of the mean; NaN: not seen, or the form does not learn it
     nominal: float
@@ -108,14 +102,10 @@ class Quantity:
         return f"{self.name}: {self.shown}{unit} (95 %), {self.text}"
 
 
-def verdicts(
-    table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
-) -> list[Verdict]:
+def verdicts(table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None) -> list[Verdict]:
     """The finding on each stiffness, of the whole log or of a stretch; smoothed, too, with `parts`: smooth.fixed()."""
     found = [_verdict(table, config, key, whole) for key in STIFFNESS]
-    return [
-        _smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v for v in found
-    ]
+    return [_smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v for v in found]
 
 
 def _smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
@@ -231,9 +221,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
     times = len(spans(spoken_of(table), off))
     if times:
         often = "once" if times == 1 else f"{times} times"
-        found.append(
-            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not valid there"
-        )
+        found.append(f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not valid there")
     return found
 
 
@@ -281,16 +269,12 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
     if known:
         parts[0] += f", valid {percent(share)} of the time"
     else:
-        limit = (
-            f", its sd {percent(band / 1.96 / value)}, limit {percent(config.valid_sd)}" if reason in LIMITED else ""
-        )
+        limit = f", its sd {percent(band / 1.96 / value)}, limit {percent(config.valid_sd)}" if reason in LIMITED else ""
         why = _why(reason, key)
         parts[0] += f", not valid: {reason}{limit}{f': {why}' if why else ''}"
     relative = value / nominal - 1
     parts.append(
-        f"{100 * abs(relative):.0f} % {'above' if relative > 0 else 'below'} nominal"
-        if abs(relative) >= 0.02
-        else "as nominal"
+        f"{100 * abs(relative):.0f} % {'above' if relative > 0 else 'below'} nominal" if abs(relative) >= 0.02 else "as nominal"
     )
     if known and abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]:
         parts.append(f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f}")
@@ -360,6 +344,4 @@ def _sideslip(table: pd.DataFrame) -> Quantity | None:
     at = int(np.argmax(np.abs(angle) - 1.96 * sd))
     time = float(spoken_of(table)[rows[at]])
     text = f"the largest, at {time:.1f} s; median interval ± {max(1.96 * float(np.median(sd)), 0.005):.2f}"
-    return Quantity(
-        "sideslip", "Sideslip angle", "deg", float(angle[at]), 1.96 * float(sd[at]), float("nan"), "", time, text
-    )
+    return Quantity("sideslip", "Sideslip angle", "deg", float(angle[at]), 1.96 * float(sd[at]), float("nan"), "", time, text)

@@ -13,8 +13,5 @@ STUDIES = {  # name: (usual number of runs, title)
     "peers": (100, "tse beside an EKF with the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),
     "regimes": (100, "Changes of the road: detected, followed, no false alarms"),
-    "false-alarms": (
-        600,
-        "Ordinary driving of a car known exactly, in stretches of ten minutes: every change is a false alarm",
-    ),
+    "false-alarms": (600, "Ordinary driving of a car known exactly, in stretches of ten minutes: every change is a false alarm"),
 }

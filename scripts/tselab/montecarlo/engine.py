@@ -92,9 +92,7 @@ def _study(name: str) -> Study:
 def run_unit(unit: Unit) -> list[dict[str, Any]]:
     """Simulate once, run every estimator of the case on it: one row each."""
     if library_hash() != unit.library:
-        raise UserError(
-            f"the tse library {library().path} is not, or no longer, the one that the study began with; start it again"
-        )
+        raise UserError(f"the tse library {library().path} is not, or no longer, the one that the study began with; start it again")
     case = _study(unit.study).case(unit.case)
     start = time.perf_counter()
     d = drive(case, unit.seed, lambda about: configure("tse", unit, about), unit.sim_settings)
@@ -141,9 +139,7 @@ def run(
     done = read(path, units)
     left = [u for u in units if u.mark not in done]
     _append(path, "\n")  # the last line may be cut
-    with tqdm(
-        total=len(left), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
-    ) as bar:
+    with tqdm(total=len(left), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name) as bar:
         try:
             with killed_as_interrupted(), contextlib.closing(each(run_unit, left, jobs, scheduler)) as results:
                 for unit, result in results:
@@ -154,8 +150,7 @@ def run(
                     bar.set_postfix_str(f"{unit.case} seed {unit.seed}")
         except KeyboardInterrupt:
             raise Interrupted(
-                f"stopped; {path} keeps the {len(done)} of {len(units)} runs that are done, "
-                "the same command goes on from there"
+                f"stopped; {path} keeps the {len(done)} of {len(units)} runs that are done, the same command goes on from there"
             ) from None
     table = pd.DataFrame([row for u in units for row in done[u.mark]], columns=columns(plan.study.name))
     order = [(c.name, e) for c in plan.study.cases for e in c.estimators]
@@ -217,10 +212,7 @@ def columns(study: str) -> list[str]:
 @functools.cache
 def code() -> str:
     """What makes the numbers beside the library and the settings: the files of studies, manoeuvres and other filters."""
-    files = {
-        *Path(__file__).parent.glob("*.py"),
-        *(Path(str(m.__file__)) for m in (core, maneuvers, simulate)),
-    }
+    files = {*Path(__file__).parent.glob("*.py"), *(Path(str(m.__file__)) for m in (core, maneuvers, simulate))}
     return _hash("".join(p.read_text(encoding="utf-8") for p in sorted(files)))
 
 

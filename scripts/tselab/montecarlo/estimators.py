@@ -17,10 +17,7 @@ from tselab.montecarlo.peers import Known
 
 # Variants of the robust form, robust-NAME: what was tried.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
-    "one-factor": (
-        "one forgetting factor in (17), 0.99",
-        {"forgetting": 0.99, "forgetting_mean": 0.0, "forgetting_change": 1.0},
-    ),
+    "one-factor": ("one forgetting factor in (17), 0.99", {"forgetting": 0.99, "forgetting_mean": 0.0, "forgetting_change": 1.0}),
     "constant": ("the mean's factor does not fall where innovations last", {"forgetting_change": 1.0}),
     "slower": ("the mean's factor 0.985, not 0.98", {"forgetting_mean": 0.985}),
     "slowest": ("the mean's factor 0.99, falling", {"forgetting_mean": 0.99}),
@@ -81,9 +78,7 @@ def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
     try:
         found = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError) as error:
-        raise UserError(
-            f"there is no estimator '{name}': {error}; is the folder of {module}.py in PYTHONPATH?"
-        ) from None
+        raise UserError(f"there is no estimator '{name}': {error}; is the folder of {module}.py in PYTHONPATH?") from None
     if not callable(found):
         raise UserError(f"the estimator '{name}' is not a function")
     return found
@@ -100,9 +95,7 @@ def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
     for f in fields:
         values = np.asarray(answer[f], float)
         if values.shape != out.shape:
-            raise UserError(
-                f"the estimator '{name}' gives {f} in shape {values.shape}, not {out.shape}: a number a row"
-            )
+            raise UserError(f"the estimator '{name}' gives {f} in shape {values.shape}, not {out.shape}: a number a row")
         out[f] = values / getattr(config, next(NOMINAL[s] for s in STIFFNESS if f.startswith(s)))
     return out
 
@@ -126,9 +119,7 @@ def _known(d: Drive, config: Config, changes: bool = False) -> Known:
 
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
-        spread=tuple(
-            getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS
-        ),
+        spread=tuple(getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS),
         noise_sd=tuple(sd * d.sim.noise for sd in sensors),
         forgetting=config.forgetting,
         held=bool(d.sim.hold_inputs),

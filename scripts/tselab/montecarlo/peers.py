@@ -68,9 +68,7 @@ def move(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray, to: np
         a = accelerations(c, x, w, u + share * (to - u))
         return a + np.array([x[1] * x[2], -x[0] * x[2], 0 * x[2]])
 
-    speed = max(
-        min(abs(i[k]) * r for i in (u, to) for k, r in ((1, c.wheel_radius_front), (2, c.wheel_radius_rear))), LOW_SPEED
-    )
+    speed = max(min(abs(i[k]) * r for i in (u, to) for k, r in ((1, c.wheel_radius_front), (2, c.wheel_radius_rear))), LOW_SPEED)
     yaw = (c.cornering_stiffness_front * c.lf**2 + c.cornering_stiffness_rear * c.lr**2) / c.yaw_inertia
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
@@ -167,9 +165,7 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
             z[MU] = np.clip(z[MU], c.stiffness_min - 1, c.stiffness_max - 1)
         sds = np.sqrt(np.maximum(np.diagonal(p), 0))
         mean = np.stack([1 + z[MU], sds[MU], np.sqrt(eps)], 1)
-        out[row] = tuple(
-            np.concatenate([np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()])
-        )
+        out[row] = tuple(np.concatenate([np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]))
         if len(use) and not tells:  # (17), whole rows and columns, to the start's variance at most
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)

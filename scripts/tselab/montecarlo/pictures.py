@@ -37,19 +37,9 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
             mean, sd = est[key].to_numpy() / 1000, est[f"{key}_sd"].to_numpy() / 1000
             valid = est[f"{key}_valid"].to_numpy() == 1
             true = truth[f"true_{key}"].to_numpy()[: len(time)] / 1000
+            axis.fill_between(time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval")
             axis.fill_between(
-                time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval"
-            )
-            axis.fill_between(
-                time,
-                0,
-                1,
-                where=~valid,
-                transform=axis.get_xaxis_transform(),
-                color=GREY,
-                alpha=0.16,
-                lw=0,
-                label="not valid",
+                time, 0, 1, where=~valid, transform=axis.get_xaxis_transform(), color=GREY, alpha=0.16, lw=0, label="not valid"
             )
             axis.plot(time, true, color=ORANGE, lw=1.8, ls=(0, (5, 2)), label="truth")
             axis.plot(time, mean, color=BLUE, lw=1.6, label="estimate")
@@ -58,13 +48,7 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
             axis.set_title(NAMES[key], loc="left", fontsize=11, fontweight="bold", pad=4)
         handles, labels = axes[0].get_legend_handles_labels()
         order = [labels.index(x) for x in ("truth", "estimate", "95 % interval", "not valid")]
-        figure.legend(
-            [handles[i] for i in order],
-            [labels[i] for i in order],
-            loc="outside upper right",
-            ncols=4,
-            frameon=False,
-        )
+        figure.legend([handles[i] for i in order], [labels[i] for i in order], loc="outside upper right", ncols=4, frameon=False)
         axes[3].plot(time, 1000 * log["steer_angle"].to_numpy()[: len(time)], color=INK, lw=1.1)
         axes[3].set_ylabel("steering\n[mrad]")
         speed = axes[3].twinx()

@@ -31,10 +31,7 @@ SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", 
 SURE = 0.9  # of a change of regime: from here on it counts as reported
 STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # s between changes that count as two
-BEFORE, AFTER = (
-    0.15,
-    2.0,
-)  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
+BEFORE, AFTER = (0.15, 2.0)  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
 OFF, OFF_FOR = 0.20, 60.0  # error that must not be called valid, s after an event in which it is counted
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # right where nothing can be known
 
@@ -155,9 +152,7 @@ def knowable(d: Drive, case: Case) -> Knowable:
     """What the truth of the drive says about what could be known."""
     c = d.config
     phi, use = regressors(d)
-    wheels = np.column_stack(
-        [getattr(c, f"wheel_radius_{a}") * d.truth[f"true_wheel_speed_{a}"] for a in ("front", "rear")]
-    )
+    wheels = np.column_stack([getattr(c, f"wheel_radius_{a}") * d.truth[f"true_wheel_speed_{a}"] for a in ("front", "rear")])
     learning = (
         (np.abs(wheels).max(axis=1) >= c.hold_speed)
         & (wheels.min(axis=1) >= REVERSE_SPEED)
@@ -166,10 +161,7 @@ def knowable(d: Drive, case: Case) -> Knowable:
     memory = 1 / (1 - c.forgetting)
     mean = felt(d.stiffness, phi, use, learning, memory)
     secant = felt(d.stiffness, phi, use, learning, memory, np.inf)
-    sd = [
-        best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory)
-        for i, k in enumerate(STIFFNESS)
-    ]
+    sd = [best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory) for i, k in enumerate(STIFFNESS)]
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
@@ -254,9 +246,7 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
         if f"{STIFFNESS[0]}_valid" in names:
             truth = k.level if k.secant is None else k.secant
             wrong = [
-                (estimate[f"{s}_valid"] == 0)
-                & (estimate["status"] >= 0)
-                & ~(np.abs(estimate[s] / truth[:, i] - 1) <= OFF)
+                (estimate[f"{s}_valid"] == 0) & (estimate["status"] >= 0) & ~(np.abs(estimate[s] / truth[:, i] - 1) <= OFF)
                 for i, s in enumerate(STIFFNESS)
             ]
             off = np.any(wrong, axis=0) & part & (time < event + OFF_FOR - 1e-9)

@@ -34,9 +34,7 @@ def square_waves(
     road: tuple[tuple[float, float], ...] = (),
 ) -> Maneuver:
     """The paper's square waves. torque None: what gives LOW_SLIP."""
-    m = maneuvers.build(
-        "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
-    )
+    m = maneuvers.build("square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road))
     torque = torque_of_slip(car, sim, LOW_SLIP) if torque is None else torque
     return replace(m, wheel_torque_front=torque * np.sign(m.wheel_torque_front))
 
@@ -45,9 +43,7 @@ def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
     """Steady front torque that makes this slip on the front axle: its wheels and, through the car, the rear wheels take
     their part of it."""
     force = car.longitudinal_stiffness_front * slip
-    front, rear = (
-        getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
-    )
+    front, rear = (getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear"))
     return force * car.wheel_radius_front * (car.mass + front + rear) / (car.mass + rear)
 
 
@@ -150,9 +146,7 @@ def slow_change(
 LANE_PERIOD = (6.0, 12.0)  # s: of keeping the lane
 
 
-def _waving(
-    t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
-) -> np.ndarray:
+def _waving(t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]) -> np.ndarray:
     """Two slow sines of random period and phase that add up to `size`."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
@@ -283,12 +277,7 @@ ROAD_03 = Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0,
 
 
 def _stress() -> tuple[Case, ...]:
-    imu_bias = {
-        "true_bias_accel_x": 0.1,
-        "true_bias_accel_y": 0.1,
-        "true_bias_yaw_rate": 0.2 * DEGREE,
-        "bias_walk": 1.0,
-    }
+    imu_bias = {"true_bias_accel_x": 0.1, "true_bias_accel_y": 0.1, "true_bias_yaw_rate": 0.2 * DEGREE, "bias_walk": 1.0}
     after_15 = ((FIRST, SLOTS_END),)
     pulses = ((PULSES[0] - 5, PULSES[0]), (PULSES_END - 15, PULSES_END))
     friction = {"sim": {"friction": 0.9}, "windows": pulses}
@@ -356,9 +345,7 @@ TEN_MINUTES = 600.0  # s
 def _false_alarms() -> tuple[Case, ...]:
     known = Case("false-alarms", "ordinary driving", partial(ordinary, duration=TEN_MINUTES),
                 windows=((30.0, TEN_MINUTES),))  # fmt: skip
-    return known, replace(
-        known, name="false-alarms-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1}
-    )
+    return known, replace(known, name="false-alarms-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1})
 
 
 def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:

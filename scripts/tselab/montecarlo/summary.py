@@ -350,12 +350,7 @@ def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table
             spread = ", ".join(f"{part[f'{k}_spread_w0'].median():.1f}" for k in STIFFNESS)
             rows.append([name, text, *cells, spread])
         spans = [f"{a:g} .. {b:.0f} s" for a, b in case.windows]
-        head = [
-            "estimator",
-            "what",
-            *(f"{what}, {s}" for s in spans for what in ("diverged", "rms")),
-            "spread, median run",
-        ]
+        head = ["estimator", "what", *(f"{what}, {s}" for s in spans for what in ("diverged", "rms")), "spread, median run"]
         text = (
             f"{case.title}; {plan.runs} runs. Triples: Cx, Cy front, Cy rear, % of the true mean, with 95 % intervals. "
             "Diverged: a stiffness off by more than 20 % for more than 2 s of the window. True spread: 5 %."

@@ -130,18 +130,14 @@ def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
     waiting: list[tuple[Case, list]] = []
     for spec in specs:
         case, jobs = _prepare(spec)
-        if waiting and (
-            sum(len(j) for _, j in waiting) + len(jobs) > batch or spec.duration != waiting[0][0].spec.duration
-        ):
+        if waiting and (sum(len(j) for _, j in waiting) + len(jobs) > batch or spec.duration != waiting[0][0].spec.duration):
             yield from _finish(waiting)
             waiting = []
         waiting.append((case, jobs))
     yield from _finish(waiting)
 
 
-def make_case(
-    effects: dict[str, Wish], seed: int, manoeuvres: tuple[str, ...] | None = None, size: float = 1.0, **more
-) -> Case:
+def make_case(effects: dict[str, Wish], seed: int, manoeuvres: tuple[str, ...] | None = None, size: float = 1.0, **more) -> Case:
     """One case. `effects`: id -> size (1: typical) or {"value": parameter}; `more`: other fields of Spec."""
     return next(make_cases([Spec("+".join(effects) or "clean", effects, seed, size, manoeuvres, **more)]))
 

@@ -118,12 +118,8 @@ def _urban(k: Track) -> None:
     k.v0 = k.rng.uniform(5.5, 7.0)
     side = k.rng.choice([-1.0, 1.0])
     for i, start in enumerate(np.arange(1.0, k.duration - 4.5, 4.8)):
-        k.steer += (
-            side * (-1) ** i * k.rng.uniform(0.16, 0.27) * min(1.0, k.grip + 0.2) * k.pulse(start, start + 3.8, 0.9)
-        )
-        k.accel += k.rng.uniform(0.5, 1.0) * (
-            k.pulse(start + 3.6, start + 4.8, 0.3) - k.pulse(start - 0.4, start + 0.8, 0.3)
-        )
+        k.steer += side * (-1) ** i * k.rng.uniform(0.16, 0.27) * min(1.0, k.grip + 0.2) * k.pulse(start, start + 3.8, 0.9)
+        k.accel += k.rng.uniform(0.5, 1.0) * (k.pulse(start + 3.6, start + 4.8, 0.3) - k.pulse(start - 0.4, start + 0.8, 0.3))
 
 
 def _highway(k: Track) -> None:

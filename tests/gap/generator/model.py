@@ -119,9 +119,7 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     share = np.array([p.roll_front / p.track_front, (1 - p.roll_front) / p.track_rear])
     p.load_roll = p.mass * p.h_lateral * np.array([-share[0], share[0], -share[1], share[1]])
     p.load_pitch = 0.5 * p.mass * p.h_longitudinal / p.wheelbase * np.array([-1.0, -1, 1, 1])[:, None]
-    p.body_inertia = p.yaw_inertia - (p.wheel_inertia * (p.y / p.radius) ** 2).sum(
-        0
-    )  # the rest is in the spinning wheels
+    p.body_inertia = p.yaw_inertia - (p.wheel_inertia * (p.y / p.radius) ** 2).sum(0)  # the rest is in the spinning wheels
     p.w_roll, p.w_pitch, p.w_res = (2 * np.pi * f for f in (p.f_roll, p.f_pitch, p.f_resonance))
     p.drive_share = 0.5 * np.array([p.drive_front] * 2 + [1 - p.drive_front] * 2)
     p.brake_share = 0.5 * np.array([p.brake_front] * 2 + [1 - p.brake_front] * 2)

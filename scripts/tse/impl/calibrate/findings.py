@@ -90,9 +90,7 @@ def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
     the numbers are from what the vehicle file had, in their joint covariance."""
     found = []
     for name in dict.fromkeys(r.group for r in rows):
-        sizes = [
-            k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape
-        ]  # else the prior would speak
+        sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]  # else the prior would speak
         off = np.array([rows[k].value - rows[k].before for k in sizes])
         inverse = np.linalg.pinv(fit.covariance[np.ix_(sizes, sizes)])
         found.append(Group(name, 0.5 * float(off @ inverse @ off), tuple(r for r in rows if r.group == name)))

@@ -61,14 +61,10 @@ def uncertainty(result: Result) -> dict[str, float]:
 
     found = {key: result.vehicle.values.get(key, sd) for key, sd in unknown_car().items()}
     found |= {
-        "model_sd": max(
-            found["model_sd"] if result.own else 0.0, model_sd(result.problem, result.fit, found["model_sd"])
-        ),
+        "model_sd": max(found["model_sd"] if result.own else 0.0, model_sd(result.problem, result.fit, found["model_sd"])),
         **{key: sd((name, 1.0), *([ALSO[name]] if name in ALSO else [])) for key, name in UNCERTAIN.items()},
         "yaw_inertia_sd": sd(("yaw_inertia", 1.0 / at["yaw_inertia"])),
-        "wheel_radius_sd": sd(
-            *((f"wheel_radius_{a}", k / at[f"wheel_radius_{a}"]) for a, k in (("rear", 1.0), ("front", -1.0)))
-        ),
+        "wheel_radius_sd": sd(*((f"wheel_radius_{a}", k / at[f"wheel_radius_{a}"]) for a, k in (("rear", 1.0), ("front", -1.0)))),
         "lean_sd": float(np.std(_superelevations(result))),
     }
     found |= {key: max(found[key], least) for key, least in LEAST_SD.items()}
@@ -114,11 +110,7 @@ def _start(result: Result, written: Mapping[str, float]) -> tuple[list[str], np.
 
 
 def _band(f: Finding) -> str:
-    return (
-        f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
-        if f.shown
-        else ", not shown by these logs"
-    )
+    return f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}" if f.shown else ", not shown by these logs"
 
 
 def write(path: Path, result: Result, logs: list[str]) -> Path:

@@ -80,9 +80,7 @@ def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
     if seconds < LEAST_SECONDS - ENDS:
         return of_class(f"it lasts {seconds:.4g} s, {LEAST_SECONDS:g} s are needed")
     if (turning := sum(_turning(log, vehicle) for log in logs)) < LEAST_TURNING:
-        return of_class(
-            f"it hardly turns: {turning:.1f} s above {TURNING:g} m/s2 across, {LEAST_TURNING:g} s are needed"
-        )
+        return of_class(f"it hardly turns: {turning:.1f} s above {TURNING:g} m/s2 across, {LEAST_TURNING:g} s are needed")
     parts = [_part(log, MOST_SECONDS / len(logs)) for log in logs]
     key = _key(vehicle, parts)
     path = _place(f"{key}.json")
@@ -113,10 +111,7 @@ def _gone(lock: Path) -> Iterator[None]:
 
 def _turning(log: Log, vehicle: Vehicle) -> float:
     """Seconds with a lateral acceleration of TURNING by speed and yaw rate, or by accel_y where there is no gyro."""
-    rate, speed = (
-        log.data["yaw_rate"].to_numpy(float),
-        vehicle.values["wheel_radius_rear"] * log.data["wheel_speed_rear"],
-    )
+    rate, speed = (log.data["yaw_rate"].to_numpy(float), vehicle.values["wheel_radius_rear"] * log.data["wheel_speed_rear"])
     across = speed.to_numpy(float) * rate if np.isfinite(rate).any() else log.data["accel_y"].to_numpy(float)
     with np.errstate(invalid="ignore"):
         return float(log.dt[np.abs(across) > TURNING].sum())
@@ -238,13 +233,9 @@ def _words(result: Any, found: dict[str, Any]) -> list[str]:
         for key, s in found["stiffness"].items()
     )
     minutes = found["seconds"] / 60
-    lines = [
-        f"calibrated on the log itself, {minutes:.1f} minutes of it: stiffness at no slip, 95 %: {stiffness} kN/rad"
-    ]
+    lines = [f"calibrated on the log itself, {minutes:.1f} minutes of it: stiffness at no slip, 95 %: {stiffness} kN/rad"]
     late = [f"{c} {1000 * x['value']:.0f} +- {1960 * x['sd']:.0f}" for c, x in found["latency"].items()]
     lines += [f"latency behind the gyro, ms, 95 %: {', '.join(late)}"] if late else []
-    groups = {
-        g: [f.shown for f in result.findings if f.group == g] for g in dict.fromkeys(f.group for f in result.findings)
-    }
+    groups = {g: [f.shown for f in result.findings if f.group == g] for g in dict.fromkeys(f.group for f in result.findings)}
     hidden = [g if not any(shown) else f"part of {g}" for g, shown in groups.items() if not all(shown)]
     return [*lines, f"could not be shown: {', '.join(hidden)}"] if hidden else lines

@@ -74,9 +74,7 @@ def bands(result: Result) -> go.Figure:
 def misfit(proofs: Sequence[Proof]) -> go.Figure:
     """Bars of each log, before and after."""
     names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
-    figure = make_subplots(
-        1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True
-    )
+    figure = make_subplots(1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True)
     for column, c in enumerate(MEASURED, 1):
         for title, colour, values in (
             ("before", ORANGE, [p.before.get(c, np.nan) for p in proofs]),

@@ -65,9 +65,7 @@ def words(result: Result) -> list[str]:
                 parts.append(f"{c} {100 * (after / max(before, 1e-12) - 1):+.0f} %")
             likelier = sum(p.nats_per_second for p in mine) / len(mine)
             title = "held-out" if held else "fitted"
-            lines.append(
-                f"Residuals of {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second."
-            )
+            lines.append(f"Residuals of {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second.")
     if result.seconds < LEAST_SECONDS:
         lines.append(
             f"Not to be relied on: {result.seconds:.0f} s can be compared with a simulation, {LEAST_SECONDS:g} s are needed."

@@ -27,9 +27,7 @@ from tse.impl.vehicle import SHAPE, Vehicle, default_vehicle, fill_sensors, ordi
 Say = Callable[[str], None]
 SLOW = 4.0  # s
 LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
-MOST_GYRO_WALK = (
-    0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
-)
+MOST_GYRO_WALK = 0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
 MOST_ROWS = 1 << 19  # of a log, whose channels are held against each other
 FEWEST_STEPS = 10  # between values, to speak of quantisation
 
@@ -77,9 +75,7 @@ def of_logs(logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, le
     return _result(vehicle, problem, fit(problem, say=say), logs, [], notes)
 
 
-def _problem(
-    logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say
-) -> tuple[Problem, list[Prepared]]:
+def _problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say) -> tuple[Problem, list[Prepared]]:
     """What is fitted, and the logs as they are simulated."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
@@ -96,27 +92,14 @@ def _problem(
     return problem, ready
 
 
-def _result(
-    vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log], proofs: list[Proof], notes: list[str]
-) -> Result:
+def _result(vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log], proofs: list[Proof], notes: list[str]) -> Result:
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
     result = slips(problem, result, logs, vehicle)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result, logs)
-    return Result(
-        vehicle,
-        problem.config,
-        problem,
-        result,
-        rows,
-        groups(problem, result, rows),
-        proofs,
-        sensors,
-        steps,
-        notes,
-    )
+    return Result(vehicle, problem.config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
 
 
 def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Path, Log]:

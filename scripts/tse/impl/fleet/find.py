@@ -65,16 +65,12 @@ def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Pat
         if path.is_dir() and not _is_bag(path):
             inside = list(_below(path, not_logs))
             if not inside:
-                raise UserError(
-                    f"{path}: no log is in this folder; files with these endings are: {' '.join(sorted(SUFFIXES))}"
-                )
+                raise UserError(f"{path}: no log is in this folder; files with these endings are: {' '.join(sorted(SUFFIXES))}")
             mine = [(p, path / p.relative_to(path).parts[0] if p.parent != path else path) for p in inside]
         elif path.exists():
             mine = [(path, path.parent)]
         else:
-            mine = [
-                (p, p.parent) for p in map(Path, sorted(glob.glob(word, recursive=True))) if p.is_file() or _is_bag(p)
-            ]
+            mine = [(p, p.parent) for p in map(Path, sorted(glob.glob(word, recursive=True))) if p.is_file() or _is_bag(p)]
             if not mine:
                 raise NoFile(f"{word}: no such file or folder, and no file has a name of this pattern")
         for p, folder in mine:
@@ -166,9 +162,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     for line, row in enumerate(rows, 2):
         if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
             before = of[row["car"]]
-            raise UserError(
-                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file"
-            )
+            raise UserError(f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file")
     for line, row in enumerate(rows, 2):
         for column in TABLE_COLUMNS[:2]:
             if not row[column]:

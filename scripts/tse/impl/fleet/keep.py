@@ -163,10 +163,7 @@ def unlike(frame: pd.DataFrame) -> dict[str, str]:
             if x - others > np.log(STIFFER) + 2 * sure:
                 text = f"{NAMES[str(key)].lower()} {np.exp(x - others):.1f} times"
                 said[str(log)] = f"{said[str(log)]}, {text}" if str(log) in said else text
-    return {
-        log: f"unlike the other logs of this car, {text} theirs: another car, load or tyres?"
-        for log, text in said.items()
-    }
+    return {log: f"unlike the other logs of this car, {text} theirs: another car, load or tyres?" for log, text in said.items()}
 
 
 def key_of(task: Task) -> str:
@@ -181,16 +178,7 @@ def key_of(task: Task) -> str:
     for path in [task.vehicle, *_formula(task.vehicle), *([task.config] if task.config else [])]:
         with contextlib.suppress(OSError):
             digest.update(hashlib.sha256(path.read_bytes()).digest())
-    said = [
-        task.rate,
-        task.strict,
-        task.average,
-        task.form,
-        sorted(task.settings.items()),
-        task.report,
-        task.calibrate,
-        task.code,
-    ]
+    said = [task.rate, task.strict, task.average, task.form, sorted(task.settings.items()), task.report, task.calibrate, task.code]
     digest.update(json.dumps([*said, str(task.estimates), round(task.age, 3)]).encode())
     digest.update(task.learnt or b"")
     return digest.hexdigest()

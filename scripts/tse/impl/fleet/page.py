@@ -74,9 +74,7 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
                          "as nominal.", distribution(all_cars)))  # fmt: skip
     drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MOST_TRENDS]
     for c in drawn:
-        sections.append(
-            (f"Trend: {c.name}", "Each stretch of road that tells a stiffness, over nominal.", trend(c, table))
-        )
+        sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness, over nominal.", trend(c, table)))
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
     write_page(
         path,
@@ -135,9 +133,7 @@ def trend(car: Car, table: pd.DataFrame) -> Figure:
     return figure
 
 
-def _points(
-    figure: Figure, key: str, x: Sequence[Any], y: Sequence[float], band: Sequence[float], mode: str = "markers"
-) -> None:
+def _points(figure: Figure, key: str, x: Sequence[Any], y: Sequence[float], band: Sequence[float], mode: str = "markers") -> None:
     figure.add(1, x=list(x), y=list(y), mode=mode, name=NAMES[key], marker={"color": COLOURS[key], "size": 7},
                line={"color": COLOURS[key], "width": 1}, error_y={"type": "data", "array": list(band), "thickness": 1})  # fmt: skip
 

@@ -43,12 +43,7 @@ class Plan:
 
 
 def run(
-    drives: Sequence[Drive],
-    plan: Plan,
-    store: Store,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    progress: bool = False,
+    drives: Sequence[Drive], plan: Plan, store: Store, jobs: int = 1, scheduler: str | None = None, progress: bool = False
 ) -> list[Done]:
     """Run what is not done yet; all logs, in the order of `drives`. `jobs`: processes; 0: this one."""
     done: dict[Drive, Done] = {}

@@ -25,9 +25,7 @@ from tse.impl.rows import average as average_log
 from tse.impl.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.impl.verdict import Finding, findings, implausible, of_uncertainty, remarks
 
-MOST_ROWS = (
-    1 << 19
-)  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
+MOST_ROWS = 1 << 19  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
 @dataclass
@@ -138,9 +136,7 @@ class Run:
     reported: bool
 
 
-def run(
-    prepared: Prepared, out: Path | None, report: Path | None, learnt: Learnt | None = None, progress: bool = False
-) -> Run:
+def run(prepared: Prepared, out: Path | None, report: Path | None, learnt: Learnt | None = None, progress: bool = False) -> Run:
     """Estimate, and write what is asked for: the estimates to `out`, the report."""
 
     def once() -> tuple[Estimate, Any]:
@@ -162,9 +158,7 @@ def run(
     if report is not None and len(est):
         from tse.impl.report import write_report
 
-        write_report(
-            report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn, judged=(changes, found)
-        )
+        write_report(report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn, judged=(changes, found))
     return Run(est, changes, found, notes, report is not None and len(est) > 0)
 
 

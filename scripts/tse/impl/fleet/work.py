@@ -79,9 +79,7 @@ def work(task: Task) -> Outcome:
     except UserError as error:
         return Outcome(error=str(error))
     except MemoryError:
-        return Outcome(
-            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there is more"
-        )
+        return Outcome(error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there is more")
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return Outcome(
@@ -116,12 +114,8 @@ def _work(task: Task) -> Outcome:
         page = report.read_bytes() if report is not None and ran.reported else None
     time = ran.estimate.table["time"]
     return Outcome(
-        rows=results.rows(
-            task.log, ran.estimate, ran.findings, ran.changes, [*prepared.warnings, *prepared.log.warnings]
-        ),
-        learnt=None
-        if prepared.warnings
-        else ran.estimate.learnt,  # what contradicts itself teaches the next drive nothing
+        rows=results.rows(task.log, ran.estimate, ran.findings, ran.changes, [*prepared.warnings, *prepared.log.warnings]),
+        learnt=None if prepared.warnings else ran.estimate.learnt,  # what contradicts itself teaches the next drive nothing
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
         code=results.exit_code(ran.findings),

@@ -51,9 +51,7 @@ class Parameter:
     negligible: float
     sign: int  # 1, -1: the plausible one; 0: either
     text: str
-    prior: float | None = (
-        None  # sd that is known beforehand: by the vehicle file, or of one of many values that make a profile
-    )
+    prior: float | None = None  # sd that is known beforehand: by the vehicle file, or of one of many values that make a profile
     given: bool = False  # a shape that no log tells from the strength
 
     @property

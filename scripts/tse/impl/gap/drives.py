@@ -61,9 +61,7 @@ def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.nda
     across = turning = side = np.zeros(len(steer))
     for _ in range(ROUNDS):
         front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
-        steered = (
-            c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, STEP)
-        ) / length  # N, across the front wheels
+        steered = (c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, STEP)) / length  # N, across the front wheels
         force = c.mass * (np.gradient(speed, STEP) - across * turning) + share * steered * np.sin(steer)
         slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
         wheels = {
@@ -114,9 +112,7 @@ def _all(c: Config) -> Iterator[Candidate]:
 
     for v in (10.0, 20.0, 30.0):
         for ay in (2.0, 4.0):
-            yield Candidate(
-                f"steering sine sweep 0.2 .. 3 Hz, {ay:g} m/s2, at {v:g} m/s", ((sweep(t, v, ay), at(v)(t)),)
-            )
+            yield Candidate(f"steering sine sweep 0.2 .. 3 Hz, {ay:g} m/s2, at {v:g} m/s", ((sweep(t, v, ay), at(v)(t)),))
         for ay in (3.0, 6.0):
             yield Candidate(f"steering steps to {ay:g} m/s2, at {v:g} m/s", ((steps(t, v, ay), at(v)(t)),))
         yield Candidate(f"slow steering ramps to 6 m/s2, at {v:g} m/s", ((ramp(t, v, 6.0), at(v)(t)),))

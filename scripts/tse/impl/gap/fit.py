@@ -27,11 +27,7 @@ class Fit:
 
 
 def fit(
-    problem: Problem,
-    parameters: Sequence[Parameter],
-    start: Mapping[Key, float],
-    most: int = 12,
-    tolerance: float = TOLERANCE,
+    problem: Problem, parameters: Sequence[Parameter], start: Mapping[Key, float], most: int = 12, tolerance: float = TOLERANCE
 ) -> Fit:
     """Fit the parameters from `start`; what it does not name starts at its default."""
     parameters = list(parameters)

@@ -19,9 +19,7 @@ def is_copy() -> bool:
     return _copy
 
 
-def apart(
-    jobs: int, do: Callable[[Any], Any], asked: Sequence[Any], light: Callable[[Any], Any] = lambda x: x
-) -> list[Any]:
+def apart(jobs: int, do: Callable[[Any], Any], asked: Sequence[Any], light: Callable[[Any], Any] = lambda x: x) -> list[Any]:
     """`do` of each, in this order, as many at once as there are jobs. Each is done in a copy of this process as it is now, which
     sends back what `light` leaves of it; what it changes besides is lost. Systems other than Linux: in threads, where it is not
     lost; of either, nothing may depend on it."""

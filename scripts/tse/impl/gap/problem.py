@@ -22,8 +22,7 @@ from tse.impl.identify.simulate import simulate
 from tse.impl.rows import MEASURES
 
 STIFFNESS = tuple(
-    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")
-    for name in NOMINAL
+    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's") for name in NOMINAL
 )
 
 
@@ -92,9 +91,7 @@ class Problem:
         """Put what a car with these values would measure in the place of what was measured, with a thousandth of the noise, so that
         a perfect fit has an end."""
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
-        self._measured = self.predict(values) + np.where(
-            self.weight > 0, 0.001 * noise / np.maximum(self.weight, 1e-300), 0.0
-        )
+        self._measured = self.predict(values) + np.where(self.weight > 0, 0.001 * noise / np.maximum(self.weight, 1e-300), 0.0)
 
     # ---- parameters
 
@@ -125,21 +122,13 @@ class Problem:
                 mean, count = blocks(log, log.measured[channel])
                 measured.append(mean)
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
-                usual = (
-                    float(np.median(count[count > 0])) if count.any() else 1.0
-                )  # a slow sensor has fewer rows with a value
+                usual = float(np.median(count[count > 0])) if count.any() else 1.0  # a slow sensor has fewer rows with a value
                 weight.append(np.where(count > 0.5 * usual, 1.0 / np.sqrt(variance), 0.0))
                 n = len(mean)
-                columns.append(
-                    (np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group))
-                )
+                columns.append((np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group)))
                 group += 1
             block += len(time)
-        rows = (
-            Rows(*(np.concatenate(c) for c in zip(*columns, strict=True)))
-            if columns
-            else Rows(*(np.zeros(0, int),) * 5)
-        )
+        rows = Rows(*(np.concatenate(c) for c in zip(*columns, strict=True))) if columns else Rows(*(np.zeros(0, int),) * 5)
         y = np.concatenate(measured) if measured else np.zeros(0)
         w = np.concatenate(weight) if weight else np.zeros(0)
         return np.where(w > 0, y, 0.0), w, rows
@@ -187,9 +176,7 @@ class Problem:
         if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
             return {}
         imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
-        steering = (
-            values.get("steering_delay_time", self.given["steering_delay_time"]) - self.given["steering_delay_time"]
-        )
+        steering = values.get("steering_delay_time", self.given["steering_delay_time"]) - self.given["steering_delay_time"]
         wheels = values.get("wheel_speed_latency", 0.0)
         found = {"steer_angle": -imu - steering, "wheel_speed_front": wheels - imu, "wheel_speed_rear": wheels - imu}
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
@@ -198,9 +185,7 @@ class Problem:
         """Profiles of the road along a log, linear between their values."""
         values = self.fixed | dict(values)
         found = {}
-        own = [
-            k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i
-        ]  # mostly none: this is asked often
+        own = [k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i]  # mostly none: this is asked often
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):

@@ -69,9 +69,7 @@ def responses(
     return white
 
 
-def _moved(
-    c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
-) -> dict[str, np.ndarray]:
+def _moved(c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray) -> dict[str, np.ndarray]:
     """`k`: stiffness over the settings'."""
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}

@@ -53,9 +53,7 @@ class Prepared:
     distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
     quiet: dict[str, float] = field(default_factory=dict)  # sd that was found over that sd, where a floor raised it
-    held: dict[str, float] = field(
-        default_factory=dict
-    )  # s since the value of a row was new, mean, where a slow signal is held
+    held: dict[str, float] = field(default_factory=dict)  # s since the value of a row was new, mean, where a slow signal is held
     late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 

@@ -89,9 +89,7 @@ class Discrepancy:
         """L^-1 columns, and ln det of the covariance L L'."""
         rates, u, w, d = self._factor(piece)
         y = np.ascontiguousarray(columns)
-        return semiseparable.solve_lower(piece.time, rates, u, w, y, np.empty_like(y)) / np.sqrt(d)[:, None], float(
-            np.log(d).sum()
-        )
+        return semiseparable.solve_lower(piece.time, rates, u, w, y, np.empty_like(y)) / np.sqrt(d)[:, None], float(np.log(d).sum())
 
 
 def without_bias(white: np.ndarray, bias: np.ndarray) -> np.ndarray:
@@ -122,10 +120,6 @@ def found(pieces: Sequence[Piece], start: Discrepancy | None = None, far: bool =
     bound = (LEAST * size, 10 * size)
     limits = np.log([bound, SHARES, bound, RANGES[0], (TIMES[1], TIMES[1]) if far else RANGES[1]])
     first = start.numbers if start else Discrepancy(size, SHARE, 0.3 * size, TIMES).numbers
-    first = np.maximum(
-        first, [0.1 * size, 0.0, 0.1 * size, 0.0, 0.0]
-    )  # slopes are nothing where a part is: it would stay gone
-    ended = minimize(
-        objective, np.clip(np.log(first), *limits.T), method="L-BFGS-B", bounds=limits, options={"ftol": PRECISION}
-    )
+    first = np.maximum(first, [0.1 * size, 0.0, 0.1 * size, 0.0, 0.0])  # slopes are nothing where a part is: it would stay gone
+    ended = minimize(objective, np.clip(np.log(first), *limits.T), method="L-BFGS-B", bounds=limits, options={"ftol": PRECISION})
     return Discrepancy.of(np.exp(ended.x))

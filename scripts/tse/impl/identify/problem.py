@@ -100,9 +100,7 @@ class Problem:
         self._curves = [curves(log, config) for log in self.logs]
         self.groups: list[tuple[int, str]] = []  # of residuals: log and channel
         self.time: list[np.ndarray] = []  # of what is compared, by group
-        self._measured, self._used, self._time, self._count, self._speed, self._together, self._rest = (
-            [] for _ in range(7)
-        )
+        self._measured, self._used, self._time, self._count, self._speed, self._together, self._rest = ([] for _ in range(7))
         for i, log in enumerate(self.logs):
             time, v = (blocks(log, x)[0] for x in (log.time, speed(log.inputs, config)))
             for c in MEASURED:
@@ -121,9 +119,7 @@ class Problem:
                 self._together.append(mean)
                 self.time.append(time[mean].mean(axis=1))
         for g, mean in enumerate(self._together):
-            measured, bias = (
-                self._compared(g, x, self.mean) for x in (self._measured[g], np.ones(len(self._measured[g])))
-            )
+            measured, bias = (self._compared(g, x, self.mean) for x in (self._measured[g], np.ones(len(self._measured[g]))))
             square = smooth(measured**2, max(1, round(ACTIVE_TIME / BLOCK)))
             size = np.sqrt(square[mean].mean(axis=1))
             self._rest.append((self._count[g][mean].sum(axis=1), size, bias[mean].mean(axis=1)))

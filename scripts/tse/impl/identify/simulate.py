@@ -35,10 +35,7 @@ def simulate(
         replay = Replay(tuple(channels), dt=dt, **inputs)
         gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
         found = replay.run(
-            config,
-            yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0,
-            time=float(log.time[s.first] - log.time[0]),
-            **stiffness,
+            config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness
         )
         for c, x in found.items():
             late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]

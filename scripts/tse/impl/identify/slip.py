@@ -75,9 +75,7 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
     return replace(fit, x=x, covariance=covariance)
 
 
-def longitudinal(
-    config: Config, values: Mapping[Any, float], logs: Sequence[Log], vehicle: Vehicle
-) -> tuple[float, float]:
+def longitudinal(config: Config, values: Mapping[Any, float], logs: Sequence[Log], vehicle: Vehicle) -> tuple[float, float]:
     """Return ln of the longitudinal stiffness over the vehicle file's and its sd, as a calibration on these logs has them.
 
     values: settings that a fit has found; of the others the prior counts."""
@@ -144,9 +142,7 @@ class _Car:
         inverse = at.get("tyre_saturation_inverse_friction", 0.0)
         # a fit without that effect: tyres of the class
         self.grip, shape = (
-            (1.0 / inverse, c.tyre_saturation_shape)
-            if inverse > 0.0
-            else (ordinary["grip"], ordinary["tyre_saturation_shape"])
+            (1.0 / inverse, c.tyre_saturation_shape) if inverse > 0.0 else (ordinary["grip"], ordinary["tyre_saturation_shape"])
         )
         self.front_driven = vehicle.driven_axle == "front"
         self.radius = c.wheel_radius_front, c.wheel_radius_rear
@@ -155,10 +151,7 @@ class _Car:
         height = float(vehicle.facts.get("cg_height", ordinary["cg_height"]))
         self.height = height / self.base * (-1 if self.front_driven else 1)
         self.give = GIVE * abs(self.height) * self.base**2 / (GRAVITY * c.lf * c.lr)  # of both axles, per m/s2
-        front, rear = (
-            c.longitudinal_stiffness_front,
-            at.get("longitudinal_stiffness_rear", c.longitudinal_stiffness_rear),
-        )
+        front, rear = (c.longitudinal_stiffness_front, at.get("longitudinal_stiffness_rear", c.longitudinal_stiffness_rear))
         self.stiffness, self.of_free = (front, rear) if self.front_driven else (rear, front)
         self.scale = (1.0 + at.get("imu_scale_ax_error", 0.0)) * (1.0 + GRAVITY * at.get("pitch_leak_gain", 0.0))
         self.drag, self.rolling = at["aero_drag_coefficient"], at["rolling_resistance_coefficient"]

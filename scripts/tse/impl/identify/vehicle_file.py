@@ -11,15 +11,7 @@ import numpy as np
 from tse.impl.core import Config, library
 from tse.impl.identify.fit import Fit, Problem
 from tse.impl.identify.problem import UNLIKE_SD
-from tse.impl.vehicle import (
-    HINT_ONLY,
-    Vehicle,
-    formula_toml,
-    is_set,
-    latency_settings,
-    sensor_settings,
-    vehicle_settings,
-)
+from tse.impl.vehicle import HINT_ONLY, Vehicle, formula_toml, is_set, latency_settings, sensor_settings, vehicle_settings
 
 LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
 
@@ -95,8 +87,5 @@ def toml(
                 lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{bands.get(p.setting, '')}")
         elif said:
             lines += ["", f"# {effect.title}", *said]
-    lines += [
-        "",
-        "# What the next calibration starts from: names, means and covariance; stiffness in ln over this file's.",
-    ]
+    lines += ["", "# What the next calibration starts from: names, means and covariance; stiffness in ln over this file's."]
     return "\n".join([*lines, *calibration]) + "\n"

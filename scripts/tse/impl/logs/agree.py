@@ -22,9 +22,7 @@ SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "spe
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m: passenger cars, when the vehicle file does not say
 PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: right logs are the rule
 WRONG_SIGN = 60.0  # squared sd of a sign that is wrong
-VANISHED = (
-    30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
-)
+VANISHED = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
 ENOUGH = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # correlation, or its square, from which a figure counts
 ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
 WELL = 0.10  # what a cause leaves, to be said to explain
@@ -69,10 +67,7 @@ FIGURES = {
 LEAST_STOOD, FALL = 0.5, 10.0  # s; m/s, in the rows before and after: a stop from 5 m/s in a row and a start to it
 OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows that count; s
 GAINS, SLOWS = 0.7, -2.0  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
-OFF_TORQUE, TORQUE_CORR = (
-    1.6,
-    0.7,
-)  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
+OFF_TORQUE, TORQUE_CORR = (1.6, 0.7)  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
 LEAST_SHARE = 0.25  # of the force, by one axle of two
 
 
@@ -126,9 +121,7 @@ def check_units(
     tried = []
     for wheels in (None, *_of_wheels(radius)):
         per = wheels.factor if wheels else 1.0
-        tried.append(
-            (wheels, _figures(log, d, 0.5 * (front + rear) / per, wheelbase, tracks, per, (radius_front, radius_rear)))
-        )
+        tried.append((wheels, _figures(log, d, 0.5 * (front + rear) / per, wheelbase, tracks, per, (radius_front, radius_rear))))
     most = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
         for causes in _sets(ratio or USUAL_RATIO):
@@ -217,9 +210,7 @@ def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
         changes = np.column_stack([y[n:] - y[:-n], gained[n:] - gained[:-n]])[v[n:] > FAST]
         changes = changes[np.isfinite(changes).all(axis=1)]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
-            found.append(
-                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of left?"
-            )
+            found.append("check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of left?")
     return found
 
 
@@ -273,8 +264,7 @@ def _axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
     )
     if min(a, b) > 0 and not 0.8 < a / b < 1.25:
         return [
-            f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one wheel speed is "
-            f"wrong"
+            f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one wheel speed is wrong"
         ]
     return []
 
@@ -285,11 +275,7 @@ def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     turn = v * d["yaw_rate"]
     x, y = (physics.fit(turn, d[c], moving) for c in ("accel_x", "accel_y"))
     along = physics.fit(physics.derivative(v), d["accel_y"], moving)
-    if (
-        abs(x.corr) > ENOUGH["accel_y"]
-        and abs(y.corr) < 0.5
-        and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2)
-    ):
+    if abs(x.corr) > ENOUGH["accel_y"] and abs(y.corr) < 0.5 and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2):
         return [
             f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor {x.slope:.3g}) and accel_y does "
             f"not "

@@ -20,12 +20,7 @@ SIZE = "its size says so"
 MOUNTED = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
 # A steering angle that nobody names the unit of, on a log that does not turn enough to test it: by the size of its larger values
 # (97 % quantile; sd 1 of the logarithm) and by how common each is among logs
-SIZES = {
-    ("deg", True): (45.0, 0.6),
-    ("rad", False): (0.05, 0.25),
-    ("rad", True): (0.8, 0.1),
-    ("deg", False): (3.0, 0.05),
-}
+SIZES = {("deg", True): (45.0, 0.6), ("rad", False): (0.05, 0.25), ("rad", True): (0.8, 0.1), ("deg", False): (3.0, 0.05)}
 USUAL_RATIO, USUAL_RATIO_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
 
 
@@ -44,9 +39,7 @@ def make_guesses(
     if v is not None:
         v = v * scale.per["wheel"]
     # the wheels give the sign of the yaw rate, where they can; the others follow it
-    sign = {
-        "yaw_rate": float(np.sign(facts.get("track_corr", 0.0))) if abs(facts.get("track_corr", 0.0)) > 0.7 else 1.0
-    }
+    sign = {"yaw_rate": float(np.sign(facts.get("track_corr", 0.0))) if abs(facts.get("track_corr", 0.0)) > 0.7 else 1.0}
     sided = abs(facts.get("track_corr", 0.0)) > 0.7
     sign["accel_y"] = sign["yaw_rate"] * (
         float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0
@@ -124,9 +117,7 @@ def _guess(
                 f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation {facts['track_corr']:.3f}"
             )
         if "accel_y" in scale.figures:
-            figures.append(
-                f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
-            )
+            figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}")
         if not sided:
             figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
     confidence = _confidence(worth["said"], worth["shown"])
@@ -187,14 +178,7 @@ def _steer(
     options = [(u, raw * float(factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNITS["steer_angle"])]
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
     likely = [
-        (
-            min(
-                abs(np.log(q)) / spread,
-                abs(np.log(q / (given or USUAL_RATIO))) / np.hypot(spread, 0.02 if given else 0.15),
-            ),
-            u,
-            q,
-        )
+        (min(abs(np.log(q)) / spread, abs(np.log(q / (given or USUAL_RATIO))) / np.hypot(spread, 0.02 if given else 0.15)), u, q)
         for u, q in options
     ]
     off, guess.unit, ratio = min(likely)
@@ -203,9 +187,7 @@ def _steer(
         other = "rad" if same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or USUAL_RATIO)))) / spread < 1.5:
-            warnings.append(
-                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
-            )
+            warnings.append(f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed")
             guess.unit, ratio, guess.unit_from = other, q, "its size says so"
     guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / USUAL_RATIO)) else ratio
     if guess.ratio is None:
@@ -244,9 +226,7 @@ def _by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
     return unit or best[0], best[1]
 
 
-def _wheel(
-    look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale, facts: Mapping[str, float]
-) -> Guess:
+def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale, facts: Mapping[str, float]) -> Guess:
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
@@ -269,35 +249,18 @@ def _wheel(
     named = all(place_of(n)[0].startswith(axle) for n in mine)
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:
-        figures.append(
-            "no name says which wheel it is: left and right are by the yaw rate, front and rear by their order"
-        )
+        figures.append("no name says which wheel it is: left and right are by the yaw rate, front and rear by their order")
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
     origin = _from(look, mine[0], unit, "wheel")
     unsure = [] if named else ["which wheel is which"]
-    unsure += (
-        ["its unit"] if origin == SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures)) else []
-    )
+    unsure += ["its unit"] if origin == SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures)) else []
     if unsure and confidence == "sure":
         confidence = "likely"
-    return Guess(
-        f"wheel_speed_{axle}",
-        tuple(mine),
-        unit,
-        origin,
-        confidence=confidence,
-        figures=figures,
-        unsure=unsure,
-    )
+    return Guess(f"wheel_speed_{axle}", tuple(mine), unit, origin, confidence=confidence, figures=figures, unsure=unsure)
 
 
 def _turned(
-    look: Look,
-    found: Mapping[str, Guess],
-    scale: Scale,
-    sign: Mapping[str, float],
-    v: np.ndarray | None,
-    warnings: list[str],
+    look: Look, found: Mapping[str, Guess], scale: Scale, sign: Mapping[str, float], v: np.ndarray | None, warnings: list[str]
 ) -> None:
     """An IMU that is mounted turned about the vertical axis: accel_y has a part of the acceleration along the car, and its own is
     less by the cosine. Both follow from one regression on v r and dv/dt, each with its sd."""
@@ -414,9 +377,7 @@ def find_latencies(
         _late(look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out")
 
 
-def _late_steering(
-    look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]
-) -> None:
+def _late_steering(look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]) -> None:
     """A car turns YAW_LAG after its wheels are turned. Where the yaw rate follows sooner, or comes before the angle, which no car
     does, the angle is late. What is less than cars differ by shows only in a fit of the whole car: calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
@@ -432,14 +393,7 @@ def _late_steering(
 
 
 def _lag_of_accel(
-    look: Look,
-    g: Guess,
-    v: np.ndarray,
-    r: np.ndarray,
-    slope: np.ndarray,
-    scale: Scale,
-    sign: Mapping[str, float],
-    keep: np.ndarray,
+    look: Look, g: Guess, v: np.ndarray, r: np.ndarray, slope: np.ndarray, scale: Scale, sign: Mapping[str, float], keep: np.ndarray
 ) -> tuple[float, float]:
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
     return physics.lag(v * r, y, keep & (v > MOVING), (slope, v**2 * slope))

@@ -130,16 +130,12 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
             except (TypeError, ValueError, OverflowError):
                 if column in needed:
                     what = _allowed(column)
-                    raise UserError(
-                        f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing"
-                    ) from None
+                    raise UserError(f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing") from None
                 notes.append(f"column {column} is not numeric: not used")
     rows = table["time"].shape
     for column, values in table.items():
         if values.shape != rows or values.ndim != 1:
-            raise UserError(
-                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}"
-            )
+            raise UserError(f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}")
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
     row = np.arange(rows[0])
@@ -180,9 +176,7 @@ def csv_header(path: Path) -> tuple[list[str], int | None, int]:
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
-        raise UserError(
-            f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed"
-        ) from None
+        raise UserError(f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     if "\0" in head:
@@ -284,9 +278,7 @@ def _numbers(
         if name in needed and name in wrong:
             at, text = wrong[name]
             if count[name] <= FEW_OUTSIDE * rows:
-                cells = (
-                    f"{count[name]} cells that are no numbers are" if count[name] > 1 else "a cell that is no number is"
-                )
+                cells = f"{count[name]} cells that are no numbers are" if count[name] > 1 else "a cell that is no number is"
                 notes.append(f"{name}: {cells} treated as missing (first in line {at}: {text[:20]!r})")
                 del wrong[name]
                 continue
@@ -341,9 +333,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
         recording = read_recording(path, how)  # with all names, to say which is meant
-    if reading.signals is None and (
-        signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)
-    ):
+    if reading.signals is None and (signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)):
         own = by_own_names(recording)
         if own is None and signals is None:
             raise UserError(_unnamed(path, recording))
@@ -360,9 +350,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row")
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
-        log.warnings.append(
-            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure out"
-        )
+        log.warnings.append(f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure out")
         log.notes.insert(0, log.warnings[-1])
     log.slower = _slower(rows.native, rows.rate)
     return log

@@ -70,9 +70,7 @@ def _held(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
     return value[np.clip(np.searchsorted(own, time, side="right") - 1, 0, len(value) - 1)]
 
 
-def _sign_bit(
-    name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str, tuple[str, np.ndarray, np.ndarray]]
-) -> str | None:
+def _sign_bit(name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str, tuple[str, np.ndarray, np.ndarray]]) -> str | None:
     """Which bit is the sign of a magnitude: one of a name alike that changes where the magnitude goes through zero, and is set
     where it is not (a flag of standstill is set where it is). None: none, or no magnitude."""
     there = value[np.isfinite(value)]
@@ -114,9 +112,7 @@ class Look:
         bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # a signal of two values is no measurement
         for c in recording:
             time, value = clocks.of(c)
-            rows = (
-                int(np.searchsorted(time, time[0] + 1.1 * LONGEST)) if len(time) else 0
-            )  # of ten hours no more is copied
+            rows = int(np.searchsorted(time, time[0] + 1.1 * LONGEST)) if len(time) else 0  # of ten hours no more is copied
             # where all of them have a time
             value = _without_invalid(recording, c, rows) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
@@ -174,9 +170,7 @@ COARSE = 0.02  # a value in steps of so much of its range is coarse
 FILLED = 0.35  # of the size of the steps: what is left of them where the other signal is the rest
 
 
-def flag_of(
-    recording: Recording, mine: Channel, taken: frozenset[str] | set[str] = frozenset()
-) -> tuple[str, float] | None:
+def flag_of(recording: Recording, mine: Channel, taken: frozenset[str] | set[str] = frozenset()) -> tuple[str, float] | None:
     """The flag of a signal's message whose name is alike, and its value where the signal is valid. One that would call a tenth of
     the log invalid is none, nor one that never changes: what its value means nobody said."""
     found = sorted(
@@ -267,9 +261,7 @@ def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
         if both < FILLED * rough and float(np.nanmax(np.abs(c.value))) <= step:
             g.add = c.name
             smoother = rough / max(both, 1e-12)
-            g.figures.append(
-                f"in steps of {step:g} {g.unit}, which {c.name} fills: with it {smoother:.0f} times as smooth"
-            )
+            g.figures.append(f"in steps of {step:g} {g.unit}, which {c.name} fills: with it {smoother:.0f} times as smooth")
             return
     g.figures.append(f"in steps of {step:g} {g.unit}")
 

@@ -82,14 +82,7 @@ def _parts(parts: tuple[str, ...], signal: Signal) -> tuple[str, ...]:
 
 
 def _one(
-    recording: Recording,
-    signal: Signal,
-    name: str,
-    part: str,
-    signals: Signals,
-    clocks: Clocks,
-    car: Any | None,
-    notes: list[str],
+    recording: Recording, signal: Signal, name: str, part: str, signals: Signals, clocks: Clocks, car: Any | None, notes: list[str]
 ) -> Series:
     source = f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     channel = recording.find(name, source)
@@ -157,14 +150,7 @@ def _standing(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
 
 
 def _drop_invalid(
-    recording: Recording,
-    clocks: Clocks,
-    flag: Flag,
-    time: np.ndarray,
-    value: np.ndarray,
-    source: str,
-    part: str,
-    notes: list[str],
+    recording: Recording, clocks: Clocks, flag: Flag, time: np.ndarray, value: np.ndarray, source: str, part: str, notes: list[str]
 ) -> None:
     state = _standing(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
     bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
@@ -196,15 +182,11 @@ def _drop_repeated(
     step = np.mod(np.diff(state), counter.modulo)
     again = np.append(False, step == 0)
     if again.mean() > MOST_LOST:
-        notes.append(
-            f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: not used"
-        )
+        notes.append(f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: not used")
         return
     lost = int(np.nansum(np.where(step > 1, step - 1, 0)))
     if again.any():
         value[again] = np.nan
-        notes.append(
-            f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated as missing"
-        )
+        notes.append(f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated as missing")
     if lost:
         notes.append(f"{part}: {lost} messages are lost, its counter {counter.name} says")

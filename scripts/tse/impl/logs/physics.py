@@ -116,9 +116,7 @@ def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None
     # other way round, slope / share. Their middle is taken, as in fit(), and half their distance, as an even spread, into the sd.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
-    return Steering(
-        float(slopes[best] * np.exp(apart)), sd, float(grid[best]), float(offsets[best]), float(shares[best])
-    )
+    return Steering(float(slopes[best] * np.exp(apart)), sd, float(grid[best]), float(offsets[best]), float(shares[best]))
 
 
 def lag(x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()) -> tuple[float, float]:

@@ -48,11 +48,7 @@ def _line(c: Channel, used: str) -> Line:
 
 def headline(g: Guess) -> str:
     """Return a guess in a line."""
-    more = (
-        [f"{g.unit} ({g.unit_from})"]
-        + (["sign -1"] if g.sign < 0 else [])
-        + ([f"ratio {g.ratio:g}"] if g.ratio else [])
-    )
+    more = [f"{g.unit} ({g.unit_from})"] + (["sign -1"] if g.sign < 0 else []) + ([f"ratio {g.ratio:g}"] if g.ratio else [])
     more += [f"latency {1e3 * g.latency:.0f} ms"] if g.latency else []
     more += [f"on above {g.above:g}"] if g.above is not None else []
     more += [f"and {g.add}"] if g.add else []
@@ -68,11 +64,7 @@ def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, .
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
     if databases:
-        lines += [
-            "",
-            "[log]",
-            f"databases = {json.dumps([_relative(p, folder) for p in databases], ensure_ascii=False)}",
-        ]
+        lines += ["", "[log]", f"databases = {json.dumps([_relative(p, folder) for p in databases], ensure_ascii=False)}"]
     for g in proposal.guesses:
         name = json.dumps(list(g.name) if len(g.name) > 1 else g.name[0], ensure_ascii=False)
         lines += ["", f"[signals.{g.channel}]  # {g.confidence}", *(f"# {f}" for f in g.figures), f"name = {name}"]
@@ -92,9 +84,7 @@ def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, .
         if g.valid:
             lines.append(f"valid = {{name = {json.dumps(g.valid[0], ensure_ascii=False)}, is = [{g.valid[1]:g}]}}")
         if g.counter:
-            lines.append(
-                f"counter = {{name = {json.dumps(g.counter[0], ensure_ascii=False)}, modulo = {g.counter[1]}}}"
-            )
+            lines.append(f"counter = {{name = {json.dumps(g.counter[0], ensure_ascii=False)}, modulo = {g.counter[1]}}}")
         if g.unsure:
             what = json.dumps(", ".join(g.unsure), ensure_ascii=False)
             lines.append(f"unsure = {what}  # when you have looked, take this line out")
@@ -148,9 +138,5 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     return Proposal(
         guesses,
         warnings,
-        [
-            c
-            for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
-            if c not in have
-        ],
+        [c for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate") if c not in have],
     )

@@ -13,15 +13,9 @@ from tse.impl.logs.recording import PIECE
 from tse.impl.noise import fresh
 from tse.impl.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 
-FASTEST = (
-    100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
-)
+FASTEST = 100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
 SLOWEST_OWN = 5.0  # Hz: a slower channel asks for no raster
-GAP_STEPS, SHORTEST_GAP, LONGEST_GAP = (
-    6.0,
-    0.25,
-    1.0,
-)  # a gap is so many usual steps of its channel, s at least, s at most
+GAP_STEPS, SHORTEST_GAP, LONGEST_GAP = (6.0, 0.25, 1.0)  # a gap is so many usual steps of its channel, s at least, s at most
 CLOSE = 0.25  # of a usual step: entries that are nearer than that are one, a burst of the bus
 STEADY = 0.01  # of a step: times that are off an even beat by less are even
 PASS, TAPS = 0.45, 6  # the low pass ends at so much of the new rate, and is so many new steps long on either side
@@ -39,9 +33,7 @@ class Rows:
     value: dict[str, np.ndarray]
     rate: float
     notes: list[str] = field(default_factory=list)
-    native: dict[str, tuple[np.ndarray, np.ndarray, float]] = field(
-        default_factory=dict
-    )  # slower channels: time, value, Hz
+    native: dict[str, tuple[np.ndarray, np.ndarray, float]] = field(default_factory=dict)  # slower channels: time, value, Hz
 
 
 def entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
@@ -149,9 +141,7 @@ def _of_four(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     i = np.clip(s.astype(int) - 1, 0, len(t) - 4)
     s -= i
     outer, inner = s * (s - 3.0), (s - 1.0) * (s - 2.0)
-    return (s * inner * x[i + 3] - (s - 3.0) * inner * x[i]) / 6.0 + (
-        (s - 2.0) * x[i + 1] - (s - 1.0) * x[i + 2]
-    ) * outer / 2.0
+    return (s * inner * x[i + 3] - (s - 3.0) * inner * x[i]) / 6.0 + ((s - 2.0) * x[i + 1] - (s - 1.0) * x[i + 2]) * outer / 2.0
 
 
 def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -207,9 +197,7 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
         return None
     full = [s for n, s in found.items() if n not in VELOCITIES]
     sparse = [s for s in full if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < SPARSE]
-    if any(
-        np.median(np.diff(np.flatnonzero(np.isfinite(s.value)))) > 1 for s in sparse if np.isfinite(s.value).sum() > 1
-    ):
+    if any(np.median(np.diff(np.flatnonzero(np.isfinite(s.value)))) > 1 for s in sparse if np.isfinite(s.value).sum() > 1):
         return None
     return Rows(first.time, {n: s.value for n, s in found.items()}, own)
 
@@ -224,10 +212,7 @@ def _times(
     first, last = max(s[0] for s in drives.values()), min(s[1] for s in drives.values())
     if last <= first:
         first, last = min(s[0] for s in spans.values()), max(s[1] for s in spans.values())
-    clock = next(
-        (n for n in ("yaw_rate", "accel_y", "accel_x", *core) if n in spans and abs(rates[n] - rate) < 0.02 * rate),
-        None,
-    )
+    clock = next((n for n in ("yaw_rate", "accel_y", "accel_x", *core) if n in spans and abs(rates[n] - rate) < 0.02 * rate), None)
     phase = own[clock][0][np.searchsorted(own[clock][0], first).clip(0, len(own[clock][0]) - 1)] if clock else first
     start = phase + np.ceil((first - phase) * rate - 1e-6) / rate
     return start + np.arange(max(1, int(np.floor((last - start) * rate + 1e-6)) + 1)) / rate
@@ -241,6 +226,4 @@ def _say(rows: Rows, found: Mapping[str, Series], rates: Mapping[str, float]) ->
     rows.notes.append(f"resampled to {rows.rate:g} Hz ({own})")
     late = {n: s.latency for n, s in found.items() if s.latency}
     if late:
-        rows.notes.append(
-            "taken earlier by their latency: " + ", ".join(f"{n} {1e3 * v:g} ms" for n, v in late.items())
-        )
+        rows.notes.append("taken earlier by their latency: " + ", ".join(f"{n} {1e3 * v:g} ms" for n, v in late.items()))

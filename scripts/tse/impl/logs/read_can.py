@@ -143,17 +143,13 @@ class Bus:
 
 def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:
     cantools = need("cantools", "can", str(path))
-    logging.getLogger("cantools").setLevel(
-        logging.ERROR
-    )  # two messages of one name are no matter: they go by identifier
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # two messages of one name are no matter: they go by identifier
     messages: dict[int, Any] = {}
     for p in databases:
         try:
             database = cantools.database.load_file(p, strict=False)
         except Exception as error:  # its parsers raise what they like
-            raise UserError(
-                f"{p}: is no database of a bus that can be read: {str(error).splitlines()[0][:150]}"
-            ) from None
+            raise UserError(f"{p}: is no database of a bus that can be read: {str(error).splitlines()[0][:150]}") from None
         for message in getattr(database, "messages", []):
             messages.setdefault(message.frame_id & EXTENDED, message)
     return messages
@@ -164,9 +160,7 @@ def _pattern(s: Any) -> tuple[object, ...]:
     return _last_bit(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
 
 
-def _signals(
-    message: Any, signals: Sequence[Any], data: Sequence[bytes]
-) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
+def _signals(message: Any, signals: Sequence[Any], data: Sequence[bytes]) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
     """Of each signal which frames have it, and its values there."""
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])
@@ -249,9 +243,7 @@ def _table(path: Path, can: Any, bus: Bus) -> Iterator[Any]:
         begin = [row for row, _ in zip(rows, range(FIRST), strict=False) if len(row) > max(time, ident)]
         decimal = _decimal({row[ident].strip() for row in begin}, bus)
         whole = all(re.fullmatch(r"\d+", row[time].strip()) for row in begin)
-        coded = one is not None and not all(
-            HEXADECIMAL.match(row[one].replace(" ", "") or "0") for row in begin if len(row) > one
-        )
+        coded = one is not None and not all(HEXADECIMAL.match(row[one].replace(" ", "") or "0") for row in begin if len(row) > one)
         for row in itertools.chain(begin, rows):
             if not row:
                 continue
@@ -315,9 +307,7 @@ def read(path: Path, how: How) -> Recording:
     except Exception as error:  # its parsers stumble over damage in many ways
         if not time and not len(times):
             raise UserError(f"{path}: is damaged, or not {kind} as its maker writes it: {str(error)[:120]}") from None
-        notes.append(
-            f"the file is damaged after {len(times) + len(time)} frames ({str(error)[:80]}): what is before is used"
-        )
+        notes.append(f"the file is damaged after {len(times) + len(time)} frames ({str(error)[:80]}): what is before is used")
     if time:
         decode()
     if not len(times):

@@ -36,9 +36,7 @@ def read(path: Path, how: How) -> Recording:
     return found
 
 
-Batches = Callable[
-    [int], Iterator[Any]
-]  # a column of the file by its place -> what pyarrow reads of it at a time, tables of it
+Batches = Callable[[int], Iterator[Any]]  # a column of the file by its place -> what pyarrow reads of it at a time, tables of it
 
 
 def _parquet(path: Path) -> tuple[Any, int, Batches]:

@@ -25,9 +25,7 @@ def read(path: Path, how: How) -> Recording:
                     decoders[channel.id] = _decoder(path, channel.message_encoding, schema, strange, channel.topic)
                 decoder = decoders[channel.id]
                 if decoder is not None:
-                    collect.add(
-                        channel.topic, 1e-9 * message.log_time, decoder(message.data), schema.name if schema else ""
-                    )
+                    collect.add(channel.topic, 1e-9 * message.log_time, decoder(message.data), schema.name if schema else "")
                     count += 1
     except UserError:
         raise

@@ -84,9 +84,7 @@ def _plain(mdf: Any, how: How) -> dict[str, Channel]:
     return channels
 
 
-def _samples(
-    mdf: Any, group: int, index: int, time: np.ndarray | None
-) -> tuple[np.ndarray | None, np.ndarray, str, str]:
+def _samples(mdf: Any, group: int, index: int, time: np.ndarray | None) -> tuple[np.ndarray | None, np.ndarray, str, str]:
     """Values and times of a channel, piece by piece. `time`: of its group, where it was read."""
     for raw in (False, True):  # of a table of texts: the numbers below it
         value, times = Growing(), Growing()
@@ -118,9 +116,7 @@ def _pieces(mdf: Any, group: int, index: int, raw: bool) -> Iterator[Any]:
     """The channel as asammdf's Signals of so many records each, until there are none."""
     done = 0
     while True:
-        signal = mdf.get(
-            group=group, index=index, raw=raw, ignore_invalidation_bits=True, record_offset=done, record_count=PIECE
-        )
+        signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True, record_offset=done, record_count=PIECE)
         if not len(signal.samples):
             return
         yield signal
@@ -148,9 +144,7 @@ def _of_frames(path: Path, mdf: Any, how: How, others: bool, notes: list[str]) -
                     bus = Bus(path, databases, how)
                 raw = samples[FRAMES[2]]
                 length = (
-                    samples["CAN_DataFrame.DataLength"]
-                    if "CAN_DataFrame.DataLength" in names
-                    else np.full(len(raw), raw.shape[1])
+                    samples["CAN_DataFrame.DataLength"] if "CAN_DataFrame.DataLength" in names else np.full(len(raw), raw.shape[1])
                 )
                 data = [bytes(r[: int(n)]) for r, n in zip(raw, length, strict=True)]
                 times.extend(np.asarray(frame.timestamps, float))

@@ -107,10 +107,7 @@ class _Table:
     def _reading(self) -> Iterator[IO[str]]:
         """The text; errors of the parser in our words."""
         try:
-            with (
-                open(self.path, encoding=self.encoding, errors=self.errors, newline="") as file,
-                warnings.catch_warnings(),
-            ):
+            with open(self.path, encoding=self.encoding, errors=self.errors, newline="") as file, warnings.catch_warnings():
                 # the first row of each part may have more cells than there are columns, and pandas only warns of it
                 warnings.simplefilter("error", pd.errors.ParserWarning)
                 yield file
@@ -174,12 +171,8 @@ def _separator(path: Path, lines: list[str], how: How) -> str:
         counts = Counter(len(_cells(x, d)) for x in tail)
         width, often = counts.most_common(1)[0]
         # of a decimal comma that is taken as a separator the cells are whole numbers; prefer what cuts into numbers
-        numeric = sum(_is_data(c) for x in tail[:50] for c in _cells(x, d)) / max(
-            1, sum(len(_cells(x, d)) for x in tail[:50])
-        )
-        value = (width > 1) * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9) + 1e-3 * width * (
-            width > 1
-        )
+        numeric = sum(_is_data(c) for x in tail[:50] for c in _cells(x, d)) / max(1, sum(len(_cells(x, d)) for x in tail[:50]))
+        value = (width > 1) * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9) + 1e-3 * width * (width > 1)
         if d == "," and any(";" in x or "\t" in x for x in tail[:3]):
             value *= 0.5
         if value > worth:
@@ -203,21 +196,15 @@ def _is_data(cell: str) -> bool:
 
 def _layout(path: Path, cells: list[list[str]], how: How, separator: str) -> tuple[int | None, list[str] | None, int]:
     """Line of the names, the units of the row below it if there is one, first line of data; all from 0."""
-    widths = Counter(
-        len(c) for c in cells if sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER.fullmatch(x) for x in c)
-    )
+    widths = Counter(len(c) for c in cells if sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER.fullmatch(x) for x in c))
     if not widths:
         if max((len(c) for c in cells), default=0) > 1 and sum(bool(c) for c in cells) <= 2 and separator != " ":
             raise UserError(f"{path}: has a header but no rows")
         raise UserError(f"{path}: is no table: no line of it is numbers; read are {FORMATS}")
     width = widths.most_common(1)[0][0]
-    good = [
-        len(c) == width and sum(_is_data(x) for x in c) >= 0.5 * width and any(NUMBER.fullmatch(x) for x in c)
-        for c in cells
-    ]
+    good = [len(c) == width and sum(_is_data(x) for x in c) >= 0.5 * width and any(NUMBER.fullmatch(x) for x in c) for c in cells]
     first = next(
-        (i for i in range(len(good)) if good[i] and (i + 1 >= len(good) or good[i + 1] or not cells[i + 1])),
-        good.index(True),
+        (i for i in range(len(good)) if good[i] and (i + 1 >= len(good) or good[i + 1] or not cells[i + 1])), good.index(True)
     )
     if how.header is not None:
         if not 1 <= how.header <= len(cells):

@@ -32,9 +32,7 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
     ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV", ".d97": "export it as MF4",
     ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT", ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
-CANDUMP = re.compile(
-    rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#"
-)  # (1489113253.31) can0 083#0FE0, whatever the file is called
+CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#")  # (1489113253.31) can0 083#0FE0, whatever the file is called
 # a table with a frame per row: SavvyCAN's, python-can's and others of time, identifier, bytes
 FRAMES = re.compile(
     rb"[\"']?time[^,;\t\n]*[,;\t][^\n]*\b(id|arbitration_?id|can_?id|identifier)\b[^\n]*[,;\t]\s*[\"']?(data|d0|d1|byte_?[01]|data_?[01])\b",
@@ -71,9 +69,7 @@ def reader_of(path: Path) -> str:
     text = b"\0" not in head or head.startswith((b"\xff\xfe", b"\xfe\xff"))
     found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
     if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
-        raise UserError(
-            f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; read are {FORMATS}"
-        )
+        raise UserError(f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; read are {FORMATS}")
     if found == "can" and suffix in (".log", ".can") and text:
         return "text"  # .log is the end of many a name
     if found in ("can", "openpilot"):

@@ -68,16 +68,11 @@ class Recording:
 
     def has(self, name: str) -> bool:
         """Would find() find it?"""
-        return (
-            name in self.channels
-            or sum(c.short == name or c.name.endswith((f".{name}", f"/{name}")) for c in self) == 1
-        )
+        return name in self.channels or sum(c.short == name or c.name.endswith((f".{name}", f"/{name}")) for c in self) == 1
 
     def since_start(self) -> Recording:
         """Times counted from the first sample: an epoch in a double leaves less than a microsecond."""
-        first = [
-            float(c.time[i]) for c in self if len(c) and np.isfinite(c.time[i := int(np.isfinite(c.time).argmax())])
-        ]
+        first = [float(c.time[i]) for c in self if len(c) and np.isfinite(c.time[i := int(np.isfinite(c.time).argmax())])]
         if not first or abs(min(first)) < 1e6:
             return self
         start = float(np.floor(min(first)))
@@ -208,9 +203,7 @@ def need(module: str, extra: str, what: str) -> ModuleType:
 
 # ---- Messages into channels by the path of their fields: what ROS, MCAP, JSON and Cap'n Proto have in common.
 
-LONGEST = (
-    12  # elements of an array that become channels of their own: four wheels, not a camera's picture or a covariance
-)
+LONGEST = 12  # elements of an array that become channels of their own: four wheels, not a camera's picture or a covariance
 DEEPEST = 8
 # Units by the definitions of the messages, by the last two fields of a path: REP 103, sensor_msgs, nav_msgs
 SI = {"angular_velocity": "rad/s", "linear_acceleration": "m/s2", "linear": "m/s", "angular": "rad/s"}

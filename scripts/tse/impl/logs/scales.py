@@ -40,18 +40,14 @@ class Scale:
 
     unit: dict[str, str]  # of wheel, yaw_rate, accel_y, accel_x
     per: dict[str, float]  # SI per unit
-    figures: dict[
-        str, float
-    ]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
+    figures: dict[str, float]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
 
 
 def _radius(car: Any | None, axle: str = "front") -> float:
     return float(car.values[f"wheel_radius_{axle}"]) if car is not None else USUAL_RADIUS
 
 
-def find_units(
-    look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]
-) -> Scale:
+def find_units(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]) -> Scale:
     """The set of units that agrees best with physics and with what log and names say."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     car_speed = next(iter(wheels.values())) if is_speed(wheels) else "" if wheels else named_speed(look)
@@ -70,9 +66,7 @@ def find_units(
             choices = [end] + [u for u in choices if not same_unit(u, end, role)]
         cost = CONTRADICTED if said else SUFFIX if end and choices[0] == end else UNSAID
         options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
-    tops = {
-        r: float(np.nanquantile(np.abs(look.x[n]), 0.999)) for r, n in names.items() if np.isfinite(look.x[n]).any()
-    }
+    tops = {r: float(np.nanquantile(np.abs(look.x[n]), 0.999)) for r, n in names.items() if np.isfinite(look.x[n]).any()}
     best: tuple[float, Scale] | None = None
     declared: tuple[float, Scale] | None = None
     for picks in product(*options.values()):
@@ -107,9 +101,7 @@ def _per(role: str, unit: str, car: Any | None) -> float:
     return float(factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
 
 
-def facts_of(
-    look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None
-) -> dict[str, float]:
+def facts_of(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None) -> dict[str, float]:
     """Slopes between the signals as they are logged; only those that show."""
     facts: dict[str, float] = {}
     if v is None:
@@ -143,9 +135,7 @@ def facts_of(
 def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Speed over ground that the log has besides, m/s, in a known unit; of a receiver of GNSS before others."""
     named = [
-        n
-        for n in look.x
-        if kind(look.channels[n].unit) == "speed" and score("speed", n) >= NAMED and n not in wheels.values()
+        n for n in look.x if kind(look.channels[n].unit) == "speed" and score("speed", n) >= NAMED and n not in wheels.values()
     ]
     named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", text_of(n))), score("speed", n)))
     if named:

@@ -90,9 +90,7 @@ class Signals:
             for n in (*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name)
             if n
         }
-        return name in names or any(
-            n.endswith((f".{name}", f"/{name}")) or name.endswith((f".{n}", f"/{n}")) for n in names
-        )
+        return name in names or any(n.endswith((f".{name}", f"/{name}")) or name.endswith((f".{n}", f"/{n}")) for n in names)
 
 
 def known_channels() -> list[str]:
@@ -137,25 +135,17 @@ def read_signals(path: Path) -> Signals:
     for channel, table in signals.items():
         at = f"signals.{channel}"
         if channel not in known and not channel.startswith("ref_"):
-            raise refuse(
-                at, "", f"there is no such channel{_meant(channel, known)}; channels: {', '.join(known)}, ref_ANYTHING"
-            )
+            raise refuse(at, "", f"there is no such channel{_meant(channel, known)}; channels: {', '.join(known)}, ref_ANYTHING")
         if not isinstance(table, dict):
-            raise UserError(
-                f'{path}: {_line(text, "signals", channel)}{channel} must be a table: [{at}] with name = "..."'
-            )
+            raise UserError(f'{path}: {_line(text, "signals", channel)}{channel} must be a table: [{at}] with name = "..."')
         found[channel] = _signal(channel, at, table, refuse)
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
-            raise refuse(
-                f"signals.{axle}", "", f"and {' and '.join(s for s in pair if s in found)} say the same: leave one out"
-            )
+            raise refuse(f"signals.{axle}", "", f"and {' and '.join(s for s in pair if s in found)} say the same: leave one out")
         if any(s in found for s in pair) and not all(s in found for s in pair):
             lone = next(s for s in pair if s in found)
             missing = next(s for s in pair if s not in found)
-            raise refuse(
-                f"signals.{lone}", "", f"{missing} is needed, too; a car with one sensor on the axle has {axle}"
-            )
+            raise refuse(f"signals.{lone}", "", f"{missing} is needed, too; a car with one sensor on the axle has {axle}")
     return Signals(path, found, how, rate)
 
 
@@ -194,9 +184,7 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
     axle = channel in SIDES
     if not isinstance(names, list) or not names or not all(isinstance(n, str) and n for n in names) or len(names) > 2:
         raise refuse(
-            at,
-            "name",
-            f'must be the name of a signal{", or two of them: left and right wheel" if axle else ""}: name = "..."',
+            at, "name", f'must be the name of a signal{", or two of them: left and right wheel" if axle else ""}: name = "..."'
         )
     if len(names) == 2 and not axle and channel != "steer_angle":
         raise refuse(at, "name", f"two names are for wheels: {', '.join(SIDES)}")
@@ -219,15 +207,9 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
     if "unit" in table:
         unit = table["unit"]
         if not isinstance(unit, str) or quantity(unit) is None:
-            raise refuse(
-                at, "unit", f"{unit!r} is no unit that is known; for {channel} {_units_for(channel)} are, for instance"
-            )
+            raise refuse(at, "unit", f"{unit!r} is no unit that is known; for {channel} {_units_for(channel)} are, for instance")
         if not channel.startswith("ref_") and "above" not in table and factor(unit, unit_of(channel), 1.0) is None:
-            raise refuse(
-                at,
-                "unit",
-                f"{unit!r} cannot be turned into {unit_of(channel)}; {_units_for(channel)} can, for instance",
-            )
+            raise refuse(at, "unit", f"{unit!r} cannot be turned into {unit_of(channel)}; {_units_for(channel)} can, for instance")
         values["unit"] = unit
     for key, what in (
         ("sign_bit", "the name of a signal that is 1 where the value is negative"),
@@ -284,9 +266,7 @@ def _flag(at: str, value: Any, refuse: Any) -> Flag:
         allowed = allowed if isinstance(allowed, list) or allowed is None else [allowed]
         if allowed is None or (allowed and all(isinstance(x, (int, float)) for x in allowed)):
             return Flag(value["name"], None if allowed is None else tuple(float(x) for x in allowed))
-    raise refuse(
-        at, "valid", 'must be the name of a signal that is not 0 where this one is valid, or {name = "...", is = [0]}'
-    )
+    raise refuse(at, "valid", 'must be the name of a signal that is not 0 where this one is valid, or {name = "...", is = [0]}')
 
 
 def _counter(at: str, value: Any, refuse: Any) -> Counter:

@@ -169,9 +169,7 @@ def _increases(c: Column, strictly: bool = False) -> bool:
     x = values if isinstance(values, pd.Series) else pd.Series(values)
     if x.dtype == object or pd.api.types.is_string_dtype(x):
         x = x.dropna()
-        return len(x) > 0 and (
-            bool(_CLOCK.search(str(x.iloc[0]))) or pd.to_numeric(x.iloc[:50], errors="coerce").notna().all()
-        )
+        return len(x) > 0 and (bool(_CLOCK.search(str(x.iloc[0]))) or pd.to_numeric(x.iloc[:50], errors="coerce").notna().all())
     step = np.diff(x.to_numpy(dtype=float, na_value=np.nan))
     step = step[np.isfinite(step)]
     if not len(step):

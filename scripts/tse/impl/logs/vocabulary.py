@@ -142,8 +142,7 @@ def _place(end: str, wheel: bool) -> tuple[str, float]:
             len(place) > 5
             and wheel
             and re.search(
-                rf"(rad|wheel|whl|speed|spd|ws|wss|wsp|n|v|vel|roue|vrad|nrad)_?({pattern})(kmh|rpm|rads|mps|ms)?$",
-                joined,
+                rf"(rad|wheel|whl|speed|spd|ws|wss|wsp|n|v|vel|roue|vrad|nrad)_?({pattern})(kmh|rpm|rads|mps|ms)?$", joined
             )
         ):
             return place, worth - 0.3

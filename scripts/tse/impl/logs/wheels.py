@@ -33,10 +33,7 @@ def find_wheels(look: Look) -> dict[str, str]:
             continue
         worth += kind(look.unit(name)) in KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
-        for key in (
-            f"{len(text_of(name).split())} {look.unit(name)} {_stem(name, place)}",
-            f"message {stem} {look.unit(name)}",
-        ):
+        for key in (f"{len(text_of(name).split())} {look.unit(name)} {_stem(name, place)}", f"message {stem} {look.unit(name)}"):
             best = groups.setdefault(key, {}).get(place)
             if best is None or worth > best[0]:
                 groups[key][place] = worth, name
@@ -64,9 +61,7 @@ def _stem(name: str, place: str) -> str:
     """A name without what says where."""
     text = text_of(re.split(r"[./]", name)[-1])
     return re.sub(
-        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b",
-        "*",
-        text,
+        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b", "*", text
     ).replace("* *", "*")
 
 
@@ -87,9 +82,7 @@ def _alike(look: Look, names: list[str]) -> float:
 def _nameless_wheels(look: Look) -> dict[str, str]:
     """Four signals that are the same but for some percent, of one unit: wheels, in the order of the file."""
     rolling = [
-        n
-        for n in look.x
-        if rolls(look.x[n]) and kind(look.unit(n)) in ("", *KINDS["wheel"]) and not NO_WHEEL.search(text_of(n))
+        n for n in look.x if rolls(look.x[n]) and kind(look.unit(n)) in ("", *KINDS["wheel"]) and not NO_WHEEL.search(text_of(n))
     ]
     for first in rolling:
         same = [n for n in rolling if look.unit(n) == look.unit(first) and _same_size(look.x[first], look.x[n])]
@@ -205,9 +198,7 @@ def find_roles(
             and (score(role, look.called(n)) >= 0.8 or shown[role][n] >= 2.5)  # a unit alone is no name
         ):
             found[role] = n
-    return found, {
-        role: {"said": said[role].get(n, 0.0), "shown": shown[role].get(n, 0.0)} for role, n in found.items()
-    }
+    return found, {role: {"said": said[role].get(n, 0.0), "shown": shown[role].get(n, 0.0)} for role, n in found.items()}
 
 
 def quaternions(look: Look) -> set[str]:
@@ -223,9 +214,7 @@ def _said(look: Look, role: str, name: str) -> float:
     return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
 
-def _shown(
-    look: Look, role: str, name: str, v: np.ndarray | None, turn: np.ndarray | None, ref: Mapping[str, str]
-) -> float:
+def _shown(look: Look, role: str, name: str, v: np.ndarray | None, turn: np.ndarray | None, ref: Mapping[str, str]) -> float:
     """-4 .. 4: how well it agrees with the others; 0: nothing to compare with."""
     x = look.x[name]
     said = []
@@ -302,11 +291,7 @@ def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     if above is not None and (above <= 0 or (not c.unit and not re.search(r"press|druck|pedal", name))):
         return None
     guess = Guess(
-        "brake",
-        (c.name,),
-        "1" if switch or not c.unit else c.unit,
-        "0 and 1" if switch else "the log says so",
-        above=above,
+        "brake", (c.name,), "1" if switch or not c.unit else c.unit, "0 and 1" if switch else "the log says so", above=above
     )
     if above is not None:
         guess.figures.append(f"a pressure or a pedal: the car brakes above {100 * FROM:g} % of its large values")

@@ -58,9 +58,7 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
         best: tuple[float, Parameter, float] | None = None
         for p, full, rest in zip(mine, a.T, own.T, strict=True):
             power, total = float(rest @ (weight * rest)), float(full @ (weight * full))
-            smallest = (
-                float(np.sqrt(2.0 * need / power)) if power > 1e-12 * max(total, 1e-300) and power > 0 else float("inf")
-            )
+            smallest = float(np.sqrt(2.0 * need / power)) if power > 1e-12 * max(total, 1e-300) and power > 0 else float("inf")
             if smallest > max(p.high - p.default, p.default - p.low):
                 smallest = float("inf")
             absorbed = 1.0 - power / total if total > 0 else 1.0
@@ -69,9 +67,7 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
         if best is None:
             continue
         smallest, p, absorbed = best
-        found.append(
-            Detectable(e.id, e.strengths[0].name if e.id in PROFILES else p.name, p.unit, smallest, p.scale, absorbed)
-        )
+        found.append(Detectable(e.id, e.strengths[0].name if e.id in PROFILES else p.name, p.unit, smallest, p.scale, absorbed))
     return found
 
 

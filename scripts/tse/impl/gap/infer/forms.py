@@ -45,14 +45,7 @@ def modulators(problem: Problem, values: Mapping[str, float]) -> dict[str, np.nd
     state = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = np.nan_to_num(problem.quantity("steer_angle")) / STEERED
     along, across, fast = state["accel_x"] / ALONG, state["accel_y"] / ACROSS, state["vel_x"] / FAST - 1.0
-    return {
-        "": 1.0,
-        " v": fast,
-        " ax": along,
-        " |ax|": np.abs(along),
-        " |ay|": np.abs(across),
-        " |steer|": np.abs(steer),
-    }
+    return {"": 1.0, " v": fast, " ax": along, " |ax|": np.abs(along), " |ay|": np.abs(across), " |steer|": np.abs(steer)}
 
 
 def of(problem: Problem, signal: np.ndarray, by: Mapping[str, np.ndarray | float], channel: str) -> np.ndarray:

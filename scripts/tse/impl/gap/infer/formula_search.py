@@ -103,9 +103,7 @@ def price(term: Term) -> float:
     return PRICE * (term.price + len(term.sizes) + 1)
 
 
-def discover(
-    problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None
-) -> Discovery:
+def discover(problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None) -> Discovery:
     """The formula that explains most of what a fit leaves. `last`: of `problem`, with all that is named; `held`: logs that judge.
 
     Cost: some ten simulations in full for each of about ten candidates; on the order of a minute for minutes of log."""
@@ -194,9 +192,7 @@ def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, floa
     slots = formula.slots
     own = [_parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers]
     problem = frame.balanced.holding(frame.values | formula.settings())
-    found = fit(
-        problem, [*frame.last.parameters, *own], frame.values | {p.name: p.default for p in own}, most=MOST_STEPS
-    )
+    found = fit(problem, [*frame.last.parameters, *own], frame.values | {p.name: p.default for p in own}, most=MOST_STEPS)
     formula = formula.with_values({p.key: found.values[p.name] for p in own})
     values = frame.values | found.values
     whole = frame.problem.residuals(values | formula.settings())
@@ -230,25 +226,13 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
             after = held.residuals(show.of_the_car(held, c.values))
             c.changes = show.compare(held, before, after)
             total += worth(held, before, after, length)
-            confirmed = all(x.ci95[0] <= LEAST_HARM for x in c.changes.values()) and any(
-                x.better for x in c.changes.values()
-            )
-        shown.append(
-            {
-                "place": c.formula.place,
-                "formula": c.formula.text,
-                "nats": c.nats,
-                "share": c.share,
-                "held_out": confirmed,
-            }
-        )
+            confirmed = all(x.ci95[0] <= LEAST_HARM for x in c.changes.values()) and any(x.better for x in c.changes.values())
+        shown.append({"place": c.formula.place, "formula": c.formula.text, "nats": c.nats, "share": c.share, "held_out": confirmed})
         if confirmed and total > best:
             chosen, best = c, total
     if chosen is None:
         why = (
-            "they do not hold on the logs that were held out"
-            if any(c.changes for c in tried)
-            else "none closes enough of the gap"
+            "they do not hold on the logs that were held out" if any(c.changes for c in tried) else "none closes enough of the gap"
         )
         words = [f"No formula is proposed: {len(tried)} were simulated, {why}."]
         return Discovery(None, None, tried=shown, words=words)
@@ -273,11 +257,7 @@ def _described(frame: Frame, c: Discovery) -> Formula:
     """With how well its numbers are known, and where its signals have been."""
     slots = c.formula.slots
     sd = dict(
-        zip(
-            (p.name for p in c.fit.parameters),
-            np.sqrt(np.maximum(np.diag(covariance(frame.problem, c.fit)), 0.0)),
-            strict=True,
-        )
+        zip((p.name for p in c.fit.parameters), np.sqrt(np.maximum(np.diag(covariance(frame.problem, c.fit)), 0.0)), strict=True)
     )
     numbers = tuple(replace(n, sd=float(sd[slots[n.name]])) for n in c.formula.numbers)
     driven = {}

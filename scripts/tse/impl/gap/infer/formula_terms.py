@@ -75,9 +75,7 @@ def unit_text(exponents: tuple[int, int]) -> str:
     """Metres and seconds to these powers, as units are written here."""
 
     def part(sign: int) -> str:
-        return " ".join(
-            f"{u}{abs(n) if abs(n) > 1 else ''}" for u, n in zip("ms", exponents, strict=True) if n * sign > 0
-        )
+        return " ".join(f"{u}{abs(n) if abs(n) > 1 else ''}" for u, n in zip("ms", exponents, strict=True) if n * sign > 0)
 
     above, below = part(1), part(-1)
     return (above or "1") + "".join(f"/{u}" for u in below.split())
@@ -142,9 +140,7 @@ def shaped(s: Signal) -> Iterator[Term]:
     yield Term(f"{s.text}*abs({s.text})", _plus(s.unit, s.unit))
     yield Term(f"{s.text}*{s.text}*{s.text}", _plus(s.unit, _plus(s.unit, s.unit)))
     for w in s.sizes:
-        yield Term(
-            f"soft({s.text}/w)", (0, 0), (Size("w", w, 0.05 * w, 5.0 * w, s.units, f"{s.text} at which it saturates"),)
-        )
+        yield Term(f"soft({s.text}/w)", (0, 0), (Size("w", w, 0.05 * w, 5.0 * w, s.units, f"{s.text} at which it saturates"),))
         yield _dead(s, w)
 
 

@@ -81,8 +81,7 @@ class Hypothesis:
             total += (
                 ln_size(p, away[p.name])
                 if p is first
-                else -0.5 * (away[p.name] / (OTHER_SD * p.scale)) ** 2
-                - math.log(OTHER_SD * p.scale * math.sqrt(2 * math.pi))
+                else -0.5 * (away[p.name] / (OTHER_SD * p.scale)) ** 2 - math.log(OTHER_SD * p.scale * math.sqrt(2 * math.pi))
             )
         return total - math.log(len(strengths))
 

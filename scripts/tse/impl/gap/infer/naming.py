@@ -85,10 +85,7 @@ class Naming:
 
 
 def name(
-    problem: Problem,
-    effects: Sequence[Effect],
-    say: Callable[[str], None] = lambda _: None,
-    baseline: Fit | None = None,
+    problem: Problem, effects: Sequence[Effect], say: Callable[[str], None] = lambda _: None, baseline: Fit | None = None
 ) -> Naming:
     """`baseline`: plain_car()."""
     baseline = baseline or plain_car(problem)
@@ -159,9 +156,7 @@ def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit
     roads = [n for n in naming.named if n.effect.id in kept and profiles(naming.final.values, n.effect.id)]
     flat = kept - {n.effect.id for n in roads}
     final, named, converged = baseline, [], naming.converged
-    asked = {e.id: e for e in catalogue().values()} | {
-        n.effect.id: n.effect for n in naming.named if n.effect.id in catalogue()
-    }
+    asked = {e.id: e for e in catalogue().values()} | {n.effect.id: n.effect for n in naming.named if n.effect.id in catalogue()}
     if effects := [h for h in hypotheses(asked.values()) if h.id in flat]:
         plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
         final, converged = as_fit(problem, plain), plain.converged
@@ -215,14 +210,7 @@ class Probability:
 
 
 def _named(
-    problem: Problem,
-    search: Search,
-    final: Judged,
-    plain: Judged,
-    last: Fit,
-    h: Hypothesis,
-    probability: Probability,
-    full: float,
+    problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float
 ) -> Named:
     found = _sized(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final)
@@ -273,11 +261,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         size = profile_size(e, with_it.values)
         mine = problem.rows.of(channel) & (problem.weight > 0)
         before, after = (float(f.residuals[mine] @ f.residuals[mine]) - int(mine.sum()) for f in (last, with_it))
-        if (
-            size < e.strengths[0].negligible
-            or before - after < ROAD_SHARE * before
-            or _harms(problem, last, with_it, channel)
-        ):
+        if size < e.strengths[0].negligible or before - after < ROAD_SHARE * before or _harms(problem, last, with_it, channel):
             continue
         p = e.strengths[0].name
         share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
@@ -325,11 +309,7 @@ def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
     given = problem.config.as_dict()
-    others = {
-        *SIGNED_DELAYS,
-        *latency_settings().values(),
-        *(p.name for e in PROFILES for p in catalogue()[e].parameters),
-    }
+    others = {*SIGNED_DELAYS, *latency_settings().values(), *(p.name for e in PROFILES for p in catalogue()[e].parameters)}
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):

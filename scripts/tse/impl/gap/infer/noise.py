@@ -91,9 +91,7 @@ def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepa
 
     size = float(np.sqrt(np.mean(np.concatenate([p.residual for p in pieces]) ** 2)))
     guesses = [start] if start else []
-    guesses.append(
-        Discrepancy.of((1.0, 0.02 if size > 1.5 else MEDIAN[1], max(MEDIAN[2], 0.3 * (size - 1)), *MEDIAN[3:]))
-    )
+    guesses.append(Discrepancy.of((1.0, 0.02 if size > 1.5 else MEDIAN[1], max(MEDIAN[2], 0.3 * (size - 1)), *MEDIAN[3:])))
     best = min((np.clip(np.log(g.numbers), *limits.T) for g in guesses), key=cost)
     # slopes are nothing where a part is nothing: it would stay gone
     best[1], best[2] = max(best[1], np.log(1e-3)), max(best[2], np.log(0.03))

@@ -160,8 +160,7 @@ def explained(
     last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
     share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
     named = [
-        replace(n, probability=n.probability * share[n.effect.id], whole=n.whole * share[n.effect.id])
-        for n in best.naming.named
+        replace(n, probability=n.probability * share[n.effect.id], whole=n.whole * share[n.effect.id]) for n in best.naming.named
     ]
     naming = replace(best.naming, named=named)
     if any(n.whole < NAME_AT for n in named):

@@ -67,9 +67,7 @@ class Judged:
         """ln, with the prior odds of the set."""
         power = self.space.power
         total = self.prior + sum(power[c] * x for c, x in self.likelihood.items())
-        return total + 0.5 * float(
-            np.log(np.diag(self.space.information)).sum() - np.linalg.slogdet(self.information)[1]
-        )
+        return total + 0.5 * float(np.log(np.diag(self.space.information)).sum() - np.linalg.slogdet(self.information)[1])
 
     def sd(self) -> dict[str, float]:
         return dict(zip(self.space.names, np.sqrt(np.diag(np.linalg.inv(self.information))), strict=True))
@@ -155,9 +153,7 @@ class Search:
         least = self._least()
         self.known.clear()
         again = self.judge(best.ids, best.values, best)
-        self.judge(
-            (), best.values, again
-        )  # nothing is missing: always one of the answers, also where taking one away is worse
+        self.judge((), best.values, again)  # nothing is missing: always one of the answers, also where taking one away is worse
         self.layout.trust({c: min(least[c], again.left[c], key=lambda x: x.wrong) for c in least})
         return again
 
@@ -220,9 +216,7 @@ def judge(layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, flo
     return Judged(space.effects, space, found.x, found.noise, residuals, likelihood, gram, prior, left, found.converged)
 
 
-def screen(
-    layout: Layout, current: Judged, candidates: Sequence[Hypothesis]
-) -> list[tuple[float, Hypothesis, dict[str, float]]]:
+def screen(layout: Layout, current: Judged, candidates: Sequence[Hypothesis]) -> list[tuple[float, Hypothesis, dict[str, float]]]:
     """Every candidate in a linearisation around a fit: (ln evidence over the fit's, candidate, start values), the most promising
     first: those that are best if what is left is a discrepancy as it was found, and those that are if it is all theirs, in turn."""
     parameters: list[Parameter] = [p for h in candidates for p in h.effect.fitted]
@@ -274,9 +268,7 @@ def _screened(
     own = stacked - q_of @ (q_of.T @ stacked)
     target = np.concatenate([*r, np.zeros(len(current.x))])
     target = target - q_of @ (q_of.T @ target)
-    channel_of = np.concatenate(
-        [np.repeat(layout.channels.index(c), len(x)) for x, (_, c) in zip(r, layout.groups, strict=True)]
-    )
+    channel_of = np.concatenate([np.repeat(layout.channels.index(c), len(x)) for x, (_, c) in zip(r, layout.groups, strict=True)])
     found, k = [], 0
     for h in candidates:
         mine = h.effect.fitted
@@ -292,11 +284,7 @@ def _screened(
         start = {p.name: start[p.name] if p.strength else begin[p.name] for p in mine}
         before, after = (y[: len(channel_of)] for y in (target, target + a @ x))
         n = len(h.effect.strengths)
-        gain = (
-            h.odds
-            + h.ln_prior(start)
-            + 0.5 * (n * np.log(2 * np.pi) - float(np.linalg.slogdet(information[:n, :n])[1]))
-        )
+        gain = h.odds + h.ln_prior(start) + 0.5 * (n * np.log(2 * np.pi) - float(np.linalg.slogdet(information[:n, :n])[1]))
         for c, channel in enumerate(layout.channels):
             rows = channel_of == c
             one, two = (float(y[rows] @ y[rows]) for y in (before, after))

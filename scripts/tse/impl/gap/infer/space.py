@@ -88,9 +88,7 @@ class Layout:
             mine[:, self.shape_of == AXLES] = rates[rows]
         used = np.concatenate(self.rows)
         both = rates[used].sum(axis=1)
-        late = abs(float(both @ whole[used])) / max(
-            float(both @ both), 1e-300
-        )  # of all tyres, that is most like what effects do
+        late = abs(float(both @ whole[used])) / max(float(both @ both), 1e-300)  # of all tyres, that is most like what effects do
         self.shape_sd[self.shape_of == AXLES] = max(forms.APART * late, TINY)
 
     def trust(self, left: Mapping[str, noise.Left]) -> None:
@@ -114,11 +112,7 @@ class Space:
         self.logs = problem.logs
         self.own = [Own(p.name, i) for i in range(len(self.logs)) for p in STIFFNESS] if len(self.logs) > 1 else []
         self.shares = len(self.parameters) + len(self.own)  # where they begin
-        self.names = (
-            *(p.name for p in self.parameters),
-            *self.own,
-            *(f"share {k}" for k in range(len(layout.shape_sd))),
-        )
+        self.names = (*(p.name for p in self.parameters), *self.own, *(f"share {k}" for k in range(len(layout.shape_sd))))
         priors = [(1.0, STIFFNESS_SD) if p in STIFFNESS else fit_prior(p) for p in self.parameters]
         priors += [(0.0, OWN_SD)] * len(self.own) + [(0.0, s) for s in layout.shape_sd]
         self.mean, self.sd = (np.array(x) for x in zip(*priors, strict=True))
@@ -126,9 +120,7 @@ class Space:
         limits = [(p.low, p.high) for p in self.parameters] + [(-5 * OWN_SD, 5 * OWN_SD)] * len(self.own)
         limits += [(-MOST_SHARE * s, MOST_SHARE * s) for s in layout.shape_sd]
         self.low, self.high = (np.array(x, float) for x in zip(*limits, strict=True))
-        self.first = np.clip(
-            [(start or {}).get(n, m) for n, m in zip(self.names, self.mean, strict=True)], self.low, self.high
-        )
+        self.first = np.clip([(start or {}).get(n, m) for n, m in zip(self.names, self.mean, strict=True)], self.low, self.high)
         self.groups, self.time, self.channels, self.power = layout.groups, layout.time, layout.channels, layout.power
         self._found: dict[str, tuple[list[np.ndarray], Discrepancy]] = {}
 
@@ -211,11 +203,7 @@ def raw(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
 
 
 def slopes(
-    layout: Layout,
-    values: Mapping[str, float],
-    base: list[np.ndarray],
-    parameters: Sequence[Parameter],
-    reach: float = 1.0,
+    layout: Layout, values: Mapping[str, float], base: list[np.ndarray], parameters: Sequence[Parameter], reach: float = 1.0
 ) -> list[np.ndarray]:
     """Slopes of raw() over parameters by differences of `reach` times their steps."""
     problem, found = layout.problem, [np.zeros((len(b), len(parameters))) for b in base]

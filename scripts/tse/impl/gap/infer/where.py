@@ -93,16 +93,11 @@ def entries(problem: Problem, last: Fit) -> list[Entry]:
     A disturbance is a sum of hats, one every HAT blocks, of normal size: residuals are linear in it, so its evidence is a sum over
     the singular values of what the hats do (responses())."""
     at, units = signals(problem, last.values), library().formula_places
-    lateral = [
-        (problem.rows.log == i) & (problem.rows.of("accel_y") | problem.rows.of("yaw_rate")) for i in range(len(at))
-    ]
+    lateral = [(problem.rows.log == i) & (problem.rows.of("accel_y") | problem.rows.of("yaw_rate")) for i in range(len(at))]
     there = [i for i, log in enumerate(problem.logs) if {"accel_y", "yaw_rate"} <= set(log.channels)]
     if not there:
         return []
-    hats = [
-        np.maximum(0.0, 1.0 - np.abs(np.arange(len(s["dt"]))[:, None] / HAT - np.arange(len(s["dt"]) // HAT + 2)))
-        for s in at
-    ]
+    hats = [np.maximum(0.0, 1.0 - np.abs(np.arange(len(s["dt"]))[:, None] / HAT - np.arange(len(s["dt"]) // HAT + 2))) for s in at]
     widest = max(h.shape[1] for h in hats)
     hats = [np.pad(h, ((0, 0), (0, widest - h.shape[1]))) for h in hats]
     found = []

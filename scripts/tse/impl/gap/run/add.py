@@ -83,14 +83,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     what = f"# Fitted together: {', '.join(['stiffness', *added])}." if added else "# Stiffness fitted, nothing added."
     title = [f"# {source}, improved by tselab gap {__version__} from {names}", what]
     return toml(
-        title,
-        vehicle,
-        values,
-        known.uncertainty(vehicle),
-        calibration_toml(**known.calibration()),
-        bands,
-        notes,
-        Path(FORMULA),
+        title, vehicle, values, known.uncertainty(vehicle), calibration_toml(**known.calibration()), bands, notes, Path(FORMULA)
     )
 
 
@@ -137,9 +130,7 @@ def header(vehicle: Vehicle) -> str:
         f = fields[key]
         number = f"{int(value)}" if f.is_integer else f"(tse_setting){float(value)!r}"
         unit = "" if f.unit in ("", "1") else f"{f.unit}: "
-        body.append(
-            f"  c->{key:<{width}} = {number};  /* {_plain(unit + (parameter.text if parameter else f.text))} */"
-        )
+        body.append(f"  c->{key:<{width}} = {number};  /* {_plain(unit + (parameter.text if parameter else f.text))} */")
     return "\n".join(
         [
             f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of this car show.",

@@ -58,9 +58,7 @@ class Check:
                          "yes" if d.visible else "no", f"{100 * max(0.0, d.absorbed):.0f} %"])  # fmt: skip
         lines = [text_table(rows, right=(2, 3, 5)), ""]
         seen = sum(d.visible for d in order)
-        lines.append(
-            f"{seen} of {len(order)} effects would be named at their typical size ({threshold(len(order)):.1f} nats)."
-        )
+        lines.append(f"{seen} of {len(order)} effects would be named at their typical size ({threshold(len(order)):.1f} nats).")
         if hidden := [d for d in order if not d.visible]:
             lines.append("The others would show in:")
             lines += [f"  {d.id}: {catalogue()[d.id].channels}" for d in hidden]

@@ -29,13 +29,7 @@ class Written:
     changes: dict[str, dict[str, show.Change]]  # of each part: its channels, before and after
 
 
-def write_all(
-    out: Path,
-    result: Result,
-    vehicle_path: Path,
-    jobs: int = 1,
-    say: Callable[[str], None] = lambda _: None,
-) -> Written:
+def write_all(out: Path, result: Result, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None) -> Written:
     """Add and Show."""
     problem, naming = result.problem, result.naming
     before, after = naming.baseline.values, result.after
@@ -62,9 +56,7 @@ def write_all(
     shown = report.Shown(result, named, rows, changes, gained, stiffness, [*old.filled])
     report.write_report(out / REPORT, shown)
     with atomic(out / VERDICT) as file:
-        json.dump(
-            plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}), file, indent=1, allow_nan=False
-        )
+        json.dump(plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}), file, indent=1, allow_nan=False)
         file.write("\n")
     files = [out / VERDICT, improved, header, *add.formula_files(out, improved), out / REPORT, out / RESIDUALS]
     if importlib.util.find_spec("matplotlib") is not None:

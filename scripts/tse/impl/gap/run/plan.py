@@ -152,6 +152,4 @@ def typical(problem: Problem, e: Effect, size: float = 1.0) -> dict[Key, float]:
         amplitude = size * np.sqrt(2.0) * p.scale
         return {k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT / WAVE)) for k in problem.strengths(e)}
     values = {p.name: p.default for p in e.shapes}
-    return values | {
-        p.name: float(np.clip(p.default + size * (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths
-    }
+    return values | {p.name: float(np.clip(p.default + size * (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths}

@@ -67,9 +67,7 @@ class Posterior:
         return {"names": [str(self.names[k]) for k in mine], "mean": mean, "covariance": covariance}
 
 
-def posterior(
-    problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[str, float], logs: Sequence[Log] = ()
-) -> Posterior:
+def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[str, float], logs: Sequence[Log] = ()) -> Posterior:
     """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with; `logs`: that were fitted, as they were
     read.
 
@@ -83,17 +81,13 @@ def posterior(
     space = Space(Layout(problem), effects)
     start = problem.nominal | problem.fixed
     at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
-    space.sd = np.array(
-        [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
-    )
+    space.sd = np.array([sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)])
     space.mean, space.information = at, np.diag(space.sd**-2)
     found = engine.fit(space, at, most=0)
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
     # the discrepancy as calibration has it: that of the search has other limits, for residuals that are nearly noise
     yaw = space.pieces(found.residuals, "yaw_rate")
-    left = model_sd(
-        space, replace(found, noise={"yaw_rate": likeliest(yaw)} if yaw else {}), vehicle.values.get("model_sd", 0.0)
-    )
+    left = model_sd(space, replace(found, noise={"yaw_rate": likeliest(yaw)} if yaw else {}), vehicle.values.get("model_sd", 0.0))
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
     if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
         k = [space.names[k] for k in car].index(STIFFNESS)

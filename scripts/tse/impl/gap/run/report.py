@@ -20,12 +20,7 @@ from tse.impl.plots import CHANNEL_UNITS
 from tse.impl.report import write_page
 from tse.impl.verdict import NAMES
 
-HEADLINE = {
-    "none": "Nothing is missing",
-    "named": "Named",
-    "possible": "Possible",
-    "not_in_catalogue": "Not in the catalogue",
-}
+HEADLINE = {"none": "Nothing is missing", "named": "Named", "possible": "Possible", "not_in_catalogue": "Not in the catalogue"}
 MOST_CONDITIONS = 12
 
 
@@ -99,7 +94,5 @@ def facts(shown: Shown) -> list[tuple[str, str]]:
     said = [f"{c} {np.median(x):.3g} {CHANNEL_UNITS[c]}" for c, x in noise.items() if x]
     rows.append(("Sensor noise of one row, from the logs", ", ".join(said)))
     for key in STIFFNESS:
-        rows.append(
-            (f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {shown.stiffness[key]:.3f} after")
-        )
+        rows.append((f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {shown.stiffness[key]:.3f} after"))
     return rows

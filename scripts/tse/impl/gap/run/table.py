@@ -20,11 +20,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def table(
-    parts: Mapping[str, Problem],
-    before: Mapping[str, float],
-    after: Mapping[str, float],
-) -> pd.DataFrame:
+def table(parts: Mapping[str, Problem], before: Mapping[str, float], after: Mapping[str, float]) -> pd.DataFrame:
     """Every block of 40 ms of every log and channel. predicted_*: with the bias of the log; residual_*: measured less predicted
     over `noise`, which is what the sensor's noise leaves of a block: 1 is nothing but noise. NaN: not measured."""
     frames = []

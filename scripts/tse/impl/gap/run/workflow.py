@@ -114,14 +114,7 @@ class Result(Found):
         f, d, proposed = self.formula, self.discovery, None
         if f is not None:
             numbers = {n.name: {"value": n.value, "sd": n.sd, "unit": n.unit} for n in f.numbers}
-            proposed = {
-                "id": f.id,
-                "place": f.place,
-                "formula": f.text,
-                "numbers": numbers,
-                "share": d.share,
-                "nats": d.nats,
-            }
+            proposed = {"id": f.id, "place": f.place, "formula": f.text, "numbers": numbers, "share": d.share, "nats": d.nats}
         return {"proposed": proposed, "tried": d.tried}
 
     def _entry(self, channel: str) -> str:
@@ -206,9 +199,7 @@ def run(
     if few is not problem:
         say("all logs")
         naming = name.on_all(problem, found.naming)
-        found = replace(
-            found, naming=naming, discovery=found.discovery and search.on_all(problem, naming.final, found.discovery)
-        )
+        found = replace(found, naming=naming, discovery=found.discovery and search.on_all(problem, naming.final, found.discovery))
 
     changes: dict[str, show.Change] = {}
     elsewhere: list[remainder.Remainder] = []
@@ -263,10 +254,7 @@ def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
 
 
 def judge(
-    found: Found,
-    entries: Sequence[where.Entry],
-    left: list[remainder.Remainder],
-    elsewhere: Sequence[remainder.Remainder] = (),
+    found: Found, entries: Sequence[where.Entry], left: list[remainder.Remainder], elsewhere: Sequence[remainder.Remainder] = ()
 ) -> tuple[str, int, list[str]]:
     """From what was found to verdict, exit code and words. `left`: after names and formula; `elsewhere`: the same of the held-out
     logs."""
@@ -291,21 +279,15 @@ def judge(
     elif verdict == "not_in_catalogue":
         words.append("Something is missing, and none of the effects of the catalogue explains it.")
     elif verdict == "none":
-        words.append(
-            "The model explains these logs down to the sensors' noise: nothing is missing that they could show."
-        )
+        words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
     if verdict in ("possible", "not_in_catalogue") and naming.possible and not formula:
         best = naming.possible[0]
-        words.append(
-            f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}."
-        )
+        words.append(f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}.")
     if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
         words.append(f"It acts like a disturbance at: {entries[0].place}.")
     words += found.discovery.words if found.discovery else []
     words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
-    more = [
-        f"{r.channel} {r.gap:.2f} times the noise" for r in elsewhere if r.channel not in {x.channel for x in remains}
-    ]
+    more = [f"{r.channel} {r.gap:.2f} times the noise" for r in elsewhere if r.channel not in {x.channel for x in remains}]
     if more:
         words.append(f"The held-out logs are not explained: {', '.join(more)}.")
     unsure = any(n.probability < NAME_AT for n in naming.named) or all(n.look_alikes for n in naming.named)
@@ -317,9 +299,7 @@ def _as_json(n: Named) -> dict[str, Any]:
     return {
         "id": n.effect.id,
         "probability": n.probability,
-        "parameters": {
-            units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()
-        },
+        "parameters": {units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()},
         "share_of_gap_closed": n.share,
         "evidence": n.evidence,
         "look_alikes": n.look_alikes,
@@ -335,9 +315,7 @@ def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
     found, given = name.settings(problem, naming.final.values), problem.config
     settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(given, k)]
     half = _half_widths(problem, naming, settings)
-    return [
-        {"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"} for k in settings
-    ] + [
+    return [{"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"} for k in settings] + [
         {"id": "low_pass", "value": n.values[p.name], "ci95": list(n.ci95[p.name]), "unit": "s"}
         for n in late
         if n.effect.id == name.LOW_PASS
