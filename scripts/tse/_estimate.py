@@ -25,7 +25,7 @@ from tse.impl.estimate import Learnt, write_table
 from tse.impl.estimate import estimate as _run
 from tse.impl.fleet.single import Calibrate, Prepared, assemble, contradicts, notes_of
 from tse.impl.vehicle import Vehicle
-from tse.impl.verdict import Finding, findings
+from tse.impl.verdict import Finding, findings, late_steering
 
 Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
@@ -251,7 +251,12 @@ def estimate(
     return Result(
         done.table.astype(dict.fromkeys(flags, bool)),
         ready.config.as_dict(),
-        (*ready.vehicle.found, *ready.vehicle.filled, *(n for n in ready.notes if n not in ready.warnings)),
+        (
+            *ready.vehicle.found,
+            *ready.vehicle.filled,
+            *(n for n in ready.notes if n not in ready.warnings),
+            *late_steering(done.table, ready.config),
+        ),
         tuple(ready.warnings),
         None if ready.warnings else done.learnt,
         done.uncertainty_sd,

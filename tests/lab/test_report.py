@@ -147,6 +147,18 @@ def test_remarks_name_noise_and_contradictions():
     assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "diverging"))[0]
 
 
+@pytest.mark.parametrize(("late", "said"), [(0.0, ""), (0.019, ""), (-0.036, "36 ms later"), (0.025, "25 ms earlier")])
+def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
+    from tse.impl.core import Config
+    from tse.impl.verdict import late_steering
+
+    table = table_of([1] * 100, "")
+    assert late_steering(table, Config({"steer_lag_sd": 0.008})) == []  # a table without it
+    found = late_steering(table.assign(lag_steer=late), Config({"steer_lag_sd": 0.008}))
+    assert [said in text for text in found] == ([True] if said else [])
+    assert late_steering(table.assign(lag_steer=late), Config({"steer_lag_sd": 0.0})) == []  # known exactly: no state
+
+
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
     """A row of a car that stands is held, whatever its channels: the fault of which the list tells is in the share, too."""
     from tse.impl.regimes import spells

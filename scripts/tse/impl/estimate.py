@@ -342,7 +342,7 @@ SUMMARY: dict[str, type | None] = {
     **{f"{s}{part}": np.float32 for s in STIFFNESS for part in ("", "_sd", "_spread")},
     **{f"{s}{part}": np.int8 for s in STIFFNESS for part in ("_valid", "_spread_seen")},
     **{f"{s}_reason": None for s in (*STIFFNESS, GRIP)},  # None: categories
-    **dict.fromkeys((GRIP, f"{GRIP}_sd", "sideslip", "sideslip_sd"), np.float32),
+    **dict.fromkeys((GRIP, f"{GRIP}_sd", "sideslip", "sideslip_sd", "lag_steer"), np.float32),
     f"{GRIP}_valid": np.int8,
     **{f"noise_{c}": np.float32 for c in MEASURES},
     **regimes.COLUMNS,

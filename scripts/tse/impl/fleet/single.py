@@ -23,7 +23,7 @@ from tse.impl.regimes import Change
 from tse.impl.rows import Log, Reading, liveliest, sampling_notes, steering_notes
 from tse.impl.rows import average as average_log
 from tse.impl.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
-from tse.impl.verdict import Finding, findings, implausible, of_uncertainty, remarks
+from tse.impl.verdict import Finding, findings, implausible, late_steering, of_uncertainty, remarks
 
 MOST_ROWS = 1 << 19  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
@@ -177,4 +177,9 @@ def notes_of(prepared: Prepared, est: Estimate) -> list[str]:
     refused = sum(rows for status, rows in est.statuses.items() if status < 0)
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
-    return [*notes, *remarks(est.table), *of_uncertainty(est.table, prepared.config, est.uncertainty_sd)]
+    return [
+        *notes,
+        *remarks(est.table),
+        *late_steering(est.table, prepared.config),
+        *of_uncertainty(est.table, prepared.config, est.uncertainty_sd),
+    ]
