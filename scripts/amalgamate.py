@@ -55,15 +55,12 @@ class Sources:
     @staticmethod
     def read() -> Sources:
         cmake = (ROOT / "src" / "CMakeLists.txt").read_text()
-        lists = ((ROOT / "src/model" / f"effects_{x}.h").read_text() for x in ("constant", "acting"))
-        effects = [name for text in lists for name in INCLUDE.findall(text)]
         listed = re.search(r"add_library\(tse\s([^)]*)\)", cmake)
         left_out = re.search(r"set_source_files_properties\(([^)]*) PROPERTIES HEADER_FILE_ONLY ON\)", cmake)
         version = re.search(r'TSE_VERSION "([^"]+)"', (ROOT / "include/tse/version.h").read_text())
         if not (listed and left_out and version):
             raise Wrong("src/CMakeLists.txt or include/tse/version.h: not of the form that is read here")
-        names = re.sub(r"#.*", "", listed[1]).replace("${effect_files}", " ".join(effects))
-        return Sources(names.split(), set(left_out[1].split()), version[1])
+        return Sources(re.sub(r"#.*", "", listed[1]).split(), set(left_out[1].split()), version[1])
 
 
 # ---- C, as far as it has to be understood

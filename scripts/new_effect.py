@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A contributor's first hour: the skeleton of an effect - its row, its file, its test, its place among the equations.
+"""A contributor's first hour: the skeleton of an effect - its row, its function, its test, its place among the equations.
 
     python3 scripts/new_effect.py brake_pull --hook BODY --parameter arm --unit m --low -0.5 --high 0.5 --typical 0.01 0.05
 
@@ -30,7 +30,7 @@ HOOKS = {
     "BODY": ("body", "void {id}_body(point *pt)", "  (void)pt; /* pt->force.y += ... over mass, by pt->p->effects.{at} */"),
     "SENSOR": ("sensors", "void {id}_sensor(reading *z)", "  (void)z; /* z->y[1] += z->pt->p->effects.{at} ... */"),
 }  # fmt: skip
-TEST = """/* tests/unit/model/test_effect_{id}.c <-> src/model/effects/{id}.h, against a formula that is not the code's. */
+TEST = """/* tests/unit/model/test_effect_{id}.c <-> {id} of src/model/catalogue.h, against a formula that is not the code's. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -56,7 +56,7 @@ static void test_{id}_does_what_its_equation_says(void)
   for (int i = 0; i < 400; i++) log_steer[i] = real(0.02);
   replay(&c, 400);
   /* Replace: what got_r, got_x, got_y (yaw rate, accel_x, accel_y of every row) are then, computed another way. */
-  TEST_FAIL_MESSAGE("write the formula of {id} in src/model/effects/{id}.h, and here what it does, by another one");
+  TEST_FAIL_MESSAGE("write the formula of {id} in src/model/catalogue.h, and here what it does, by another one");
 }}
 """
 
@@ -93,19 +93,20 @@ parameter.{asked.parameter} = {{ role = "STRENGTH", default = 0.0, least = {aske
 unit = "{asked.unit}", typical = [{small!r}, {large!r}], negligible = {small / 3:.3g}, sign = {sign}, \
 text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positive" }}
 """
-    header = (
-        f"/* model/effects/{asked.name}.h - the equation, with units. Typical {asked.parameter} {small:g} .. {large:g} "
-        f"{asked.unit}. */\n"
-        f"static inline {signature}\n{{\n{body}\n}}\n"
+    laws = root / "src" / "model" / "catalogue.h"
+    law = (
+        f"/* {asked.name}: the equation, with units. Typical {asked.parameter} {small:g} .. {large:g} {asked.unit}. */\n"
+        f"static inline {signature}\n{{\n{body}\n}}\n\n"
     )
+    before, mark, after = laws.read_text(encoding="utf-8").partition("/* table: ")
     function, test = signature.split("(")[0].split()[-1], f"test_{asked.name}_does_what_its_equation_says"
-    line = f"| {asked.name} | write it | `{function}` in src/model/effects/{asked.name}.h | `{test}` |\n"
+    line = f"| {asked.name} | write it | `{function}` in src/model/catalogue.h | `{test}` |\n"
     text = equations.read_text(encoding="utf-8")
-    last = list(re.finditer(r"^\| .* in src/model/effects/\w+\.h.*\n", text, re.M))
+    last = list(re.finditer(r"^\| .* in src/model/catalogue\.h.*\n", text, re.M))
     at = last[-1].end() if last else len(text)
     return {
         table: rows + row,
-        root / "src" / "model" / "effects" / f"{asked.name}.h": header,
+        laws: before + law + mark + after,
         root / "tests" / "unit" / "model" / f"test_effect_{asked.name}.c": TEST.format(
             id=asked.name, parameter=asked.parameter, large=large
         ),
@@ -127,7 +128,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         files = skeleton(asked)
         for path in files:
-            if path.exists() and path.name not in ("effects.toml", "EQUATIONS.md"):
+            if path.exists() and path.name not in ("effects.toml", "catalogue.h", "EQUATIONS.md"):
                 raise Refused(f"{path.relative_to(ROOT)} is there already")
     except Refused as error:
         print(f"new_effect: {error}", file=sys.stderr)
@@ -136,7 +137,7 @@ def main(arguments: list[str] | None = None) -> int:
         path.write_text(text, encoding="utf-8")
     subprocess.run([sys.executable, ROOT / "scripts" / "tables.py"], check=True)
     print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
-    print(f"""  1. the equation and the formula, in src/model/effects/{asked.name}.h
+    print(f"""  1. the equation and the formula, in src/model/catalogue.h
   2. the texts of its row in src/tables/effects.toml: title, channels that show it, look-alikes
   3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with
      cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}

@@ -299,18 +299,10 @@ def effect_parameters() -> Iterator[str]:
     yield from listed("EFFECT_PARAMETERS(ROW, REAL)", rows)
 
 
-def hooked(hooks: Iterable[str]) -> list[str]:
+def effects_by_hook() -> list[str]:
     rows = read("effects")
-    files = [f'#include "model/effects/{i}.h"' for i, e in rows.items() if e["hook"] in hooks]
-    return files + [f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks]
-
-
-def constant_effects() -> list[str]:
-    return hooked(["CONSTANT"])
-
-
-def acting_effects() -> list[str]:
-    return hooked(["INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"])
+    hooks = dict.fromkeys(("CONSTANT", "INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"))
+    return [f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks]
 
 
 def formula_places() -> list[str]:

@@ -104,15 +104,15 @@ def said(folder: Path, program: str) -> list[str]:
     return subprocess.run([folder / "run"], check=True, capture_output=True, text=True).stdout.split()
 
 
-def test_an_effect_is_a_row_and_its_file_word_for_word_as_contributing_says(copy):
+def test_an_effect_is_a_row_and_its_function_word_for_word_as_contributing_says(copy):
     """Its test is the third file that a person writes."""
     text = (ROOT / "CONTRIBUTING.md").read_text().partition("## Add an effect")[2].partition("\n## ")[0]
     blocks = re.findall(r"```(?:toml|c)\n(.*?)```", text, re.S)
     row, function = (re.sub("^   ", "", block, flags=re.M) for block in blocks)
     with (copy / "src" / "tables" / "effects.toml").open("a") as file:
         file.write("\n" + row)
-    (copy / "src" / "model" / "effects" / "brake_pull.h").write_text(function)
-    assert "src/model/effects_acting.h" in written(copy)
+    edit(copy / "src" / "model" / "catalogue.h", "/* table: ", function + "\n/* table: ")
+    assert "src/model/catalogue.h" in written(copy)
     name, without, with_it = said(copy, EFFECT)
     assert name == "brake_pull"
     assert float(without) == 0

@@ -9,8 +9,7 @@ from pathlib import Path
 SRC = Path(__file__).resolve().parents[1] / "src"
 LIST = re.search(r"add_library\(tse\s([^)]*)\)", (SRC / "CMakeLists.txt").read_text()).group(1)
 INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.M)
-EFFECTS = [x for own in ("constant", "acting") for x in INCLUDE.findall((SRC / "model" / f"effects_{own}.h").read_text())]
-ORDER = re.sub(r"#.*", "", LIST).replace("${effect_files}", " ".join(EFFECTS)).split()
+ORDER = re.sub(r"#.*", "", LIST).split()
 EVERYWHERE = "tables"  # folder of what scripts/tables.py writes, which any file may include
 KNOWS = {  # which folders' files those of a folder may include; in order
     "tables": {"tables"},

@@ -277,11 +277,10 @@ def gap_exit_codes() -> str:
 
 
 def equation_of(effect: str) -> str:
-    """What the comment at the top of src/model/effects/<id>.h says."""
-    text = (ROOT / "src" / "model" / "effects" / f"{effect}.h").read_text(encoding="utf-8")
-    comment = text.partition("/*")[2].partition("*/")[0]
+    """What the comment of an effect in src/model/catalogue.h says."""
+    text = (ROOT / "src" / "model" / "catalogue.h").read_text(encoding="utf-8")
+    comment = text.partition(f"/* {effect}: ")[2].partition("*/")[0]
     words = " ".join(line.strip(" *") for line in comment.splitlines()).strip()
-    words = words.partition(" - ")[2].strip() or words
     return words[:1].upper() + words[1:]
 
 

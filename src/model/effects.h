@@ -99,11 +99,11 @@ enum {
   MODE_ROLL_STEER
 };
 
-#include "model/effects_acting.h"
+#include "model/catalogue.h"
 #include "tables/formula.h"
 #include "model/formula.h"
 
-/* EFFECTS_INPUT(INPUT_ON) and its like (effects_acting.h) call every effect of that hook that is on, in the order of the table. */
+/* EFFECTS_INPUT(INPUT_ON) and its like (catalogue.h) call every effect of that hook that is on, in the order of the table. */
 #define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 #define INPUT_ON(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
 #define SLIP_ON(id) IF_ON(id, id##_slip(pt))

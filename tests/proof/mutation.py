@@ -288,7 +288,7 @@ class Bench:
     def own(self, name: str) -> set[str]:
         stem, of_filter = Path(name).stem, Path(name).parent.name == "filter"
         own = {f"test_{'filter_' if of_filter else ''}{stem}", f"test_{stem}"}
-        if "effects" in name or stem == "integrator":
+        if stem in ("effects", "catalogue", "integrator"):
             own |= {"test_effect_forces", "test_effect_linear"}
         return own & set(self.tests)
 
@@ -302,8 +302,6 @@ class Bench:
         texts = {p.relative_to(SRC).as_posix(): p.read_text() for p in SRC.rglob("*") if p.suffix in {".c", ".h"}}
         while grown:
             more = {n for n, t in texts.items() if n not in wanted and any(f'"{w}"' in t for w in wanted)}
-            if any(w.startswith("model/effects/") for w in wanted):
-                more |= {"model/effects_acting.h"} - wanted
             grown, wanted = bool(more), wanted | more
         return [s for s in sources() if s in wanted]
 

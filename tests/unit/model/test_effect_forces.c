@@ -1,4 +1,4 @@
-/* tests/unit/model/test_effect_forces.c <-> src/model/effects/ whose action is a force, a law of the tyre, or geometry: balances
+/* tests/unit/model/test_effect_forces.c <-> effects of src/model/catalogue.h whose action is a force, a law of the tyre, or geometry: balances
  * of forces and moments in newtons, closed forms and rigid-body kinematics that the library does not contain. */
 #include "unit_support.h"
 #include "effect_support.h"

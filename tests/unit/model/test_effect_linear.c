@@ -1,4 +1,4 @@
-/* tests/unit/model/test_effect_linear.c <-> src/model/effects/ whose action is linear in small motions.
+/* tests/unit/model/test_effect_linear.c <-> effects of src/model/catalogue.h whose action is linear in small motions.
  *
  * Reference: the transfer functions of the linear single track with the effect, in the frequency domain, with complex numbers
  * and in newtons; none of the library's equations of motion. Steering (or wheel speed) is a small sine; what replay and

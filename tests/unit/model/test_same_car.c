@@ -1,4 +1,4 @@
-/* tests/unit/model/test_same_car.c <-> src/model/car.c, src/model/effects/, src/host/simulate.c: the filter's car and that of simulator,
+/* tests/unit/model/test_same_car.c <-> src/model/car.c, src/model/catalogue.h, src/host/simulate.c: the filter's car and that of simulator,
  * replay and vehicle FMU are one car.
  *
  * The simulator drives, with settings for both; car_move() follows with the wheels' slips of the simulator, which are inputs there, and
