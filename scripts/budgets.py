@@ -183,8 +183,8 @@ HEAD = """\
 <!-- Written by `python3 scripts/budgets.py`. -->
 
 Cost of the default form, {compiler}: instructions of a row (-O3, as CMakeLists.txt does, where a row says no other; mean
-over the recorded drive as an ordinary car, longest of that and of rows which no drive has), flash at -Os without effects and without, or with, the
-form with particles, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
+over the recorded drive as an ordinary car, longest of that and of rows which no drive has), flash at -Os without effects and
+without, or with, the form with particles, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
 
 """
 KINDS = """\
