@@ -1,16 +1,11 @@
 // text.js - numbers and tables of text: what tselab makes of them, to the bit.
 
-// The shortest digits that give the same bits back, written as tselab writes them (orjson): 1.0, 0.00001, 1e-6; NaN is an empty cell.
+// The shortest digits that give the same bits back, written as tselab writes them (Arrow): 1, 0.000001, 1e-7, 1e+10; NaN is an empty cell.
 function shortest(x) {
-  const size = Math.abs(x);
-  if (size >= 1e-5 && size < 1e16) {
-    const text = String(x);
-    return text.includes(".") ? text : `${text}.0`;
-  }
-  if (x === 0) return Object.is(x, -0) ? "-0.0" : "0.0";
   if (Number.isNaN(x)) return "";
-  if (size === Infinity) return x > 0 ? "inf" : "-inf";
-  return x.toExponential().replace("e+", "e");
+  if (Math.abs(x) === Infinity) return x > 0 ? "inf" : "-inf";
+  if (Object.is(x, -0)) return "-0";
+  return Math.abs(x) >= 1e10 ? x.toExponential() : String(x);
 }
 
 // A cell as a number, NaN where it is none; the nearest double, as pandas 3 reads it, so that a file has the same rows here and there.
