@@ -93,16 +93,16 @@ parameter.{asked.parameter} = {{ role = "STRENGTH", default = 0.0, least = {aske
 unit = "{asked.unit}", typical = [{small!r}, {large!r}], negligible = {small / 3:.3g}, sign = {sign}, \
 text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positive" }}
 """
-    laws = root / "src" / "model" / "catalogue.h"
+    laws = root / "src" / "model" / ("effects_constant.h" if asked.hook == "CONSTANT" else "catalogue.h")
     law = (
         f"/* {asked.name}: the equation, with units. Typical {asked.parameter} {small:g} .. {large:g} {asked.unit}. */\n"
         f"static inline {signature}\n{{\n{body}\n}}\n\n"
     )
     before, mark, after = laws.read_text(encoding="utf-8").partition("/* table: ")
     function, test = signature.split("(")[0].split()[-1], f"test_{asked.name}_does_what_its_equation_says"
-    line = f"| {asked.name} | write it | `{function}` in src/model/catalogue.h | `{test}` |\n"
+    line = f"| {asked.name} | write it | `{function}` in src/model/{laws.name} | `{test}` |\n"
     text = equations.read_text(encoding="utf-8")
-    last = list(re.finditer(r"^\| .* in src/model/catalogue\.h.*\n", text, re.M))
+    last = list(re.finditer(r"^\| .* in src/model/(?:catalogue|effects_constant)\.h.*\n", text, re.M))
     at = last[-1].end() if last else len(text)
     return {
         table: rows + row,
@@ -128,7 +128,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         files = skeleton(asked)
         for path in files:
-            if path.exists() and path.name not in ("effects.toml", "catalogue.h", "EQUATIONS.md"):
+            if path.exists() and path.name not in ("effects.toml", "catalogue.h", "effects_constant.h", "EQUATIONS.md"):
                 raise Refused(f"{path.relative_to(ROOT)} is there already")
     except Refused as error:
         print(f"new_effect: {error}", file=sys.stderr)

@@ -299,10 +299,17 @@ def effect_parameters() -> Iterator[str]:
     yield from listed("EFFECT_PARAMETERS(ROW, REAL)", rows)
 
 
-def effects_by_hook() -> list[str]:
+def hooked(*hooks: str) -> list[str]:
     rows = read("effects")
-    hooks = dict.fromkeys(("CONSTANT", "INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"))
     return [f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks]
+
+
+def constant_effects() -> list[str]:
+    return hooked("CONSTANT")
+
+
+def acting_effects() -> list[str]:
+    return hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR")
 
 
 def formula_places() -> list[str]:

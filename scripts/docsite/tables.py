@@ -277,8 +277,8 @@ def gap_exit_codes() -> str:
 
 
 def equation_of(effect: str) -> str:
-    """What the comment of an effect in src/model/catalogue.h says."""
-    text = (ROOT / "src" / "model" / "catalogue.h").read_text(encoding="utf-8")
+    """What the comment of an effect in the sources says."""
+    text = "".join((ROOT / "src" / "model" / f).read_text(encoding="utf-8") for f in ("effects_constant.h", "catalogue.h"))
     comment = text.partition(f"/* {effect}: ")[2].partition("*/")[0]
     words = " ".join(line.strip(" *") for line in comment.splitlines()).strip()
     return words[:1].upper() + words[1:]

@@ -4,6 +4,7 @@
 #include "model/state.h"
 #include "tse/tse.h"
 #include "model/effects.h"
+#include "model/effects_constant.h"
 #include "model/car.h"
 #include "tables/constants.h"
 #include "tables/rows.h"

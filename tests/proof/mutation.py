@@ -288,7 +288,7 @@ class Bench:
     def own(self, name: str) -> set[str]:
         stem, of_filter = Path(name).stem, Path(name).parent.name == "filter"
         own = {f"test_{'filter_' if of_filter else ''}{stem}", f"test_{stem}"}
-        if stem in ("effects", "catalogue", "integrator"):
+        if stem in ("effects", "effects_constant", "catalogue", "integrator"):
             own |= {"test_effect_forces", "test_effect_linear"}
         return own & set(self.tests)
 
