@@ -30,7 +30,7 @@ HOOKS = {
     "BODY": ("body", "void {id}_body(point *pt)", "  (void)pt; /* pt->force.y += ... over mass, by pt->p->effects.{at} */"),
     "SENSOR": ("sensors", "void {id}_sensor(reading *z)", "  (void)z; /* z->y[1] += z->pt->p->effects.{at} ... */"),
 }  # fmt: skip
-TEST = """/* tests/unit/model/test_effect_{id}.c <-> {id} of src/model/catalogue.h, against a formula that is not the code's. */
+TEST = """/* tests/unit/model/test_effect_{id}.c <-> {id} of src/model/{laws}, against a formula that is not the code's. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -56,9 +56,14 @@ static void test_{id}_does_what_its_equation_says(void)
   for (int i = 0; i < 400; i++) log_steer[i] = real(0.02);
   replay(&c, 400);
   /* Replace: what got_r, got_x, got_y (yaw rate, accel_x, accel_y of every row) are then, computed another way. */
-  TEST_FAIL_MESSAGE("write the formula of {id} in src/model/catalogue.h, and here what it does, by another one");
+  TEST_FAIL_MESSAGE("write the formula of {id} in src/model/{laws}, and here what it does, by another one");
 }}
 """
+
+
+def laws_of(hook: str) -> str:
+    """Return the file in src/model that has the functions of a hook."""
+    return "effects_constant.h" if hook == "CONSTANT" else "catalogue.h"
 
 
 class Refused(Exception):
@@ -93,7 +98,7 @@ parameter.{asked.parameter} = {{ role = "STRENGTH", default = 0.0, least = {aske
 unit = "{asked.unit}", typical = [{small!r}, {large!r}], negligible = {small / 3:.3g}, sign = {sign}, \
 text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positive" }}
 """
-    laws = root / "src" / "model" / ("effects_constant.h" if asked.hook == "CONSTANT" else "catalogue.h")
+    laws = root / "src" / "model" / laws_of(asked.hook)
     law = (
         f"/* {asked.name}: the equation, with units. Typical {asked.parameter} {small:g} .. {large:g} {asked.unit}. */\n"
         f"static inline {signature}\n{{\n{body}\n}}\n\n"
@@ -108,7 +113,7 @@ text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positi
         table: rows + row,
         laws: before + law + mark + after,
         root / "tests" / "unit" / "model" / f"test_effect_{asked.name}.c": TEST.format(
-            id=asked.name, parameter=asked.parameter, large=large
+            id=asked.name, parameter=asked.parameter, large=large, laws=laws.name
         ),
         equations: text[:at] + line + text[at:],
     }
@@ -137,7 +142,7 @@ def main(arguments: list[str] | None = None) -> int:
         path.write_text(text, encoding="utf-8")
     subprocess.run([sys.executable, ROOT / "scripts" / "tables.py"], check=True)
     print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
-    print(f"""  1. the equation and the formula, in src/model/catalogue.h
+    print(f"""  1. the equation and the formula, in src/model/{laws_of(asked.hook)}
   2. the texts of its row in src/tables/effects.toml: title, channels that show it, look-alikes
   3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with
      cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}

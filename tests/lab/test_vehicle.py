@@ -88,16 +88,20 @@ def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
 
 def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
     """One curve and one prior of the friction: in what is searched, in the filter of a calibrated car, in that of its class."""
+    from tse.impl.config import make_config
     from tse.impl.identify.unknowns import UNKNOWNS
     from tse.impl.vehicle import filter_values
 
     friction = next(u for u in UNKNOWNS if u.name == "tyre_saturation_inverse_friction")
-    assert friction.mean == 1 / class_of("grip") and friction.sd == class_of("grip_sd") / class_of("grip") ** 2
+    assert friction.mean == 1 / class_of("grip") and friction.sd / friction.mean == class_of("grip_sd")  # relative
     found = '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.04]]\n'
     curve = BARE + "[effects.tyre_saturation]\ninverse_friction = 1.25\n"
     car = filter_values(read(tmp_path, curve + "shape = 0.5\n" + found))
     assert car["tyre_saturation_shape"] == 0.5  # that on which the friction was found
-    assert car["grip"] == pytest.approx(1 / 1.25) and car["grip_sd"] == pytest.approx(0.2 / 1.25**2)
+    assert car["grip"] == pytest.approx(1 / 1.25) and car["grip_sd"] == pytest.approx(0.2 / 1.25)
+    hardly = filter_values(read(tmp_path, BARE + found.replace("1.25", "0.05")))  # no end that shows: inside the settings' ranges
+    assert hardly["grip"] == 5.0 and 0 < hardly["grip_sd"] <= 1.0
+    make_config(read(tmp_path, BARE + found.replace("1.25", "0.05")), None)
     plain = filter_values(read(tmp_path, BARE + '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'))
     assert [plain[k] for k in ("tyre_saturation_shape", "grip")] == [class_of("tyre_saturation_shape"), class_of("grip")]
 

@@ -10,7 +10,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -91,12 +91,16 @@ def csv_rows(table: Columns) -> bytes:
     if not plain:
         return b""
     rows = pa.table(plain, [str(name) for name in table])
-    for quotes in ("none", "needed"):  # what Arrow thinks to need quotes is every text
-        lines = pa.BufferOutputStream()
-        with suppress(pa.ArrowInvalid):  # a text with a comma, a quote or a line's end
-            write_csv(rows, lines, WriteOptions(include_header=False, quoting_style=quotes))
-            break
-    return bytes(lines.getvalue())
+
+    def lines(quotes: str) -> bytes:
+        written = pa.BufferOutputStream()
+        write_csv(rows, written, WriteOptions(include_header=False, quoting_style=quotes))
+        return bytes(written.getvalue())
+
+    try:
+        return lines("none")
+    except pa.ArrowInvalid:  # a text with a comma, a quote or a line's end; Arrow would put quotes around every text
+        return lines("needed")
 
 
 def _arrow(column: Any) -> pa.Array:

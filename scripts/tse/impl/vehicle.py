@@ -100,17 +100,13 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     c = vehicle.calibration
     mean = dict(zip(c["names"], c["mean"], strict=True))
     sd = {name: float(np.sqrt(c["covariance"][i][i])) for i, name in enumerate(c["names"])}
-    found, plain = {key: ordinary[key] for key in (SHAPE, "grip", "grip_sd")}, Config()
+    found, plain = {"grip_sd": ordinary["grip_sd"]}, Config()
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
         found[setting] = float(min(sd.get(key, np.inf), ordinary.get(setting, getattr(plain, setting))))
-    if FRICTION in mean:  # on the curve that it was found on
-        inverse = max(mean[FRICTION], LEAST_INVERSE)
-        found |= {
-            "grip": 1.0 / inverse,
-            "grip_sd": max(sd[FRICTION] / inverse**2, LEAST_GRIP_SD),
-            SHAPE: v.get(SHAPE, found[SHAPE]),
-        }
+    found["grip"], found[SHAPE] = curve_of(ordinary, mean.get(FRICTION, 0.0), v.get(SHAPE, ordinary[SHAPE]))
+    if mean.get(FRICTION):
+        found["grip_sd"] = min(max(sd[FRICTION] * found["grip"], LEAST_GRIP_SD), 1.0)  # relative
     # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
@@ -121,6 +117,12 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
 def ordinary_car(config: Config) -> dict[str, float]:
     """Return what an ordinary car has of this mass and these axles."""
     return _class_values(float(config.mass), float(config.lf), float(config.lr))
+
+
+def curve_of(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
+    """Return grip and shape of the tyres' curve: of a fit, 1/friction and the curve of that; of the class where the fit has no such
+    effect, 0."""
+    return (1.0 / max(inverse, LEAST_INVERSE), shape) if inverse else (ordinary["grip"], ordinary[SHAPE])
 
 
 def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:

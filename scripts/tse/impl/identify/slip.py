@@ -20,7 +20,7 @@ from tse.impl.identify.fit import Fit
 from tse.impl.identify.problem import Problem
 from tse.impl.identify.unknowns import LATENCY, prior_of
 from tse.impl.rows import Log
-from tse.impl.vehicle import GRAVITY, Vehicle, ordinary_car
+from tse.impl.vehicle import FRICTION, GRAVITY, Vehicle, curve_of, ordinary_car
 
 STIFFNESS = "cx_front"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
@@ -139,11 +139,7 @@ class _Car:
 
     def __init__(self, c: Config, at: Mapping[str, float], vehicle: Vehicle):
         ordinary = ordinary_car(c)
-        inverse = at.get("tyre_saturation_inverse_friction", 0.0)
-        # a fit without that effect: tyres of the class
-        self.grip, shape = (
-            (1.0 / inverse, c.tyre_saturation_shape) if inverse > 0.0 else (ordinary["grip"], ordinary["tyre_saturation_shape"])
-        )
+        self.grip, shape = curve_of(ordinary, at.get(FRICTION, 0.0), c.tyre_saturation_shape)
         self.front_driven = vehicle.driven_axle == "front"
         self.radius = c.wheel_radius_front, c.wheel_radius_rear
         self.base, self.mass = c.lf + c.lr, c.mass
