@@ -137,8 +137,13 @@ def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
 
 def stiffness_words(vehicle: Vehicle) -> str:
     """Return what a person should know first."""
-    units = {"cy_front": ("front cornering", "kN/rad"), "cy_rear": ("rear cornering", "kN/rad"), "cx_front": ("longitudinal", "kN")}
+    rear = vehicle.driven_axle == "rear"  # the axle that drives is the one that shows it; the other follows
+    along = "rear longitudinal" if rear else "front longitudinal"
+    units = {"cy_front": ("front cornering", "kN/rad"), "cy_rear": ("rear cornering", "kN/rad"), "cx_front": (along, "kN")}
     known = {k: [x / 1000 for x in v] for k, v in known_stiffness(vehicle).items()}
+    if rear and known:
+        by = vehicle.values["longitudinal_stiffness_rear"] / vehicle.values["longitudinal_stiffness_front"]
+        known["cx_front"] = [by * x for x in known["cx_front"]]
     parts = [f"{units[k][0]} {known[k][0]:.0f} {units[k][1]} ({known[k][1]:.0f} .. {known[k][2]:.0f})" for k in units]
     return f"Stiffness at no slip, 95 % interval: {', '.join(parts)}."
 

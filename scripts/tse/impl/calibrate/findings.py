@@ -19,6 +19,7 @@ CHANNEL_WORDS = {
     "steer_angle": "steering angle", "wheel_speed_front": "front wheel speed", "wheel_speed_rear": "rear wheel speed",
     "accel_x": "accel_x", "accel_y": "accel_y",
 }  # fmt: skip
+REAR = "longitudinal_stiffness_rear"
 NOT_ZERO = ", not distinguishable from 0"
 
 
@@ -53,18 +54,26 @@ class Group:
 
 def findings(problem: Problem, fit: Fit, before: Mapping[str, float]) -> list[Finding]:
     """All unknowns of the car but its stiffness. `before`: by name, what the vehicle file had."""
-    sd = np.sqrt(np.diag(fit.covariance))
+    known, found = np.sqrt(np.diag(fit.covariance)), fit.x
+    times = rear_follows(problem, fit)
     rows = []
     for k, u in enumerate(UNKNOWNS):
-        shown = bool(sd[k] < SHOWN * problem.sd[k])
+        shown = bool(known[k] < SHOWN * problem.sd[k])
         by = float(getattr(problem.config, u.name)) if u.relative else 1.0
+        value, sd = (float(x[k]) * (times if u.name == REAR else 1.0) for x in (found, known))
         rows.append(
             Finding(
-                u.name, u.group, unit_of(u.name), before[u.name], float(problem.mean[k]), float(problem.sd[k]), float(fit.x[k]),
-                float(sd[k]), shown, _words(u, float(fit.x[k]), float(sd[k]), shown, before[u.name], by), u.worth == 0.0,
+                u.name, u.group, unit_of(u.name), before[u.name], float(problem.mean[k]), float(problem.sd[k]), value, sd, shown,
+                _words(u, value, sd, shown, before[u.name], by), u.worth == 0.0,
             )
         )  # fmt: skip
     return rows
+
+
+def rear_follows(problem: Problem, fit: Fit) -> float:
+    """Return by how much the rear's longitudinal stiffness is more than its unknown says, as it follows the front's."""
+    follows = problem.config.rear_longitudinal_follows_front
+    return float(1.0 + follows * (np.exp(fit.x[problem.names.index("cx_front")]) - 1.0))
 
 
 def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:

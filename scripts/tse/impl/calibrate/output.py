@@ -30,9 +30,7 @@ def values(result: Result) -> dict[str, float]:
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
         found[setting] = float(getattr(result.config, setting) * np.exp(at[key]))
-    follows = result.config.rear_longitudinal_follows_front
     found["bank_superelevation"] = float(np.mean(_superelevations(result)))
-    found["longitudinal_stiffness_rear"] *= float(1.0 + follows * (np.exp(at["cx_front"]) - 1.0))
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
