@@ -46,8 +46,10 @@ class Gap(Shown):
         return read_vehicle(self.folder / "vehicle_improved.toml")
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per named effect, as verdict.json has it; without rows where none is named."""
-        return pd.DataFrame(json.loads((self.folder / "verdict.json").read_text(encoding="utf-8"))["effects"])
+        """Return a row per named effect and late channel, as verdict.json has them; without rows where there is none."""
+        verdict = json.loads((self.folder / "verdict.json").read_text(encoding="utf-8"))
+        late = [{"id": s.pop("id"), "parameters": {"time": s}} for s in verdict["sensors"]]
+        return pd.DataFrame([*verdict["effects"], *late])
 
     def plot(self) -> Any:
         """Return a figure of plotly: residuals over sensor noise by channel, before and after."""

@@ -298,6 +298,36 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
     assert late["ci95"][0] < 0.02 < late["ci95"][1]
 
 
+def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path) -> None:
+    """Of the road: what is written of it is bank_superelevation, and it is no answer by itself where something is left."""
+    vehicle = car(tmp_path)
+    logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {"bank_superelevation": 0.12}, 5) for d in ("sweep", "steps")]
+    result = workflow.run(logs, vehicle, jobs=2)
+    assert [e["id"] for e in result.as_json()["effects"]] == ["superelevation"], result.words
+    (named,) = [n for n in result.naming.named if not n.message]
+    low, high = named.ci95["bank_superelevation"]
+    assert low < 0.12 < high and high - low < 0.08
+    written = settings(result.problem, result.naming.final.values)
+    assert written["bank_superelevation"] == named.values["bank_superelevation"]
+    left = [Remainder("yaw_rate", 3.0, "disturbance", "")]
+    assert workflow.judge(result, [], left)[1] == 20
+
+
+def test_what_is_sure_closes_a_channel_where_hills_fill_another(tmp_path: Path) -> None:
+    """A delay of the IMU that shows in yaw_rate, beside a grade of which accel_x is full."""
+    vehicle = car(tmp_path)
+    path = write_log(tmp_path / "log.csv", vehicle, "sweep", {"imu_delay_time": 0.008}, 5)
+    table = pd.read_csv(path)
+    table["accel_x"] += 9.81 * 0.08 * np.sin(2 * np.pi * table["time"] / 12.0)
+    table.to_csv(path, index=False)
+    config = Config(read_vehicle(vehicle).values)
+    problem = Problem([prepare(read_log(path), config)], config)
+    found = naming.name(problem, [catalogue()[e] for e in ("imu_delay", "grade")])
+    late = next(n for n in found.named if n.effect.id == "imu_delay")
+    assert late.share < naming.LEAST_CLOSED < late.alone
+    assert late.values["imu_delay_time"] == pytest.approx(0.008, abs=0.002)
+
+
 def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
     """The steering's: its own and the IMU's; the wheels': the IMU's; an effect of the car has no share. Of a low pass its own."""
     sizes = {"imu_delay": (-0.02, 0.002), "steering_delay": (-0.01, 0.001), "steering_lag": (0.012, 0.003), "mass": (0.1, 0.02)}
@@ -417,6 +447,12 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
 
     assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (10, 20, 20)
     assert (code("body_roll", 0.06, []), code("grade", 0.8, [])) == (10, 10)
+    (p,) = catalogue()["body_roll"].strengths[:1]
+    roll = Named(catalogue()["body_roll"], {p.name: 0.01}, {p.name: (0.0, 0.02)}, 0.9, 40.0, 0.99)
+    beside = SimpleNamespace(formula=SimpleNamespace(text="", place=""), words=[])
+    found = workflow.Found(naming.Naming(baseline, baseline, [roll], 0.9, [], [], True), beside)
+    assert workflow.judge(found, [], [])[1] == 10
+    assert workflow.judge(found, [], [], left)[1] == 20  # held-out logs that names and formula do not explain
     assert (code("body_roll", 0.0, [], 0.61), code("body_roll", 0.0, [], 0.3), code("body_roll", 0.0, left, 0.61)) == (11, 0, 20)
 
 

@@ -84,12 +84,17 @@ def gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
 
+def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
+    """Per channel: energy above the sensors' noise. A floor under the noise is no reason to see less of a gap."""
+    return {
+        c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
+        for c, rows in problem.used()
+    }
+
+
 def excess(problem: Problem, residuals: np.ndarray) -> float:
-    """Energy above the sensors' noise, all channels. A floor under the noise is no reason to see less of a gap."""
-    total = 0.0
-    for _, rows in problem.used():
-        total += max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
-    return total
+    """The same of all channels."""
+    return sum(excess_of(problem, residuals).values())
 
 
 def covariance(problem: Problem, f: Fit) -> np.ndarray:

@@ -30,9 +30,9 @@ MOST_STIFFNESS = 1.8  # ln: the same, most
 # scale of accel_y and for other tyres
 OWN_MEAN = (0.0, 0.0, 0.0, 0.12)
 OWN_SD = (0.1, 0.1, 0.1, 0.05)  # ln, ln, ln, 1: of the same
-# 1, m, 1, m: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of
-# the logs, steering moves with force, axles differ in relaxation
-LEAST_SD = {"lean_sd": 0.1, "trail_sd": 0.02, "gyro_scale_sd": 0.005, "relaxation_sd": 0.12}
+# 1, m, 1, m, rad: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of
+# the logs, steering moves with force, axles differ in relaxation, a rack's zero is not that of another day
+LEAST_SD = {"lean_sd": 0.1, "trail_sd": 0.02, "gyro_scale_sd": 0.005, "relaxation_sd": 0.12, "steer_offset_sd": 0.0003}
 
 
 @dataclass(frozen=True)

@@ -236,12 +236,7 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
         )
         words = [f"No formula is proposed: {len(tried)} were simulated, {why}."]
         return Discovery(None, None, tried=shown, words=words)
-    formula = _described(frame, chosen)
-    words = [
-        f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
-        "cause; where it was never driven it does not hold."
-    ]
-    return replace(chosen, formula=formula, tried=shown, words=words)
+    return _stated(frame, replace(chosen, tried=shown))
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
@@ -250,7 +245,17 @@ def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
         return found
     frame = Frame.of(problem, last)
     again = refit(frame, found.formula, found.limits, found.price)
-    return replace(found, formula=_described(frame, again), fit=again.fit, share=again.share)
+    return _stated(frame, replace(found, formula=again.formula, fit=again.fit, share=again.share))
+
+
+def _stated(frame: Frame, c: Discovery) -> Discovery:
+    """With what a person reads of it."""
+    formula = _described(frame, c)
+    words = [
+        f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
+        "cause; where it was never driven it does not hold."
+    ]
+    return replace(c, formula=formula, words=words)
 
 
 def _described(frame: Frame, c: Discovery) -> Formula:

@@ -40,6 +40,8 @@ LATE = (0.003, 0.02)
 UNCERTAIN = unknowns.UNCERTAIN | {
     "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "roll_steer_sd": "rear_roll_steer_gain",
 }  # fmt: skip
+# Of the road, not of the car, and one number: how far it leans into its curves. Left out it passes for a scale of accel_y.
+LEAN = "superelevation"
 OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
 
 
@@ -56,6 +58,13 @@ def latencies() -> tuple[Effect, ...]:
         _late("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
         _late("accel_y_latency", "accel_y late behind the gyro", "accel_y"),
     )
+
+
+def lean() -> Effect:
+    """Return what the bank of the road in its curves does, as an effect of its own: the profile of the road is another."""
+    bank = catalogue()["bank"]
+    only = tuple(p for p in bank.parameters if p.key == LEAN)
+    return Effect(LEAN, "road that leans into its curves", "accel_y, yaw_rate", ("imu_scale_ay", "body_roll"), only)
 
 
 @dataclass(frozen=True)
@@ -121,8 +130,8 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     share = EXPECTED / max(len(physics), 2)  # of a list of one, too, it may not be there
     # profiles of roads: naming.py; what leans or climbs all along is a bias
     found, late = [], latencies()
-    for e in (*asked, *late):
-        sensor = e.id in SENSORS or e in late
+    for e in (*asked, *late, lean()):
+        sensor = e.id in (*SENSORS, LEAN) or e in late
         if any(p.name in SIGNED_DELAYS for p in e.parameters):
             e = replace(e, parameters=tuple(replace(p, low=-MOST_LATE, high=MOST_LATE, sign=0) for p in e.parameters))
         p = SENSOR_SHARE if sensor else EVERY_SHARE if e.id in EVERY_CAR else share

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.stats import norm
 
 from tse.impl.gap.catalogue import Effect, Key, catalogue, of_the_car, profiles
-from tse.impl.gap.fit import Fit, excess, fit
+from tse.impl.gap.fit import Fit, excess, excess_of, fit, gap
 from tse.impl.gap.infer import noise
-from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
+from tse.impl.gap.infer.hypotheses import LEAN, NAME_AT, Hypothesis, hypotheses
 from tse.impl.gap.infer.search import Judged, Search, judge
 from tse.impl.gap.infer.space import Layout
 from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
@@ -27,11 +27,12 @@ EARLY = {  # delays below zero
     "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
 }
 LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
-# share of the probability that an effect or something in its place is missing, from which that something is a look-
-# alike
-ALIKE_AT = 0.05
+# share of the probability that an effect or something in its place is missing, from which that something is a look-alike:
+# evidence is good to two nats, by which mass and yaw inertia, which no log tells apart, differ
+ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
-LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close
+LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close; a road has no name to earn
+LEFT = 1.1  # rms over noise, from which a channel has something to close by itself
 ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
 ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
 # nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
@@ -53,8 +54,14 @@ class Named:
     evidence: float  # nats
     probability: float = 1.0
     look_alikes: list[str] = field(default_factory=list)
-    alone: float = 1.0  # share that it closes of what the other names leave
+    alone: float = 1.0  # share that it closes of what the other names leave, of all channels or of one
     whole: float = 1.0  # probability that it, or what looks like it, is missing
+
+    def at(self, values: Mapping[Key, float]) -> Named:
+        """The same where another fit has it, with an interval as wide; as it is, of a profile."""
+        by = {k: values[k] - v for k, v in self.values.items() if k in values}
+        ci95 = {k: (low + by.get(k, 0.0), high + by.get(k, 0.0)) for k, (low, high) in self.ci95.items()}
+        return replace(self, values={k: v + by.get(k, 0.0) for k, v in self.values.items()}, ci95=ci95)
 
     @property
     def message(self) -> bool:
@@ -62,7 +69,7 @@ class Named:
         way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""
         known = catalogue().get(self.effect.id)
         if known is None:
-            return True
+            return self.effect.id != LEAN
         least = {p.name: p.typical_low if self.effect.id == LOW_PASS else p.low for p in known.strengths}
         return any(self.values.get(p.name, p.default) < least[p.name] for p in known.strengths)
 
@@ -82,6 +89,8 @@ class Naming:
     possible: list[dict]  # not named: id, probability, why it is not
     sets: list[dict]  # the most probable ones: ids, probability
     converged: bool
+    # covariance of the stiffnesses, ln, of the sets about what is named: what cannot be told apart has each its own
+    spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
 
 
 def name(
@@ -106,7 +115,7 @@ def name(
             continue
         last = as_fit(problem, plain) if final.effects else baseline
         named = [_named(problem, search, final, plain, last, h, probability, full) for h in final.effects]
-        idle = min(named, key=lambda n: n.alone, default=None)
+        idle = min((n for n in named if n.effect.id != LEAN), key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= LEAST_CLOSED:
             break
         names = final.ids - {idle.effect.id}
@@ -122,7 +131,8 @@ def name(
         if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
     ]
     closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
-    return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged)
+    spread = probability.spread(search, final)
+    return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged, spread)
 
 
 def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
@@ -161,10 +171,7 @@ def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit
         plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
         final, converged = as_fit(problem, plain), plain.converged
         there = [n for n in naming.named if n.effect.id in flat]
-        for n in (n for n in there if not negligible(n.effect, final.values)):
-            by = {k: final.values[k] - v for k, v in n.values.items()}
-            ci95 = {k: (low + by[k], high + by[k]) for k, (low, high) in n.ci95.items()}
-            named.append(replace(n, values={k: final.values[k] for k in by}, ci95=ci95))
+        named = [n.at(final.values) for n in there if not negligible(n.effect, final.values)]
     if short := [n.effect for n in roads if len(problem.strengths(n.effect)) <= MOST_KNOTS]:
         final = _with_roads(problem, final, short)
     full = excess(problem, baseline.residuals)
@@ -204,9 +211,19 @@ class Probability:
         stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
         return self.effects.get(effect, 0.0) + stand_in
 
+    def spread(self, search: Search, named: Judged) -> np.ndarray:
+        """Covariance of ln stiffness over the sets, about that of the one that is named."""
+        away = {ids: ln_stiffness(search.known[ids]) - ln_stiffness(named) for ids in self._sets}
+        return sum((p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()), np.zeros((len(STIFFNESS),) * 2))
+
     def sets(self, most: int = 8) -> list[dict]:
         top = sorted(self._sets.items(), key=lambda x: -x[1])[:most]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
+
+
+def ln_stiffness(judged: Judged) -> np.ndarray:
+    """Of the car, over the vehicle file's."""
+    return np.log([judged.values[p.name] for p in STIFFNESS])
 
 
 def _named(
@@ -216,9 +233,14 @@ def _named(
     without = search.judge(final.ids - {h.id}, final.values, final)
     found.evidence = final.evidence - without.evidence
     # no set leaves more than nothing does; a fit that believes in discrepancies is no least squares, and may
-    left = min(excess(problem, as_fit(problem, without, slopes=False).residuals), full)
-    closes = left - excess(problem, last.residuals)
-    found.share, found.alone = closes / max(full, 1e-300), closes / max(left, 1e-300)
+    others = as_fit(problem, without, slopes=False).residuals
+    found.share = (min(excess(problem, others), full) - excess(problem, last.residuals)) / max(full, 1e-300)
+    # of the channel that it closes most of: a hill in accel_x is no reason to see nothing of what turns the car
+    before, after = excess_of(problem, others), excess_of(problem, last.residuals)
+    found.alone = 1.0 - sum(after.values()) / max(sum(before.values()), 1e-300)
+    if found.probability >= NAME_AT:
+        shares = [1.0 - after[c] / max(before[c], 1e-300) for c, x in gap(problem, others).items() if x > LEFT]
+        found.alone = max([found.alone, *shares])
     return found
 
 
@@ -309,7 +331,8 @@ def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
     given = problem.config.as_dict()
-    others = {*SIGNED_DELAYS, *latency_settings().values(), *(p.name for e in PROFILES for p in catalogue()[e].parameters)}
+    road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != LEAN)
+    others = {*SIGNED_DELAYS, *latency_settings().values(), *road}
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):

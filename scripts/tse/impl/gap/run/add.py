@@ -15,6 +15,7 @@ from tse.impl import __version__
 from tse.impl.core import NOMINAL, Config, library
 from tse.impl.files import atomic
 from tse.impl.formula import c_header, write_formula
+from tse.impl.gap.infer.hypotheses import LEAN
 from tse.impl.gap.infer.naming import settings
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.gap.run.posterior import posterior
@@ -64,7 +65,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     """The vehicle file with fitted stiffness and what was named. `vehicle`: as the user wrote it, sensors not filled in."""
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]
-    known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {}, logs)
+    known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {}, logs, result.naming.spread)
     values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, known.stiffness)}
     bands = {"longitudinal_stiffness_rear": ", follows the front one"}
     for k, (_, low, high) in known_stiffness(replace(vehicle, values=values, calibration=known.calibration())).items():
@@ -72,11 +73,13 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     notes: dict[str, list[str]] = {}
     for i, n in named.items():
         bands |= {str(k): f", 95 %: {low:.3g} .. {high:.3g}" for k, (low, high) in n.ci95.items()}
-        notes[i] = [f"closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats"]
-        if n.look_alikes:
-            notes[i].append(f"These logs cannot exclude {', '.join(n.look_alikes)} in its place.")
+        said = notes.setdefault("bank" if i == LEAN else i, [])
         if i in PROFILES:
-            notes[i] = ["a profile over the distance, of the road and not of the car: not written"]
+            said.append("a profile over the distance, of the road and not of the car: not written")
+            continue
+        said.append(f"closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats")
+        if n.look_alikes:
+            said.append(f"These logs cannot exclude {', '.join(n.look_alikes)} in its place.")
     source = vehicle.path.name if vehicle.path else "the built-in car"
     names = ", ".join(log.path.name for log in problem.logs)
     added = [*(i for i in named if i not in PROFILES), *(["a formula"] if result.formula else [])]

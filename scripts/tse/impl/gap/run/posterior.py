@@ -28,6 +28,9 @@ from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle, uncertainty_settings
 
+# Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and what was known of it stays.
+SCALE = "mass_sd"
+
 
 @dataclass(frozen=True)
 class Posterior:
@@ -55,7 +58,7 @@ class Posterior:
         if not any(v.values()):
             return v  # known exactly
         v["model_sd"] = self.model_sd
-        return v | {key: max(self.sd(name), min(LEAST_SD.get(key, 0.0), v[key])) for key, name in UNCERTAIN.items()}
+        return v | {key: max(self.sd(name), min(LEAST_SD.get(key, 0.0), v[key])) for key, name in UNCERTAIN.items() if key != SCALE}
 
     def calibration(self) -> dict[str, Any]:
         """Names, mean and covariance as tse.impl.calibrate has them: stiffness in ln over this file's."""
@@ -67,27 +70,42 @@ class Posterior:
         return {"names": [str(self.names[k]) for k in mine], "mean": mean, "covariance": covariance}
 
 
-def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[str, float], logs: Sequence[Log] = ()) -> Posterior:
+def posterior(
+    problem: Problem,
+    fit: Fit,
+    vehicle: Vehicle,
+    settings: Mapping[str, float],
+    logs: Sequence[Log] = (),
+    spread: np.ndarray | None = None,
+) -> Posterior:
     """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with; `logs`: that were fitted, as they were
-    read.
+    read; `spread`: covariance of ln stiffness over what may be missing in the place of what was named.
+
+    A formula is not in the estimator: what it explains is what the model does not, there.
 
     Where the model that wheels drive does not explain accel_x, its longitudinal stiffness is what smooths their noise, 13 .. 45 %
     too soft of three multi-body cars: there it is what a calibration finds of the slip, or what was known before."""
-    prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items()}
+    prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}
     asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0)]
     effects = [h for h in asked if any(p.name in fitted or prior.get(p.name) for p in h.effect.strengths)]
-    problem = problem.holding(dict(fit.values) | dict(settings))
-    space = Space(Layout(problem), effects)
-    start = problem.nominal | problem.fixed
-    at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
-    space.sd = np.array([sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)])
-    space.mean, space.information = at, np.diag(space.sd**-2)
-    found = engine.fit(space, at, most=0)
+    bare = problem.holding(fit.values)
+    problem = bare.holding(settings)
+
+    def fitted_at(problem: Problem) -> tuple[Space, np.ndarray, engine.Fit]:
+        space = Space(Layout(problem), effects)
+        start = problem.nominal | problem.fixed
+        at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
+        space.sd = np.array([sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)])
+        space.mean, space.information = at, np.diag(space.sd**-2)
+        return space, at, engine.fit(space, at, most=0)
+
+    space, at, found = fitted_at(problem)
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
     # the discrepancy as calibration has it: that of the search has other limits, for residuals that are nearly noise
-    yaw = space.pieces(found.residuals, "yaw_rate")
-    left = model_sd(space, replace(found, noise={"yaw_rate": likeliest(yaw)} if yaw else {}), vehicle.values.get("model_sd", 0.0))
+    there, _, alone = fitted_at(bare) if settings else (space, at, found)
+    yaw = there.pieces(alone.residuals, "yaw_rate")
+    left = model_sd(there, replace(alone, noise={"yaw_rate": likeliest(yaw)} if yaw else {}), vehicle.values.get("model_sd", 0.0))
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
     if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
         k = [space.names[k] for k in car].index(STIFFNESS)
@@ -95,4 +113,7 @@ def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[st
         values[k] = np.exp(mean)
         covariance[k, :] = covariance[:, k] = 0.0
         covariance[k, k] = (sd * values[k]) ** 2
+    stiff = [car.index(k) for k, n in enumerate(space.names) if n in NOMINAL]
+    common = vehicle.values.get(SCALE, 0.0) ** 2 + (0.0 if spread is None else spread)
+    covariance[np.ix_(stiff, stiff)] += common * np.outer(values[stiff], values[stiff])
     return Posterior(tuple(space.names[k] for k in car), values, covariance, left)

@@ -20,7 +20,7 @@ from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.excerpt import excerpt, is_long
 from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery
-from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
+from tse.impl.gap.infer.hypotheses import LEAN, NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
 from tse.impl.gap.problem import PROFILES, Problem
@@ -143,6 +143,8 @@ def read(
     paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None, notes: list[str] | None = None
 ) -> tuple[list[Log], Config]:
     """Logs that can be read, and the settings of the vehicle with sensors filled in from the first."""
+    if not paths:
+        raise UserError("no logs to fit: at least one is needed")
     logs = read_logs_of(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
     fill_sensors(vehicle, logs[0])
     return logs, Config(vehicle.values)
@@ -200,6 +202,9 @@ def run(
         say("all logs")
         naming = name.on_all(problem, found.naming)
         found = replace(found, naming=naming, discovery=found.discovery and search.on_all(problem, naming.final, found.discovery))
+
+    if found.formula:  # beside it sizes are others: those that are said are those that are written
+        found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
 
     changes: dict[str, show.Change] = {}
     elsewhere: list[remainder.Remainder] = []
@@ -261,9 +266,9 @@ def judge(
     naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
     words = [_sentence(n) for n in naming.named]
-    of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in PROFILES)
+    of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in (*PROFILES, LEAN))
     likely = [p for p in naming.possible if p["probability"] >= LIKELY]
-    if naming.named and (of_the_car >= LEAST_NAMED or not (remains or formula)):
+    if naming.named and (of_the_car >= LEAST_NAMED or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
     elif remains or formula or elsewhere:
         verdict = "not_in_catalogue"
