@@ -73,6 +73,7 @@ class Result(Found):
     conditions: list[where.Condition]
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]
+    elsewhere: list[remainder.Remainder]  # of the held-out logs, more than noise
     fit_before: dict[str, float]
     fit_after: dict[str, float]
     held_out: dict[str, show.Change]
@@ -222,9 +223,9 @@ def run(
     alike = {i for n in found.naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     return Result(
         **vars(found), verdict=verdict, exit_code=exit_code, words=words, problem=problem, conditions=conditions, entries=entries,
-        remainders=left, fit_before=gap(problem, found.naming.baseline.residuals), fit_after=gap(problem, found.final.residuals),
-        held_out=changes, undetectable=[d for d in seen if not d.visible and d.id not in alike], detectable=seen, notes=notes,
-        held=held,
+        remainders=left, elsewhere=elsewhere, fit_before=gap(problem, found.naming.baseline.residuals),
+        fit_after=gap(problem, found.final.residuals), held_out=changes,
+        undetectable=[d for d in seen if not d.visible and d.id not in alike], detectable=seen, notes=notes, held=held,
     )  # fmt: skip
 
 
