@@ -31,14 +31,8 @@ else:
 
 LIMITS = m.ROOT / "tests" / "budgets.toml"
 RESULTS = m.ROOT / "scripts" / "results" / "budgets.md"
-OPTIONS = (
-    "-DTSE_NO_EFFECTS",
-    "-DTSE_NO_PARTICLES",
-    "-DTSE_NO_VELOCITY",
-    "-DTSE_NO_DESCRIBE",
-    "-DTSE_MAX_PARTICLES=16",
-    "-DTSE_LATENCY_ROWS=8",
-)
+OPTIONS = ("-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_VELOCITY", "-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16",
+           "-DTSE_LATENCY_ROWS=8")  # fmt: skip
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
 CALIBRATION = 200_000  # instructions of the loop, and some to come and go

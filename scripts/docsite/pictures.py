@@ -27,19 +27,10 @@ MOST = 100_000  # bytes of a picture that git holds
 INKS = {"ink": "#1f2933", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"}
 STYLE = {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10, "figure.autolayout": True, "axes.titlesize": 10}
 EXACT = dict.fromkeys(library().uncertainties, 0.0)
-CAR: dict[str, Any] = {
-    "mass": 1900,
-    "yaw_inertia": 3000,
-    "lf": 1.25,
-    "lr": 1.5,
-    "wheel_radius_front": 0.33,
-    "wheel_radius_rear": 0.33,
-    "cornering_stiffness_front": 1.2e5,
-    "cornering_stiffness_rear": 1.4e5,
-    "longitudinal_stiffness_front": 1.6e5,
-    "longitudinal_stiffness_rear": 1.6e5,
-    "uncertainty": EXACT,
-}
+CAR: dict[str, Any] = {"mass": 1900, "yaw_inertia": 3000, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33,
+                       "wheel_radius_rear": 0.33, "cornering_stiffness_front": 1.2e5, "cornering_stiffness_rear": 1.4e5,
+                       "longitudinal_stiffness_front": 1.6e5, "longitudinal_stiffness_rear": 1.6e5,
+                       "uncertainty": EXACT}  # fmt: skip
 Inks = dict[str, str]
 
 

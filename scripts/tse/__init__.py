@@ -33,42 +33,10 @@ if TYPE_CHECKING:
     from tse.errors import Error, InputError, LearntError, SettingError
     from tse.impl.vehicle import Vehicle
 
-__all__ = [
-    "CHANNELS",
-    "STIFFNESS",
-    "UNKNOWN_AGE",
-    "Calibration",
-    "Error",
-    "Estimate",
-    "Filter",
-    "Fleet",
-    "Form",
-    "Gap",
-    "InputError",
-    "LearntError",
-    "Log",
-    "LogLike",
-    "Reason",
-    "Replayed",
-    "Result",
-    "Row",
-    "SettingError",
-    "Signals",
-    "Simulated",
-    "Status",
-    "Vehicle",
-    "VehicleLike",
-    "__version__",
-    "calibrate",
-    "estimate",
-    "fleet",
-    "gap",
-    "read_log",
-    "read_vehicle",
-    "replay",
-    "signals",
-    "simulate",
-]
+__all__ = ["CHANNELS", "STIFFNESS", "UNKNOWN_AGE", "Calibration", "Error", "Estimate", "Filter", "Fleet", "Form", "Gap",
+           "InputError", "LearntError", "Log", "LogLike", "Reason", "Replayed", "Result", "Row", "SettingError", "Signals",
+           "Simulated", "Status", "Vehicle", "VehicleLike", "__version__", "calibrate", "estimate", "fleet", "gap", "read_log",
+           "read_vehicle", "replay", "signals", "simulate"]  # fmt: skip
 
 _LATER = {  # loaded by who uses it: the command is a user, too, and --help needs none of it
     **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),

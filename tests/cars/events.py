@@ -109,16 +109,8 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
 def table(found: pd.DataFrame) -> list[str]:
     """A line per scenario."""
     wrong = "valid and 20 % off, of the next 60 s: median, 90 %, most [s]"
-    heads = (
-        "event",
-        "drives",
-        "truth after over before",
-        "valid before [%]",
-        "valid after [%]",
-        wrong,
-        "reported within 5 s [%]",
-        "shows after: median, 90 % [s]",
-    )
+    heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong, "reported within 5 s [%]",
+             "shows after: median, 90 % [s]")  # fmt: skip
     rows = []
     for scenario, group in found.groupby("scenario", sort=False):
         by = [group[group["stiffness"] == key] for key in STIFFNESS]

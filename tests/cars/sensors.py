@@ -19,21 +19,8 @@ from .cars import CHANNELS, Car, roll_arm, sprung
 
 FINE = 0.005  # s between records of the motion
 ROW = 0.01  # s between rows of the log
-STATES = (
-    "vx",
-    "vy",
-    "r",
-    "roll",
-    "droll",
-    "pitch",
-    "dpitch",
-    "dheave",
-    "steering_wheel",
-    "spin_fl",
-    "spin_fr",
-    "spin_rl",
-    "spin_rr",
-)
+STATES = ("vx", "vy", "r", "roll", "droll", "pitch", "dpitch", "dheave", "steering_wheel", "spin_fl", "spin_fr", "spin_rl",
+          "spin_rr")  # fmt: skip
 SLOPES = ("gx", "gy", "gz")  # m/s2, gravity along x, y of the road and into it
 
 

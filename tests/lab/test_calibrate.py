@@ -265,14 +265,8 @@ def test_bad_arguments_end_in_a_sentence(case: Path, arguments: list[str], said:
 # ---- Longitudinal stiffness and wheel speeds in two messages: what calibrate finds of drives that nothing of the library has made.
 
 DT, SECONDS, DRAG, ROLLING, PITCH, HEIGHT = 0.01, 240.0, 0.4, 0.01, 0.004, 0.55
-NAMES = [
-    "wheel_speed_front_latency",
-    "wheel_speed_rear_latency",
-    "rolling_resistance_coefficient",
-    "aero_drag_coefficient",
-    "pitch_leak_gain",
-    "cx_front",
-]
+NAMES = ["wheel_speed_front_latency", "wheel_speed_rear_latency", "rolling_resistance_coefficient", "aero_drag_coefficient",
+         "pitch_leak_gain", "cx_front"]  # fmt: skip
 PRIOR_SD = 0.5
 LATE_SD = 0.025
 

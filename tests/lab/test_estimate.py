@@ -84,23 +84,8 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
     contents = []
     for i, seed in enumerate((5, 5, 6)):
         out = tmp_path / f"{i}.csv"
-        assert (
-            tselab(
-                "estimate",
-                drive.log,
-                "--vehicle",
-                drive.vehicle,
-                "--form",
-                "robust",
-                "--seed",
-                seed,
-                "--particles",
-                64,
-                "--out",
-                out,
-            ).code
-            == 0
-        )
+        options = ["--form", "robust", "--seed", seed, "--particles", 64, "--out", out]
+        assert tselab("estimate", drive.log, "--vehicle", drive.vehicle, *options).code == 0
         contents.append(out.read_bytes())
     assert contents[0] == contents[1] != contents[2]
 

@@ -266,22 +266,8 @@ def test_texts_that_are_refused(text, message):
 
 def test_no_text_of_allowed_characters_ends_otherwise_than_in_a_formula_or_a_refusal():
     random = np.random.default_rng(3)
-    pieces = [
-        *"()+-*/.,12 ",
-        "**",
-        "abs",
-        "lag",
-        "play",
-        "steer_angle",
-        "slip_front",
-        "time",
-        "in",
-        "if",
-        "else",
-        "not",
-        "0x",
-        "e9",
-    ]
+    pieces = [*"()+-*/.,12 ", "**", "abs", "lag", "play", "steer_angle", "slip_front", "time", "in", "if", "else", "not", "0x",
+              "e9"]  # fmt: skip
     made = 0
     for _ in range(3000):
         text = "".join(random.choice(pieces, random.integers(1, 12)))
@@ -636,7 +622,7 @@ def run(folder: Path, settings: dict[str, float], *flags: str) -> bytes:
         f"-I{ROOT / 'include'}",
         f"-I{ROOT / 'src'}",
         "main.c",
-        *(str(ROOT / "src" / name) for name in SOURCES),
+        *(ROOT / "src" / name for name in SOURCES),
         "-lm",
         "-o",
         "run",

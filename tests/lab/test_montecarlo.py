@@ -440,20 +440,8 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
     ids=["ctrl-c", "kill"],
 )
 def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_path, send, what):
-    command = [
-        *COMMAND,
-        "montecarlo",
-        "--study",
-        "stress",
-        "--cases",
-        "nominal",
-        "--runs",
-        "500",
-        "--jobs",
-        "2",
-        "--out",
-        str(tmp_path),
-    ]
+    command = [*COMMAND, "montecarlo", "--study", "stress", "--cases", "nominal", "--runs", "500", "--jobs", "2", "--out",
+               str(tmp_path)]  # fmt: skip
     run = subprocess.Popen(
         command,
         stderr=subprocess.PIPE,

@@ -55,22 +55,9 @@ def run(*command: object, **more: object) -> subprocess.CompletedProcess:
 
 def measured(clang: str) -> tuple[dict, int, list[str]]:
     """(what llvm-cov exports, number of test programs, decisions whose MC/DC this clang cannot measure)"""
-    run(
-        "cmake",
-        "-S",
-        ROOT,
-        "-B",
-        BUILD,
-        f"-DCMAKE_C_COMPILER={clang}",
-        "-DCMAKE_BUILD_TYPE=None",
-        f"-DCMAKE_C_FLAGS={FLAGS}",
-        "-DTSE_BUILD_TESTS=ON",
-        "-DTSE_BUILD_FMU=OFF",
-        "-DTSE_TEST_COMPILES=OFF",
-        "-DTSE_TEST_EVERY_WAY=OFF",
-        f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}",
-        f"-DPython3_EXECUTABLE={sys.executable}",
-    )
+    run("cmake", "-S", ROOT, "-B", BUILD, f"-DCMAKE_C_COMPILER={clang}", "-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={FLAGS}",
+        "-DTSE_BUILD_TESTS=ON", "-DTSE_BUILD_FMU=OFF", "-DTSE_TEST_COMPILES=OFF", "-DTSE_TEST_EVERY_WAY=OFF",
+        f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}", f"-DPython3_EXECUTABLE={sys.executable}")  # fmt: skip
     said = run("cmake", "--build", BUILD, "--clean-first")  # warnings of what is not measured come with each object
     unmeasured = set(re.findall(r"^(\S+:\d+):\d+: warning: unsupported MC/DC", said.stdout + said.stderr, re.M))
     programs = sorted(p for p in (BUILD / "tests").glob("test_*") if p.is_file() and os.access(p, os.X_OK))

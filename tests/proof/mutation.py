@@ -38,18 +38,8 @@ LEAST_TIME = 10.0  # s: a test that takes longer, and ten times longer than with
 SWAPS = {  # operator: what takes its place
     "relation": {"<": ["<=", ">="], ">": [">=", "<="], "<=": ["<", ">"], ">=": [">", "<"], "==": ["!="], "!=": ["=="]},
     "logic": {"&&": ["||"], "||": ["&&"]},
-    "arithmetic": {
-        "+": ["-"],
-        "-": ["+"],
-        "*": ["/"],
-        "/": ["*"],
-        "%": ["*"],
-        "<<": [">>"],
-        ">>": ["<<"],
-        "&": ["|"],
-        "|": ["&"],
-        "^": ["|"],
-    },
+    "arithmetic": {"+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "%": ["*"], "<<": [">>"], ">>": ["<<"], "&": ["|"], "|": ["&"],
+                   "^": ["|"]},
     "assignment": {"+=": ["-="], "-=": ["+="], "++": ["--"], "--": ["++"], "|=": ["&="], "&=": ["|="], "^=": ["|="], "*=": ["/="]},
     "call": {
         "r_mul": ["r_div"],
@@ -63,7 +53,7 @@ SWAPS = {  # operator: what takes its place
         "r_exp2": ["r_log2"],
         "r_log2": ["r_exp2"],
     },
-}
+}  # fmt: skip
 KINDS = [*SWAPS, "number", "negation", "condition", "statement"]
 TOKEN = re.compile(
     r"(?P<skip>/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'|\s+)"
@@ -155,35 +145,9 @@ def faults_of(name: str) -> list[Fault]:
     return found
 
 
-WORDS = {
-    "if",
-    "for",
-    "while",
-    "do",
-    "switch",
-    "case",
-    "default",
-    "return",
-    "break",
-    "continue",
-    "const",
-    "static",
-    "enum",
-    "struct",
-    "typedef",
-    "int",
-    "int32_t",
-    "uint32_t",
-    "uint64_t",
-    "uint8_t",
-    "tse_real",
-    "tse_acc",
-    "tse_setting",
-    "else",
-    "char",
-    "double",
-    "float",
-}
+WORDS = {"if", "for", "while", "do", "switch", "case", "default", "return", "break", "continue", "const", "static", "enum",
+         "struct", "typedef", "int", "int32_t", "uint32_t", "uint64_t", "uint8_t", "tse_real", "tse_acc", "tse_setting", "else",
+         "char", "double", "float"}  # fmt: skip
 
 
 def statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
@@ -236,18 +200,8 @@ class Bench:
 
     def compile(self, source: Path, out: Path, over: Path | None = None, test: bool = False) -> bool:
         first = [f"-I{over}"] if over else []
-        command = [
-            self.cc,
-            *FLAGS,
-            *self.more,
-            *first,
-            *self.include,
-            *(self.for_tests if test else []),
-            "-c",
-            str(source),
-            "-o",
-            str(out),
-        ]
+        more = self.for_tests if test else []
+        command = [self.cc, *FLAGS, *self.more, *first, *self.include, *more, "-c", source, "-o", out]
         return subprocess.run(command, capture_output=True).returncode == 0
 
     def objects(self) -> dict[str, Path]:
