@@ -162,28 +162,21 @@ void ekf_start(ekf *f, const tse_config *c, tse_real spread, const tse_input *ro
   f->kx_rear = (tse_real)(c->longitudinal_stiffness_rear / c->mass);
   f->ky_front = (tse_real)(c->cornering_stiffness_front / c->mass);
   f->ky_rear = (tse_real)(c->cornering_stiffness_rear / c->mass);
-  f->follows = (tse_real)c->rear_longitudinal_follows_front;
-  f->lf = (tse_real)c->lf;
-  f->lr = (tse_real)c->lr;
-  f->jf = (tse_real)(c->mass * c->lf / c->yaw_inertia);
-  f->jr = (tse_real)(c->mass * c->lr / c->yaw_inertia);
-  f->radius_front = (tse_real)c->wheel_radius_front;
-  f->radius_rear = (tse_real)c->wheel_radius_rear;
+  f->follows = (tse_real)c->rear_longitudinal_follows_front, f->lf = (tse_real)c->lf, f->lr = (tse_real)c->lr;
+  f->jf = (tse_real)(c->mass * c->lf / c->yaw_inertia), f->jr = (tse_real)(c->mass * c->lr / c->yaw_inertia);
+  f->radius_front = (tse_real)c->wheel_radius_front, f->radius_rear = (tse_real)c->wheel_radius_rear;
   f->spread_var = spread * spread;
   const tse_setting noise[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
   const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   const tse_setting sd[9] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd, c->initial_mean_sd, c->initial_mean_sd,
                               c->initial_mean_sd, c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
   for (int i = 0; i < 3; i++) {
-    f->noise_var[i] = squared(noise[i]);
-    f->walk_var[i] = squared(walk[i]);
+    f->noise_var[i] = squared(noise[i]), f->walk_var[i] = squared(walk[i]);
   }
   for (int i = 0; i < 9; i++) f->p[i][i] = squared(sd[i]);
   read_inputs(f, row, f->u);
-  f->x[0] = TSE_R(0.5) * (f->u[1] + f->u[2]);
-  f->x[3] = (tse_real)c->initial_cx_front;
-  f->x[4] = (tse_real)c->initial_cy_front;
-  f->x[5] = (tse_real)c->initial_cy_rear;
+  f->x[0] = TSE_R(0.5) * (f->u[1] + f->u[2]), f->x[3] = (tse_real)c->initial_cx_front;
+  f->x[4] = (tse_real)c->initial_cy_front, f->x[5] = (tse_real)c->initial_cy_rear;
 }
 
 void ekf_step(ekf *f, const tse_input *row, int first)

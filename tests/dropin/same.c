@@ -71,8 +71,7 @@ static void drive(const char *name, void (*settings)(tse_config *c), const tse_i
   c.particles = 50;
 #if !defined(TSE_NO_EFFECTS)
   if (told) {
-    c.body_roll_gain = TSE_S(0.01);
-    c.relaxation_length = TSE_S(0.3);
+    c.body_roll_gain = TSE_S(0.01), c.relaxation_length = TSE_S(0.3);
   }
 #else
   (void)told;
@@ -135,8 +134,7 @@ int main(int argc, char **argv)
   tse_sim_config_default(&truth);
   c.body_roll_gain = TSE_S(0.01);
   if (tse_sim_reset(&car, &c, &truth, NULL) < 0) return 1;
-  u.dt = TSE_R(0.01);
-  u.road_level = TSE_R(1);
+  u.dt = TSE_R(0.01), u.road_level = TSE_R(1);
   for (int k = 0; k < 500; k++) {
     u.steer_angle = k / 100 % 2 ? TSE_R(0.03) : TSE_R(-0.03);
     u.wheel_torque_front = k / 150 % 2 ? TSE_R(-600) : TSE_R(700);

@@ -56,8 +56,7 @@ static int step(const tse_input *u, tally *t)
     return 1;
   }
   if (took > t->longest) {
-    t->longest = took;
-    t->longest_at = t->rows;
+    t->longest = took, t->longest_at = t->rows;
   }
   if (t->rows == 0 || took < t->shortest) t->shortest = took;
   t->sum += took;
@@ -86,8 +85,7 @@ static int start_over(int is_late)
   tse_config_default(&c);
   tse_config_uncalibrated(&c); /* with the curve of its tyres, roll and relaxation */
   if (is_late) {
-    c.steer_angle_latency = TSE_S(0.02);
-    c.accel_x_latency = TSE_S(0.015);
+    c.steer_angle_latency = TSE_S(0.02), c.accel_x_latency = TSE_S(0.015);
   }
   return tse_prepare(&c, &params, NULL) < 0 || tse_reset(&params, &filter, sizeof filter) < 0;
 }
@@ -120,8 +118,7 @@ static void odd_row(int kind, int k, tse_input *u)
   const int32_t speed = kind == SLOW || (kind == LONG && k % 100 < 50) ? 2200 : 9000;        /* mm/s */
   const int32_t steer = k % 40 < 20 ? 60 : -60, ms = kind == LONG || kind == ABSURD ? 100 : 10;
   memset(u, 0, sizeof *u);
-  u->dt = thousandths(ms);
-  u->steer_angle = thousandths(steer);
+  u->dt = thousandths(ms), u->steer_angle = thousandths(steer);
   u->wheel_speed_front = thousandths(speed / 300 * 1000 + noise(90));
   u->wheel_speed_rear = thousandths(speed / 300 * 1000 + noise(90));
   u->accel_x = thousandths(noise(200));

@@ -45,12 +45,10 @@ static void drive_at(int i, tse_input *u)
   if (!is_integer)
     for (int k = 0; k < 6; k++)
       if (from->missing >> k & 1) channel[1 + k] = zero / zero;
-  u->dt = channel[0];
-  u->steer_angle = channel[1 + TSE_CHANNEL_steer_angle];
+  u->dt = channel[0], u->steer_angle = channel[1 + TSE_CHANNEL_steer_angle];
   u->wheel_speed_front = channel[1 + TSE_CHANNEL_wheel_speed_front];
   u->wheel_speed_rear = channel[1 + TSE_CHANNEL_wheel_speed_rear];
-  u->accel_x = channel[1 + TSE_CHANNEL_accel_x];
-  u->accel_y = channel[1 + TSE_CHANNEL_accel_y];
+  u->accel_x = channel[1 + TSE_CHANNEL_accel_x], u->accel_y = channel[1 + TSE_CHANNEL_accel_y];
   u->yaw_rate = channel[1 + TSE_CHANNEL_yaw_rate];
 }
 

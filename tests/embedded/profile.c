@@ -44,8 +44,7 @@ static void translated(plugin_id id, struct qemu_plugin_tb *tb)
   for (uint64_t k = at * 2654435761u % BLOCKS, n = 0; n < BLOCKS; k = (k + 1) % BLOCKS, n++) {
     block *const b = &blocks[k];
     if (b->instructions == 0) {
-      b->at = at;
-      b->instructions = count;
+      b->at = at, b->instructions = count;
     }
     if (b->at != at || b->instructions != count) continue;
     qemu_plugin_register_vcpu_tb_exec_cb(tb, executed, 0, b);

@@ -150,8 +150,7 @@ static inline tse_input road_row(road *r, double dt)
   memset(&u, 0, sizeof u);
   r->time += dt < 1 ? dt : 1;
   const double steer = r->steer * sin(r->pace * r->time), turn = r->speed * steer / (2.75 + 0.0025 * r->speed * r->speed);
-  u.dt = real_of(dt);
-  u.steer_angle = real_of(steer);
+  u.dt = real_of(dt), u.steer_angle = real_of(steer);
   u.wheel_speed_front = real_of(r->speed / 0.33 * (1 + r->slip * cos(0.7 * r->time)));
   u.wheel_speed_rear = real_of(r->speed / 0.33);
   u.accel_x = real_of(9 * r->slip * cos(0.7 * r->time) + 0.15 * road_noise(r));

@@ -66,8 +66,7 @@ static uint64_t run(const uint8_t *data, size_t size)
 {
   bytes b = { data, size };
   tse_input last;
-  d.rows = 0;
-  d.digest = FRESH;
+  d.rows = 0, d.digest = FRESH;
   const uint32_t first = take(&b, 1);
   take_settings(&b, &d.c, 0);
   d.c.form = (int32_t)(first % 5 < 3 ? 0 : 1); /* mostly the default form */

@@ -143,9 +143,7 @@ static void drive_once(uint32_t drive)
   tse_sim_config_default(&s);
   const event e = any_event(drive);
   const double speed = between(8, 40), sideways = between(1, 6), pace[3] = { between(0.3, 1.5), between(1.5, 4), between(4, 9) };
-  s.speed = tse_setting_of(speed);
-  s.seed = (int32_t)(drive + 1);
-  s.substep = tse_setting_of(0.002);
+  s.speed = tse_setting_of(speed), s.seed = (int32_t)(drive + 1), s.substep = tse_setting_of(0.002);
   s.true_cx_front = tse_setting_of(between(0.6, 1.2));
   s.true_cy_front = tse_setting_of(between(0.6, 1.2));
   s.true_cy_rear = tse_setting_of(between(0.6, 1.2));

@@ -91,8 +91,7 @@ static inline uint64_t replay_run(const tse_input *rows, int n, int form, int32_
   tse_output y;
   uint64_t hash = REPLAY_HASH_EMPTY;
   replay_forms[form].settings(&config);
-  config.particles = REPLAY_PARTICLES;
-  config.resampling = scheme;
+  config.particles = REPLAY_PARTICLES, config.resampling = scheme;
   if (tse_prepare(&config, &p, NULL) < 0 || tse_reset(&p, &memory.filter, sizeof memory) < 0) return 0;
   for (int i = 0; i < n; i++) {
     if (tse_step(&p, &memory.filter, &rows[i], &y) < 0) return 0;

@@ -36,14 +36,10 @@ static int write_drive(void)
   tse_sim_config truth;
   tse_config_default(&config);
   tse_sim_config_default(&truth);
-  truth.speed = tse_setting_of(0);
-  truth.true_cx_front = tse_setting_of(0.9);
-  truth.true_cy_front = tse_setting_of(1.15);
-  truth.true_cy_rear = tse_setting_of(0.85);
-  truth.true_bias_accel_x = tse_setting_of(0.03);
-  truth.true_bias_yaw_rate = tse_setting_of(-0.002);
-  truth.bias_walk = tse_setting_of(1);
-  truth.wheel_speed_sd = tse_setting_of(0.01);
+  truth.speed = tse_setting_of(0), truth.true_cx_front = tse_setting_of(0.9);
+  truth.true_cy_front = tse_setting_of(1.15), truth.true_cy_rear = tse_setting_of(0.85);
+  truth.true_bias_accel_x = tse_setting_of(0.03), truth.true_bias_yaw_rate = tse_setting_of(-0.002);
+  truth.bias_walk = tse_setting_of(1), truth.wheel_speed_sd = tse_setting_of(0.01);
   if (tse_sim_reset(&sim, &config, &truth, NULL) < 0) return 1;
 
   printf("# recorded from the simulator (update.c); an empty field is missing\ndt");
@@ -55,12 +51,9 @@ static int write_drive(void)
     tse_sim_input u;
     tse_sim_output y;
     memset(&u, 0, sizeof u);
-    u.dt = tse_real_of(0.01);
-    u.steer_angle = tse_real_of(steer_at(t));
-    u.wheel_torque_front = tse_real_of(torque_at(t));
-    u.brake_torque_front = tse_real_of(0.6 * brake_at(t));
-    u.brake_torque_rear = tse_real_of(0.4 * brake_at(t));
-    u.road_level = tse_real_of(1);
+    u.dt = tse_real_of(0.01), u.steer_angle = tse_real_of(steer_at(t));
+    u.wheel_torque_front = tse_real_of(torque_at(t)), u.brake_torque_front = tse_real_of(0.6 * brake_at(t));
+    u.brake_torque_rear = tse_real_of(0.4 * brake_at(t)), u.road_level = tse_real_of(1);
     if (tse_sim_step(&sim, &u, &y) < 0) return 1;
     gap += 0.01;
     if (within(t, 13.1, 13.5) || within(t, 16.0, 16.03) || within(t, 18.0, 18.06)) continue; /* rows lost: steps to 0.41 s */

@@ -13,11 +13,7 @@ typedef struct drive {
 
 static inline void set_off_with(drive *d, const tse_config *c, const tse_sim_config *s)
 {
-  d->t = 0.0;
-  d->dt = 0.01;
-  d->road = 1.0;
-  d->steer = 0.02;
-  d->torque = 700.0;
+  d->t = 0.0, d->dt = 0.01, d->road = 1.0, d->steer = 0.02, d->torque = 700.0;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&d->sim, c, s, NULL));
 }
 
@@ -25,8 +21,7 @@ static inline void set_off(drive *d, const tse_config *c, double speed)
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.speed = setting(speed);
-  s.seed = 5;
+  s.speed = setting(speed), s.seed = 5;
   set_off_with(d, c, &s);
 }
 

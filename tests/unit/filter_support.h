@@ -83,11 +83,7 @@ typedef struct truth {
 static inline void truth_start(truth *w, const tse_config *c, double speed, double spread, uint32_t seed)
 {
   memset(w, 0, sizeof *w);
-  w->p = prepared(c);
-  w->seed = seed;
-  w->noise = 1;
-  w->amplitude = 0.03;
-  w->frequency = 0.4;
+  w->p = prepared(c), w->seed = seed, w->noise = 1, w->amplitude = 0.03, w->frequency = 0.4;
   w->throttle = 0.012;
   for (int i = 0; i < 100; i++) (void)next_word(&w->seed);
   for (int i = BX; i < STATES; i++) {
@@ -115,21 +111,15 @@ static inline tse_input truth_row(truth *w, double dt)
     w->t += h;
     w->steer = w->amplitude * sin(6.283185307179586 * w->frequency * w->t);
     const double slip = w->throttle * sin(2.2 * w->t);
-    w->x[SF] = real(slip);
-    w->x[SR] = real(0.5 * slip);
-    last.from = real(from);
-    last.to = real(w->steer);
-    last.dt = real(h);
+    w->x[SF] = real(slip), w->x[SR] = real(0.5 * slip);
+    last.from = real(from), last.to = real(w->steer), last.dt = real(h);
     car_move(&w->p.car, w->x, last, M);
     left -= h;
   }
   car_forces(&w->p.car, w->x, last, TSE_R(1), &f);
   car_measure(&w->p.car, w->x, &f, TSE_R(0), z, H);
   for (int a = 0; a < TSE_SENSORS; a++) reading[a] = number(z[a]) + truth_noise(w, number(w->p.sensor_sd[a]));
-  u.dt = real(dt);
-  u.steer_angle = real(w->steer);
-  u.accel_x = real(reading[0]);
-  u.accel_y = real(reading[1]);
+  u.dt = real(dt), u.steer_angle = real(w->steer), u.accel_x = real(reading[0]), u.accel_y = real(reading[1]);
   u.yaw_rate = real(reading[2]);
   u.wheel_speed_front = real(reading[3] / number(w->p.radius_front));
   u.wheel_speed_rear = real(reading[4] / number(w->p.radius_rear));

@@ -54,8 +54,7 @@ static inline paper_particle any_particle(uint32_t *seed, const paper_car *car, 
   paper_particle q;
   const double v = 0.5 * (car->wheel_radius_front * u[1] + car->wheel_radius_rear * u[2]), sd = next_between(seed, low, high);
   double g[3][5];
-  q.x[0] = single(v + 0.1 * next_normal(seed));
-  q.x[1] = single(0.2 * next_normal(seed));
+  q.x[0] = single(v + 0.1 * next_normal(seed)), q.x[1] = single(0.2 * next_normal(seed));
   q.x[2] = single(0.1 * next_normal(seed));
   for (int a = 0; a < 3; a++) {
     q.mu[a] = single(0.15 * next_normal(seed));

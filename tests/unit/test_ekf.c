@@ -23,15 +23,10 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
   tse_config c;
   ekf f;
   tse_config_default(&c); /* of whom the car is */
-  c.accel_x_sd = c.accel_y_sd = setting(0.15);
-  c.yaw_rate_sd = setting(0.0035);
-  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05);
-  c.yaw_rate_bias_sd = setting(0.002);
-  c.accel_x_bias_walk = c.accel_y_bias_walk = setting(0.002);
-  c.yaw_rate_bias_walk = setting(0.0001);
-  c.initial_mean_sd = setting(0.2);
-  c.initial_vel_x_sd = setting(sd[0]);
-  c.initial_vel_y_sd = setting(sd[1]);
+  c.accel_x_sd = c.accel_y_sd = setting(0.15), c.yaw_rate_sd = setting(0.0035);
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05), c.yaw_rate_bias_sd = setting(0.002);
+  c.accel_x_bias_walk = c.accel_y_bias_walk = setting(0.002), c.yaw_rate_bias_walk = setting(0.0001);
+  c.initial_mean_sd = setting(0.2), c.initial_vel_x_sd = setting(sd[0]), c.initial_vel_y_sd = setting(sd[1]);
   c.initial_yaw_rate_sd = setting(sd[2]);
   for (int k = 0; k < 400; k++) {
     tse_input row;
@@ -46,12 +41,8 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
     dense_observe(d.car, truth, u, y);
     for (int a = 0; a < 3; a++) y[a] = single(y[a] + d.sd[a] * next_normal(&seed));
     memset(&row, 0, sizeof row);
-    row.dt = real(0.01);
-    row.steer_angle = real(u[0]);
-    row.wheel_speed_front = real(u[1] / 0.33);
-    row.wheel_speed_rear = real(u[2] / 0.33);
-    row.accel_x = real(y[0]);
-    row.accel_y = real(y[1]);
+    row.dt = real(0.01), row.steer_angle = real(u[0]), row.wheel_speed_front = real(u[1] / 0.33);
+    row.wheel_speed_rear = real(u[2] / 0.33), row.accel_x = real(y[0]), row.accel_y = real(y[1]);
     row.yaw_rate = real(y[2]);
     if (k == 0) ekf_start(&f, &c, real(spread), &row);
     ekf_step(&f, &row, k == 0);

@@ -292,9 +292,7 @@ static inline sample sample_of_row(const tse_params *p, const double u[3], const
 {
   sample s;
   memset(&s, 0, sizeof s);
-  s.dt = p->sample_time;
-  s.has_inputs = 1;
-  s.u.steer = real(u[0]);
+  s.dt = p->sample_time, s.has_inputs = 1, s.u.steer = real(u[0]);
   s.u.v_front = r_mul(p->radius_front, real(u[1]));
   s.u.v_rear = r_mul(p->radius_rear, real(u[2]));
   for (int a = 0; a < 3; a++) {

@@ -52,8 +52,7 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
                    ...)
 {
   log_line *const l = &lines[said < COUNT(lines) ? said : COUNT(lines) - 1];
-  l->environment = environment;
-  l->status = status;
+  l->environment = environment, l->status = status;
   (void)snprintf(l->name, sizeof l->name, "%s", name);
   (void)snprintf(l->category, sizeof l->category, "%s", category);
   (void)snprintf(l->text, sizeof l->text, "%s", text);

@@ -29,8 +29,7 @@ static void measure(tse_input *u, int row, const tse_config *config)
   u->ins_vel_y = (tse_real)0.01 * (tse_real)(row % 7);
   u->gnss_course = (tse_real)0.001 * (tse_real)(row % 6000);
   u->given = row % 10 == 0 && v > 0 ? TSE_GIVEN_ins_vel_y | TSE_GIVEN_gnss_speed | (row % 20 ? TSE_GIVEN_gnss_course : 0) : 0;
-  u->brake = (tse_real)(row / 300 % 2);
-  u->wheel_torque_front = (tse_real)(row % 500);
+  u->brake = (tse_real)(row / 300 % 2), u->wheel_torque_front = (tse_real)(row % 500);
   u->wheel_torque_rear = (tse_real)(row % 90 - 10);
   u->given |= row / 200 % 4 ? TSE_GIVEN_brake : 0;
   u->given |= row / 700 % 3 ? TSE_GIVEN_wheel_torque_front | TSE_GIVEN_wheel_torque_rear : 0;
@@ -132,8 +131,7 @@ static tse_config small_config(void) /* as initialized() has it */
 static void test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step(void)
 {
   tse_config config = small_config();
-  config.mass = 1800;
-  config.seed = 5;
+  config.mass = 1800, config.seed = 5;
   fmi2Component const c = instantiated();
   OK(put_boolean(c, "vehicle.calibrated", fmi2True));
   OK(put_real(c, "vehicle.mass", 1800));
@@ -144,11 +142,8 @@ static void test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step
 static void test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step(void)
 {
   tse_config config = small_config();
-  config.mass = 1800;
-  config.velocity_latency = TSE_S(0.05);
-  config.velocity_lever_x = TSE_S(-0.5);
-  config.driven_axle = 1;
-  config.wheel_torque_least = TSE_S(50);
+  config.mass = 1800, config.velocity_latency = TSE_S(0.05), config.velocity_lever_x = TSE_S(-0.5);
+  config.driven_axle = 1, config.wheel_torque_least = TSE_S(50);
   fmi2Component const c = instantiated();
   OK(put_boolean(c, "vehicle.calibrated", fmi2True));
   OK(put_real(c, "vehicle.mass", 1800));
@@ -162,12 +157,10 @@ static void test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step(v
 static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(void)
 {
   tse_config config = small_config();
-  config.mass = 1650;
-  config.lf = 1.2;
+  config.mass = 1650, config.lf = 1.2;
   tse_config_uncalibrated(&config);
   config.cornering_stiffness_rear = 140000; /* its start value, and set all the same */
-  config.cg_sd = 0;
-  config.initial_cy_front = 0.9;
+  config.cg_sd = 0, config.initial_cy_front = 0.9;
   fmi2Component const c = instantiated();
   OK(put_real(c, "uncertainty.cg_sd", 0.0)); /* in any order */
   OK(put_real(c, "vehicle.cornering_stiffness_rear", 140000));
@@ -243,8 +236,7 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
   ordinary = plain;
   ordinary.driven_axle = 2;
   tse_config_uncalibrated(&ordinary);
-  ordinary.mass_sd = 0;
-  ordinary.cornering_stiffness_front = 9e4;
+  ordinary.mass_sd = 0, ordinary.cornering_stiffness_front = 9e4;
   expect_config(&ordinary, &got);
 
   OK(fmi2ExitInitializationMode(c));
@@ -265,8 +257,7 @@ static void test_an_importer_that_sets_every_parameter_to_its_start_has_set_none
   tse_config_default(&ordinary);
   ordinary.mass = 1650;
   tse_config_uncalibrated(&ordinary);
-  ordinary.yaw_inertia = 2500;
-  ordinary.cg_sd = TSE_S(0.01);
+  ordinary.yaw_inertia = 2500, ordinary.cg_sd = TSE_S(0.01);
   fmi2Component const c = instantiated();
   set_every_parameter_to_its_start(c);
   OK(put_real(c, "vehicle.mass", 1650));

@@ -16,8 +16,7 @@ static tse_sim_input input_of(int k)
 {
   tse_sim_input u;
   memset(&u, 0, sizeof u);
-  u.dt = STEP;
-  u.steer_angle = 0.02 * sin(0.13 * k);
+  u.dt = STEP, u.steer_angle = 0.02 * sin(0.13 * k);
   u.wheel_torque_front = k % 50 < 25 ? 700.0 : -700.0;
   u.wheel_torque_rear = 100.0 * cos(0.3 * k);
   u.brake_torque_front = k % 10 == 3 ? 200.0 : 0.0;
@@ -72,13 +71,9 @@ static fmi2Component start_both(tse_sim_output *y)
   fmi2Component const c = instantiated();
   tse_config_default(&config);
   tse_sim_config_default(&sim_config);
-  config.mass = 1700;
-  config.accel_x_sd = 0.2;
+  config.mass = 1700, config.accel_x_sd = 0.2;
   config.rear_longitudinal_follows_front = 0.4; /* else the road under the rear axle does not show */
-  sim_config.seed = 9;
-  sim_config.speed = 15;
-  sim_config.bias_walk = 2;
-  sim_config.true_bias_accel_y = 0.1;
+  sim_config.seed = 9, sim_config.speed = 15, sim_config.bias_walk = 2, sim_config.true_bias_accel_y = 0.1;
   sim_config.true_cy_rear = 0.9;
   OK(put_real(c, "vehicle.mass", 1700));
   OK(put_real(c, "sensors.accel_x_sd", 0.2));
@@ -124,8 +119,7 @@ static void test_with_ramp_every_output_has_the_bits_of_the_simulator(void)
 static void jump(const tse_sim_input *u)
 {
   const tse_real level = sim.last.road_level;
-  sim.last = *u;
-  sim.last.road_level = level;
+  sim.last = *u, sim.last.road_level = level;
 }
 
 /* Held inputs: what was set at t acts all through the step, as a simulator shows that is told twice. */

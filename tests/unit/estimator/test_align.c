@@ -24,10 +24,8 @@ static tse_config settings(int32_t form)
 /* Latencies of steering angle, wheels and accelerometers, in seconds. */
 static void tell(tse_config *c, const double late[5])
 {
-  c->steer_angle_latency = setting(late[0]);
-  c->wheel_speed_front_latency = setting(late[1]);
-  c->wheel_speed_rear_latency = setting(late[2]);
-  c->accel_x_latency = setting(late[3]);
+  c->steer_angle_latency = setting(late[0]), c->wheel_speed_front_latency = setting(late[1]);
+  c->wheel_speed_rear_latency = setting(late[2]), c->accel_x_latency = setting(late[3]);
   c->accel_y_latency = setting(late[4]);
 }
 
@@ -175,8 +173,7 @@ static void compare_interpolated(const double late[5], uint32_t seed)
     memset(&u, 0, sizeof u);
     u.dt = real(next_between(&seed, 0.006, 0.016));
     t += n > 0 ? number(u.dt) : 0;
-    b.t[n] = t;
-    b.rows = n + 1;
+    b.t[n] = t, b.rows = n + 1;
     for (int k = 0; k < 6; k++) {
       *channel(&u, k) = real(truth(k, t));
       b.value[n][k] = number(*channel(&u, k));
@@ -386,8 +383,7 @@ static void test_refused_rows_change_nothing(void)
       TEST_ASSERT_EQUAL_INT(TSE_E_TIME, tse_step(&p, &late_one.filter, &u, &y));
     }
     tse_input u = fine;
-    u.missing = 0;
-    u.steer_angle = TSE_R(2);
+    u.missing = 0, u.steer_angle = TSE_R(2);
     TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_step(&p, &late_one.filter, &u, &y));
     TEST_ASSERT_EQUAL_MEMORY(&plain_one, &late_one, sizeof late_one);
     TEST_ASSERT_EQUAL_MEMORY(&before, &y, sizeof y);
@@ -480,15 +476,13 @@ static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
   const double most = 0.01 * (TSE_LATENCY_ROWS - 4);
   tse_config c = settings(0);
   const char *wrong = NULL;
-  c.steer_angle_latency = setting(most - 0.1);
-  c.accel_x_latency = setting(-0.1);
+  c.steer_angle_latency = setting(most - 0.1), c.accel_x_latency = setting(-0.1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, &wrong));
   c.accel_x_latency = setting(-0.101);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_prepare(&c, &p, &wrong));
   TEST_ASSERT_EQUAL_STRING("steer_angle_latency", wrong);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));
-  c.sample_time = setting(0.001);
-  c.steer_angle_latency = setting(0);
+  c.sample_time = setting(0.001), c.steer_angle_latency = setting(0);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, &wrong));
   TEST_ASSERT_EQUAL_STRING("accel_x_latency", wrong);
   c.sample_time = setting(0.01);
@@ -566,8 +560,7 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
   tse_config c = settings(0);
   double late[5];
   for (int k = 0; k < 5; k++) late[k] = 0.01 * rows[k];
-  c.steering_delay_time = setting(0.02);
-  c.imu_delay_time = setting(0.01);
+  c.steering_delay_time = setting(0.02), c.imu_delay_time = setting(0.01);
   start(&c, &plain_one);
   const tse_params plain = p;
   tell(&c, late);

@@ -31,8 +31,7 @@ static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
 #if defined(TSE_REAL_FIXED)
     if (k % 3 == 0) u.dt = (tse_real)1;
 #endif
-    u.steer_angle = real(0.02 * sin(0.13 * k));
-    u.accel_y = real(1.9 * sin(0.13 * k));
+    u.steer_angle = real(0.02 * sin(0.13 * k)), u.accel_y = real(1.9 * sin(0.13 * k));
     u.yaw_rate = real(0.1 * sin(0.13 * k));
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, sizeof f.filter));

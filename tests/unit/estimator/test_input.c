@@ -8,34 +8,23 @@ static tse_params params(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.wheel_radius_front = setting(0.25);
-  c.wheel_radius_rear = setting(0.5);
-  c.accel_x_sd = setting(0.125);
-  c.accel_y_sd = setting(0.25);
-  c.yaw_rate_sd = setting(0.0078125);
+  c.wheel_radius_front = setting(0.25), c.wheel_radius_rear = setting(0.5), c.accel_x_sd = setting(0.125);
+  c.accel_y_sd = setting(0.25), c.yaw_rate_sd = setting(0.0078125);
   return prepared(&c);
 }
 
 static void start_filter(void)
 {
   memset(&filter, 0, sizeof filter);
-  filter.started = 1;
-  filter.steer = real(-0.375);
-  filter.v_front = real(31);
-  filter.v_rear = real(32);
+  filter.started = 1, filter.steer = real(-0.375), filter.v_front = real(31), filter.v_rear = real(32);
 }
 
 static tse_input good_row(void)
 {
   tse_input u;
   memset(&u, 0, sizeof u);
-  u.dt = real(0.015625);
-  u.steer_angle = real(0.125);
-  u.wheel_speed_front = real(80);
-  u.wheel_speed_rear = real(40);
-  u.accel_x = real(0.5);
-  u.accel_y = real(-2);
-  u.yaw_rate = real(0.0625);
+  u.dt = real(0.015625), u.steer_angle = real(0.125), u.wheel_speed_front = real(80);
+  u.wheel_speed_rear = real(40), u.accel_x = real(0.5), u.accel_y = real(-2), u.yaw_rate = real(0.0625);
   return u;
 }
 
@@ -237,8 +226,7 @@ static void test_of_two_wrong_channels_the_first_is_named_and_dt_before_both(voi
 {
   start_filter();
   tse_input u = good_row();
-  u.wheel_speed_rear = real(1000);
-  u.wheel_speed_front = real(1000);
+  u.wheel_speed_rear = real(1000), u.wheel_speed_front = real(1000);
   expect_row_refused(&u, TSE_E_INPUT, "wheel_speed_front");
   u.dt = real(-1);
   expect_row_refused(&u, TSE_E_TIME, "dt");

@@ -19,94 +19,38 @@ static tse_config defaults(void)
 static tse_config other_car(void)
 {
   tse_config c = defaults();
-  c.mass = setting(1250);
-  c.yaw_inertia = setting(1700);
-  c.lf = setting(1.1);
-  c.lr = setting(1.6);
-  c.wheel_radius_front = setting(0.29);
-  c.wheel_radius_rear = setting(0.31);
-  c.longitudinal_stiffness_front = setting(110000);
-  c.longitudinal_stiffness_rear = setting(95000);
-  c.cornering_stiffness_front = setting(70000);
-  c.cornering_stiffness_rear = setting(85000);
-  c.rear_longitudinal_follows_front = setting(0.25);
-  c.accel_x_sd = setting(0.11);
-  c.accel_y_sd = setting(0.23);
-  c.yaw_rate_sd = setting(0.007);
-  c.wheel_noise_sd = setting(0.06);
-  c.steer_lag_sd = setting(0.05);
-  c.mass_sd = setting(0.03);
-  c.grade_sd = setting(0.03);
-  c.model_sd = setting(0.04);
+  c.mass = setting(1250), c.yaw_inertia = setting(1700), c.lf = setting(1.1), c.lr = setting(1.6);
+  c.wheel_radius_front = setting(0.29), c.wheel_radius_rear = setting(0.31);
+  c.longitudinal_stiffness_front = setting(110000), c.longitudinal_stiffness_rear = setting(95000);
+  c.cornering_stiffness_front = setting(70000), c.cornering_stiffness_rear = setting(85000);
+  c.rear_longitudinal_follows_front = setting(0.25), c.accel_x_sd = setting(0.11), c.accel_y_sd = setting(0.23);
+  c.yaw_rate_sd = setting(0.007), c.wheel_noise_sd = setting(0.06), c.steer_lag_sd = setting(0.05);
+  c.mass_sd = setting(0.03), c.grade_sd = setting(0.03), c.model_sd = setting(0.04);
   int considered = 0;
   const tse_field *const first = field_of(TSE_STRUCT_CONFIG, "yaw_inertia_sd");
   for (; considered < TSE_CONSIDER_MODEL - TSE_CONSIDER_INERTIA; considered++) put_field(&c, first + considered, first[considered].hi / (4 + considered));
-  c.steer_angle_latency = setting(0.006);
-  c.wheel_speed_front_latency = setting(0.012);
-  c.wheel_speed_rear_latency = setting(0.015);
-  c.accel_x_latency = setting(-0.003);
-  c.accel_y_latency = setting(-0.009);
-  c.ins_velocity_sd = setting(0.06);
-  c.gnss_speed_sd = setting(0.14);
-  c.gnss_course_sd = setting(0.013);
-  c.wheel_torque_least = setting(45);
-  c.velocity_latency = setting(0.017);
-  c.velocity_latency_sd = setting(0.019);
-  c.velocity_lever_x = setting(0.55);
-  c.velocity_lever_y = setting(-0.45);
-  c.velocity_lever_sd = setting(0.16);
-  c.velocity_heading = setting(0.021);
-  c.velocity_heading_sd = setting(0.024);
-  c.velocity_scale_sd = setting(0.026);
-  c.accel_x_bias_sd = setting(0.02);
-  c.accel_y_bias_sd = setting(0.04);
-  c.yaw_rate_bias_sd = setting(0.003);
-  c.accel_x_bias_walk = setting(0.005);
-  c.accel_y_bias_walk = setting(0.006);
-  c.yaw_rate_bias_walk = setting(0.0007);
-  c.sample_time = setting(0.02);
-  c.forgetting = setting(0.995);
-  c.resample_threshold = setting(0.75);
-  c.initial_cx_front = setting(0.7);
-  c.initial_cy_front = setting(0.8);
-  c.initial_cy_rear = setting(1.3);
-  c.initial_mean_sd = setting(0.4);
-  c.initial_cx_sd = setting(0.35);
-  c.initial_cy_front_sd = setting(0.15);
-  c.initial_cy_rear_sd = setting(0.25);
-  c.grip = setting(0.9);
-  c.grip_sd = setting(0.2);
-  c.cg_height = setting(0.6);
-  c.initial_spread = setting(0.2);
-  c.spread_max = setting(0.7);
-  c.initial_dof = setting(12);
-  c.learnt_floor = setting(0.08);
-  c.learnt_walk_day = setting(0.04);
-  c.initial_vel_x = setting(17);
-  c.initial_vel_x_sd = setting(0.3);
-  c.initial_vel_y_sd = setting(0.2);
-  c.initial_yaw_rate_sd = setting(0.05);
-  c.stiffness_min = setting(0.2);
-  c.stiffness_max = setting(3);
-  c.hold_speed = setting(4);
-  c.max_steer = setting(0.6);
-  c.max_slip = setting(0.08);
-  c.noise_max = setting(12);
-  c.max_gap = setting(0.2);
-  c.valid_sd = setting(0.05);
-  c.forgetting_mean = setting(0.97);
-  c.forgetting_change = setting(0.8);
-  c.spread_kernel = setting(0.03);
-  c.integration = 2;
-  c.reflect_draws = 1;
-  c.particles = 120;
-  c.form = 1;
-  c.driven_axle = 2;
-  c.wheel_signals = 1;
-  c.steady_walk = setting(0.002);
-  c.resampling = 2;
-  c.initial_vel_x_from_wheels = 0;
-  c.seed = 12345;
+  c.steer_angle_latency = setting(0.006), c.wheel_speed_front_latency = setting(0.012);
+  c.wheel_speed_rear_latency = setting(0.015), c.accel_x_latency = setting(-0.003);
+  c.accel_y_latency = setting(-0.009), c.ins_velocity_sd = setting(0.06), c.gnss_speed_sd = setting(0.14);
+  c.gnss_course_sd = setting(0.013), c.wheel_torque_least = setting(45), c.velocity_latency = setting(0.017);
+  c.velocity_latency_sd = setting(0.019), c.velocity_lever_x = setting(0.55);
+  c.velocity_lever_y = setting(-0.45), c.velocity_lever_sd = setting(0.16), c.velocity_heading = setting(0.021);
+  c.velocity_heading_sd = setting(0.024), c.velocity_scale_sd = setting(0.026);
+  c.accel_x_bias_sd = setting(0.02), c.accel_y_bias_sd = setting(0.04), c.yaw_rate_bias_sd = setting(0.003);
+  c.accel_x_bias_walk = setting(0.005), c.accel_y_bias_walk = setting(0.006);
+  c.yaw_rate_bias_walk = setting(0.0007), c.sample_time = setting(0.02), c.forgetting = setting(0.995);
+  c.resample_threshold = setting(0.75), c.initial_cx_front = setting(0.7), c.initial_cy_front = setting(0.8);
+  c.initial_cy_rear = setting(1.3), c.initial_mean_sd = setting(0.4), c.initial_cx_sd = setting(0.35);
+  c.initial_cy_front_sd = setting(0.15), c.initial_cy_rear_sd = setting(0.25), c.grip = setting(0.9);
+  c.grip_sd = setting(0.2), c.cg_height = setting(0.6), c.initial_spread = setting(0.2);
+  c.spread_max = setting(0.7), c.initial_dof = setting(12), c.learnt_floor = setting(0.08);
+  c.learnt_walk_day = setting(0.04), c.initial_vel_x = setting(17), c.initial_vel_x_sd = setting(0.3);
+  c.initial_vel_y_sd = setting(0.2), c.initial_yaw_rate_sd = setting(0.05), c.stiffness_min = setting(0.2);
+  c.stiffness_max = setting(3), c.hold_speed = setting(4), c.max_steer = setting(0.6);
+  c.max_slip = setting(0.08), c.noise_max = setting(12), c.max_gap = setting(0.2), c.valid_sd = setting(0.05);
+  c.forgetting_mean = setting(0.97), c.forgetting_change = setting(0.8), c.spread_kernel = setting(0.03);
+  c.integration = 2, c.reflect_draws = 1, c.particles = 120, c.form = 1, c.driven_axle = 2, c.wheel_signals = 1;
+  c.steady_walk = setting(0.002), c.resampling = 2, c.initial_vel_x_from_wheels = 0, c.seed = 12345;
   return c;
 }
 
@@ -181,9 +125,7 @@ static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
   TEST_ASSERT_EQUAL_INT32(0, expected.form);
   memset(&c, 0xff, sizeof c);
   tse_config_paper(&c);
-  expected.form = 1;
-  expected.exact_kinematics_share = setting(0);
-  expected.initial_spread = setting(0.3);
+  expected.form = 1, expected.exact_kinematics_share = setting(0), expected.initial_spread = setting(0.3);
   expected.stiffness_max = setting(20);
   expected.initial_vel_x_sd = expected.initial_vel_y_sd = setting(1);
   expected.initial_yaw_rate_sd = setting(0.017453292519943295);
@@ -192,14 +134,10 @@ static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
   memset(&c, 0xff, sizeof c);
   tse_config_robust(&c);
   expected.form = expected.integration = expected.reflect_draws = 1;
-  expected.exact_kinematics_share = setting(0);
-  expected.initial_vel_y_sd = setting(1);
-  expected.initial_yaw_rate_sd = setting(0.017453292519943295);
-  expected.forgetting = setting(0.998);
-  expected.forgetting_mean = setting(0.98);
-  expected.forgetting_change = setting(0.9);
-  expected.initial_spread = setting(0.15);
-  expected.spread_max = setting(0.3);
+  expected.exact_kinematics_share = setting(0), expected.initial_vel_y_sd = setting(1);
+  expected.initial_yaw_rate_sd = setting(0.017453292519943295), expected.forgetting = setting(0.998);
+  expected.forgetting_mean = setting(0.98), expected.forgetting_change = setting(0.9);
+  expected.initial_spread = setting(0.15), expected.spread_max = setting(0.3);
   expected.spread_kernel = setting(0.03);
   expect_same_settings(&expected, &c);
   tse_config_robust(NULL);
@@ -245,9 +183,7 @@ static void test_each_setting_that_is_not_finite_is_refused_by_name(void)
 static void test_of_two_wrong_settings_the_first_is_named(void)
 {
   tse_config c = defaults();
-  c.particles = 0;
-  c.lf = setting(-1);
-  c.lr = setting(-1);
+  c.particles = 0, c.lf = setting(-1), c.lr = setting(-1);
   expect_config_refused(&c, "lf");
   c = defaults();
   c.formula_code_1 = -1; /* whole numbers stand between the real ones */
@@ -266,9 +202,7 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
 static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_else_changes(void)
 {
   tse_config c = defaults(), as_told = defaults();
-  c.mass = as_told.mass = setting(1234);
-  c.lf = as_told.lf = setting(1.125);
-  c.lr = as_told.lr = setting(1.375);
+  c.mass = as_told.mass = setting(1234), c.lf = as_told.lf = setting(1.125), c.lr = as_told.lr = setting(1.375);
   EACH_SETTING(row)
   for (size_t k = 0; k < sizeof ordinary / sizeof ordinary[0]; k++)
     if ((int32_t)ordinary[k].at == row->offset) put_setting(&as_told, row, ordinary[k].value);
@@ -345,9 +279,7 @@ static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axle
   };
   for (int k = 0; k < ROWS(row); k++) {
     tse_config c = defaults();
-    c.lf = setting(row[k][0]);
-    c.lr = setting(row[k][1]);
-    c.cg_shift_distance = setting(row[k][2]);
+    c.lf = setting(row[k][0]), c.lr = setting(row[k][1]), c.cg_shift_distance = setting(row[k][2]);
     const tse_params p = prepared(&c);
     expect_near(row[k][3], number(p.car.lf), 1e-6, "lf", k);
     expect_near(row[k][4], number(p.car.lr), 1e-6, "lr", k);
@@ -373,18 +305,11 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
 static void test_the_car_of_the_model_is_that_of_the_settings(void)
 {
   tse_config c = other_car();
-  c.relaxation_length = setting(0.5);
-  c.body_roll_gain = setting(0.005);
-  c.body_roll_frequency = setting(1.5);
-  c.body_roll_damping = setting(0.25);
-  c.body_roll_height = setting(0.2);
-  c.body_roll_coupling = setting(0.4);
-  c.aero_drag_coefficient = setting(0.4);
-  c.rolling_resistance_coefficient = setting(0.012);
-  c.aligning_moment_trail = setting(0.03);
-  c.imu_misalignment_angle = setting(-0.05);
-  c.gyro_scale_error = setting(0.02);
-  c.steering_lag_time = setting(0.04);
+  c.relaxation_length = setting(0.5), c.body_roll_gain = setting(0.005), c.body_roll_frequency = setting(1.5);
+  c.body_roll_damping = setting(0.25), c.body_roll_height = setting(0.2), c.body_roll_coupling = setting(0.4);
+  c.aero_drag_coefficient = setting(0.4), c.rolling_resistance_coefficient = setting(0.012);
+  c.aligning_moment_trail = setting(0.03), c.imu_misalignment_angle = setting(-0.05);
+  c.gyro_scale_error = setting(0.02), c.steering_lag_time = setting(0.04);
   const tse_params p = prepared(&c);
   const tse_car *const k = &p.car;
   expect_relative(110000.0 / 1250, k->kx_front, "kx_front");
@@ -417,17 +342,14 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   TEST_ASSERT_TRUE(number(q.car.drag) == 0 && number(q.car.compliance) == 0 && number(q.car.roll_leak) == 0);
   expect_relative(1, q.car.scale_x, "scale_x");
   expect_relative(1, q.car.mount_cos, "mount_cos");
-  c.grip = setting(0);
-  c.tyre_saturation_inverse_friction = setting(1.25);
+  c.grip = setting(0), c.tyre_saturation_inverse_friction = setting(1.25);
   expect_relative(0.8, prepared(&c).car.grip, "grip of the effect");
 }
 
 static void test_the_prior_of_the_state_is_that_of_the_settings(void)
 {
   tse_config c = other_car();
-  c.steering_offset_angle = setting(0.004);
-  c.grade_angle = setting(0.02);
-  c.bank_angle = setting(0.01);
+  c.steering_offset_angle = setting(0.004), c.grade_angle = setting(0.02), c.bank_angle = setting(0.01);
   const tse_params p = prepared(&c);
   const double sd[STATES - BX] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.25, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
                                    of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
@@ -513,9 +435,7 @@ static void test_filter_constants_follow_their_formulas(void)
 static void test_off_is_off(void)
 {
   tse_config c = other_car();
-  c.forgetting_mean = setting(0);
-  c.reflect_draws = 0;
-  c.spread_max = setting(2);
+  c.forgetting_mean = setting(0), c.reflect_draws = 0, c.spread_max = setting(2);
   const tse_params p = prepared(&c);
   expect_relative(0.995, p.forgetting_mean, "lambda of the mean is lambda");
   expect_relative(-2, p.w_low, "draws are free down to -(stiffness_max - 1)");
@@ -636,8 +556,7 @@ static void test_fingerprint_changes_with_every_bit_of_a_setting(void)
 static void test_fingerprint_tells_settings_that_were_exchanged(void)
 {
   tse_config a = defaults(), b = defaults();
-  a.accel_x_sd = b.accel_y_sd = setting(0.2);
-  a.accel_y_sd = b.accel_x_sd = setting(0.3);
+  a.accel_x_sd = b.accel_y_sd = setting(0.2), a.accel_y_sd = b.accel_x_sd = setting(0.3);
   TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
 }
 
@@ -697,8 +616,7 @@ static void test_stiffness_in_newtons_is_nominal_times_relative(void)
   tse_setting mean[3], sd[3], spread[3];
   memset(&y, 0, sizeof y);
   for (int i = 0; i < 3; i++) {
-    y.stiffness[i] = real(0.5 + 0.25 * i);
-    y.stiffness_sd[i] = real(0.125 + 0.0625 * i);
+    y.stiffness[i] = real(0.5 + 0.25 * i), y.stiffness_sd[i] = real(0.125 + 0.0625 * i);
     y.stiffness_spread[i] = real(0.03125 * (i + 1));
   }
   tse_stiffness_si(&c, &y, mean, sd, spread);

@@ -77,9 +77,7 @@ static void start(trio *t, int32_t kind, double amplitude_of_state, double ampli
     for (int j = 0; j < STATES; j++) t->without.p[i][j] = t->with.p[i][j] = m.p[i][j];
   t->with.p[SF][SF] += amplitude_of_state * amplitude_of_state;
   t->with.p[OFFSET][OFFSET] = amplitude_of_channel * amplitude_of_channel;
-  t->k.event[t->n].kind = kind;
-  t->k.event[t->n].v[SF] = short_of(amplitude_of_state);
-  t->p.log_min = real(-10);
+  t->k.event[t->n].kind = kind, t->k.event[t->n].v[SF] = short_of(amplitude_of_state), t->p.log_min = real(-10);
   t->p.log_max = real(10);
 }
 
@@ -202,11 +200,9 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
     t.n = 0;
     t.with.p[SF][SF] -= 4;
     t.k.x[LCF] = t.k.x[LCR] = TSE_R(-3); /* with less grip than there can be */
-    t.k.event[0].kind = EVENT_ROAD;
-    t.k.event[BEHIND].kind = EVENT_APART;
+    t.k.event[0].kind = EVENT_ROAD, t.k.event[BEHIND].kind = EVENT_APART;
     for (int i = 0; i < 3; i++) {
-      t.k.event[0].v[at[i]] = short_of(first[i]);
-      t.k.event[BEHIND].v[at[i]] = short_of(second[i]);
+      t.k.event[0].v[at[i]] = short_of(first[i]), t.k.event[BEHIND].v[at[i]] = short_of(second[i]);
       for (int j = 0; j < 3; j++) t.with.p[at[i]][at[j]] += first[i] * first[j] + second[i] * second[j];
     }
     const double before = odds(&t);
@@ -260,8 +256,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
     double weight = 0;
     start(&t, EVENT_NONE, 6, 0, &seed);
     t.n += 2; /* the place of the steering angle */
-    t.k.event[t.n].kind = EVENT_STEER;
-    t.k.event[t.n].v[SF] = short_of(6);
+    t.k.event[t.n].kind = EVENT_STEER, t.k.event[t.n].v[SF] = short_of(6);
     for (int row = 0; row < 60 && !(weight > 0.2); row++) {
       rows(&t, 2, ACCEL_Y, n % 2 ? 5 : -5, 0, 1, &seed);
       const double over = number(RATE_FAULT) * number(OPEN_TIME) * exp(t.with.log_likelihood - t.without.log_likelihood);
@@ -295,8 +290,7 @@ static void test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there
   uint32_t seed = 5;
   for (int n = 0; n < 20; n++) {
     start(&t, EVENT_BACK, 2, 0, &seed);
-    t.with.p[SF][SF] = t.without.p[SF][SF];
-    t.with.x[SF] = 2;
+    t.with.p[SF][SF] = t.without.p[SF][SF], t.with.x[SF] = 2;
     const double before = odds(&t);
     rows(&t, 12, n % 5, n % 2 ? 2 : 0, 0, 1, &seed);
     expect_ratio(&t, before, "back");
@@ -311,8 +305,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
   for (int n = 0; n < 10; n++) {
     double h[ALL], was[STATES];
     start(&t, EVENT_BACK, 0, 0, &seed);
-    t.k.change_kind = TSE_CHANGE_REAR;
-    t.k.change_age = TSE_R(1);
+    t.k.change_kind = TSE_CHANGE_REAR, t.k.change_age = TSE_R(1);
     for (int i = LCX; i <= LMU; i++) {
       t.k.x[i] = real(next_between(&seed, -0.5, 0.5));
       t.k.change_from[i - LCX] = real(next_between(&seed, -0.5, 0.5));
@@ -324,8 +317,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       t.without.x[i] = (was[i] + number_of(t.k.event[t.n].v[i]) * number(state_unit[i])) / number(state_unit[i]);
       if (i >= LCX && i <= LMU) t.without.x[i] = (was[i] + log(1 + number_of(t.k.event[t.n].v[i]) * number(state_unit[i]))) / number(state_unit[i]);
     }
-    t.k.event[t.n].score = TSE_R(60);
-    t.k.event[t.n].info = TSE_R(60);
+    t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(60);
     for (int i = LCX; i <= LMU; i++) {
       memset(h, 0, sizeof h);
       h[i] = 1;
@@ -355,9 +347,7 @@ static void test_a_change_is_reported_once(void)
   uint32_t seed = 7;
   for (int later = 0; later < 2; later++) {
     start(&t, EVENT_REAR, 0, 0, &seed);
-    t.k.event[t.n].v[LCR] = short_of(1);
-    t.k.event[t.n].score = TSE_R(-60);
-    t.k.event[t.n].info = TSE_R(30);
+    t.k.event[t.n].v[LCR] = short_of(1), t.k.event[t.n].score = TSE_R(-60), t.k.event[t.n].info = TSE_R(30);
     t.k.change_kind = TSE_CHANGE_ROAD;
     t.k.change_age = real(later ? 10 : 0.5);
     t.k.change_from[LCR - LCX] = real(0.25);
@@ -381,11 +371,8 @@ static void test_another_road_gives_no_more_grip_than_there_is(void)
   double stated[4];
   for (int n = 0; n < 4; n++) {
     start(&t, EVENT_REAR, 0, 0, &seed);
-    t.p.prior_sd[LCR] = real(0.2);
-    t.k.x[LCR] = real(at[n]);
-    t.k.event[t.n].v[LCR] = short_of(0.4 / unit);
-    t.k.event[t.n].score = real(score[n]);
-    t.k.event[t.n].info = real(info);
+    t.p.prior_sd[LCR] = real(0.2), t.k.x[LCR] = real(at[n]), t.k.event[t.n].v[LCR] = short_of(0.4 / unit);
+    t.k.event[t.n].score = real(score[n]), t.k.event[t.n].info = real(info);
     stated[n] = log(odds(&t));
     const double beyond = at[n] + log(1 + 0.4 * score[n] / (1 + info)), sd = hypot(0.2, number(USUAL_MODEL_SD));
     const double less = score[n] > 0 && beyond > 0 ? 0.5 * beyond * beyond / (sd * sd) : 0;
@@ -401,8 +388,7 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
   static tse_params p;
   memset(&k, 0, sizeof k);
   memset(&p, 0, sizeof p);
-  p.log_min = real(-10);
-  p.log_max = real(10);
+  p.log_min = real(-10), p.log_max = real(10);
   for (int i = LCX; i <= LMU; i++) p.prior_sd[i] = real(0.1);
   for (int n = 0; n < 300; n++) events_decide(&p, &k, real(0.01));
   int road = -1;
@@ -410,9 +396,7 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
     if (k.event[n].kind == EVENT_ROAD) road = n;
   TEST_ASSERT_TRUE(road >= 0);
   for (int n = 0; n < TSE_EVENTS; n++) k.event[n].age = OPEN_TIME;
-  k.event[road].age = ROAD_TIME;
-  k.event[road].score = real(-12.3);
-  k.event[road].info = TSE_R(6);
+  k.event[road].age = ROAD_TIME, k.event[road].score = real(-12.3), k.event[road].info = TSE_R(6);
   const double before = number(ud_variance(&k.p, LCX)), before_all = number(k.along.var), unit = pow(number(state_unit[LCX]), 2);
   events_decide(&p, &k, TSE_R(0));
   TEST_ASSERT_TRUE(number(k.event[road].age) == 0);
@@ -456,9 +440,7 @@ static void test_soon_after_a_change_nothing_is_a_fault(void)
   uint32_t seed = 8;
   for (int later = 0; later < 2; later++) {
     start(&t, EVENT_STEER, 0, 0, &seed);
-    t.k.event[t.n].v[OFF] = short_of(1);
-    t.k.event[t.n].score = TSE_R(60);
-    t.k.event[t.n].info = TSE_R(30);
+    t.k.event[t.n].v[OFF] = short_of(1), t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(30);
     t.k.change_kind = TSE_CHANGE_ROAD;
     t.k.change_age = real(later ? 10 : 0.5);
     events_decide(&t.p, &t.k, TSE_R(0));
@@ -492,8 +474,7 @@ static void test_events_are_opened_in_turn(void)
   for (int n = 0; n < 4000; n++) {
     if (n == 2000) { /* from here on there is something to be back from */
       before = opened[EVENT_BACK];
-      k.change_kind = TSE_CHANGE_ROAD;
-      k.change_age = TSE_R(100);
+      k.change_kind = TSE_CHANGE_ROAD, k.change_age = TSE_R(100);
     }
     tse_short M[MOTION][COLUMNS];
     tse_real keep[STATES];

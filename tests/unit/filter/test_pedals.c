@@ -7,9 +7,7 @@ static tse_config a_car(int driven, double grade_sd)
 {
   tse_config c;
   tse_config_default(&c);
-  c.driven_axle = driven;
-  c.grade_sd = setting(grade_sd);
-  c.initial_cx_sd = setting(0.05);
+  c.driven_axle = driven, c.grade_sd = setting(grade_sd), c.initial_cx_sd = setting(0.05);
   return c;
 }
 
@@ -17,9 +15,7 @@ static tse_input a_row(void)
 {
   tse_input u;
   memset(&u, 0, sizeof u);
-  u.dt = real(0.01);
-  u.wheel_speed_front = real(60);
-  u.wheel_speed_rear = real(60.5);
+  u.dt = real(0.01), u.wheel_speed_front = real(60), u.wheel_speed_rear = real(60.5);
   return u;
 }
 
@@ -63,9 +59,7 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
       const tse_params p = prepared(&c);
       tse_input u = a_row();
       decoded z;
-      u.given = cases[n].given;
-      u.brake = real(cases[n].brake);
-      u.wheel_torque_front = real(cases[n].front);
+      u.given = cases[n].given, u.brake = real(cases[n].brake), u.wheel_torque_front = real(cases[n].front);
       u.wheel_torque_rear = real(cases[n].rear);
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
       TEST_ASSERT_EQUAL_INT(TSE_OK, row_decode(&p, &f, &u, &z));
@@ -97,9 +91,7 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
     k.x[at] = k.x[at == SF ? SR : SF] = real(-0.002); /* brakes, as its forces show */
     for (int i = 0; i < STATES; i++) x[i] = number(k.x[i]);
     const dense before = dense_of(&k.p);
-    z.dt = real(0.01);
-    z.has_steer = 1;
-    z.given = BRAKE;
+    z.dt = real(0.01), z.has_steer = 1, z.given = BRAKE;
     z.rolls = at == SF ? ROLLS_FRONT : ROLLS_REAR;
     update_row(&p, &k, &z, straight);
     const double unit = number(state_unit[at]), free = number(at == SF ? p.car.free_front : p.car.free_rear);
@@ -129,8 +121,7 @@ static void test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
     for (int n = 0; n < 800; n++) {
       tse_input u = truth_row(&w, 0.01);
-      u.given = BRAKE;
-      u.brake = TSE_R(1);
+      u.given = BRAKE, u.brake = TSE_R(1);
       TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, NULL) >= 0);
     }
     if (climbs) expect_near(0, number(f.k.x[LCX]), 1e-3, "not learnt", 0); /* but for what a steering offset may push */

@@ -136,8 +136,7 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   tse_input_default(&u);
-  u.dt = real(0.01);
-  u.wheel_speed_front = u.wheel_speed_rear = real(50);
+  u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(50);
   tse_real *const kept[] = { &f.k.agreement.smooth[5], &f.k.agreement.pair[0].time, &f.k.agreement.pair[TSE_PAIRS - 1].both, &f.k.agreement.pair[2].var[1],
                              &f.k.agreement.pair[3].mean[0], &f.k.agreement.moved[1][1] };
   for (int i = 0; i < (int)(sizeof kept / sizeof kept[0]); i++) {

@@ -6,15 +6,9 @@ static tse_params a_car(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.grade_sd = setting(0.03);
-  c.grip = setting(1);
-  c.grip_sd = setting(0.2);
-  c.steer_offset_sd = setting(0.004);
-  c.steer_ratio_sd = setting(0.03);
-  c.relaxation_length = setting(0.4);
-  c.relaxation_sd = setting(0.2);
-  c.yaw_inertia_sd = setting(0.1);
-  c.cg_sd = setting(0.03);
+  c.grade_sd = setting(0.03), c.grip = setting(1), c.grip_sd = setting(0.2), c.steer_offset_sd = setting(0.004);
+  c.steer_ratio_sd = setting(0.03), c.relaxation_length = setting(0.4), c.relaxation_sd = setting(0.2);
+  c.yaw_inertia_sd = setting(0.1), c.cg_sd = setting(0.03);
   return prepared(&c);
 }
 
@@ -22,9 +16,7 @@ static decoded a_row(double dt, double steer)
 {
   decoded z;
   memset(&z, 0, sizeof z);
-  z.dt = real(dt);
-  z.steer = real(steer);
-  z.has_steer = 1;
+  z.dt = real(dt), z.steer = real(steer), z.has_steer = 1;
   return z;
 }
 
@@ -33,8 +25,7 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
   memset(k, 0, sizeof *k);
   any_covariance(&k->p, seed);
   for (int i = 0; i < STATES; i++) k->x[i] = real(0.2 * number(state_unit[i]) * next_between(seed, -1, 1));
-  k->x[VX] = TSE_R(20);
-  k->steer[0] = k->steer[1] = k->steer[2] = real(0.02);
+  k->x[VX] = TSE_R(20), k->steer[0] = k->steer[1] = k->steer[2] = real(0.02);
   for (int q = 0; q < TSE_DOUBTS; q++)
     for (int i = 0; i < STATES; i++)
       if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = short_of(next_between(seed, -0.2, 0.2));
@@ -161,13 +152,10 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   const tse_params p = a_car();
   uint32_t seed = 3;
   in_a_turn(&p, &k, &seed);
-  k.x[BR] = real(0.01);
-  k.x[LCF] = k.x[LCR] = TSE_R(0);
+  k.x[BR] = real(0.01), k.x[LCF] = k.x[LCR] = TSE_R(0);
   const tse_kalman before = k;
   decoded z = a_row(0.01, 0.02);
-  z.use[2] = z.use[3] = z.use[4] = 1;
-  z.z[2] = real(0.16);
-  z.z[3] = z.z[4] = TSE_R(20);
+  z.use[2] = z.use[3] = z.use[4] = 1, z.z[2] = real(0.16), z.z[3] = z.z[4] = TSE_R(20);
   start_motion(&p, &k, &z);
   const double lf = number(p.car.lf), lr = number(p.car.lr), across = 20 * 0.15, front = across * lr / (lf + lr) / number(p.car.ky_front),
                back = across * lf / (lf + lr) / number(p.car.ky_rear);

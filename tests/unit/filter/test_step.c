@@ -13,15 +13,9 @@ static tse_config a_car(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.grip = setting(1);
-  c.grip_sd = setting(0.15);
-  c.relaxation_length = setting(0.4);
-  c.body_roll_gain = setting(0.005);
-  c.aero_drag_coefficient = setting(0.4);
-  c.steer_offset_sd = setting(0.003);
-  c.steer_ratio_sd = setting(0.02);
-  c.wheel_radius_sd = setting(0.003);
-  c.lean_sd = setting(0.02);
+  c.grip = setting(1), c.grip_sd = setting(0.15), c.relaxation_length = setting(0.4);
+  c.body_roll_gain = setting(0.005), c.aero_drag_coefficient = setting(0.4), c.steer_offset_sd = setting(0.003);
+  c.steer_ratio_sd = setting(0.02), c.wheel_radius_sd = setting(0.003), c.lean_sd = setting(0.02);
   c.steer_lag_sd = setting(0.01);
   c.initial_cx_sd = c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2);
   c.accel_x_sd = c.accel_y_sd = setting(0.1);
@@ -113,8 +107,7 @@ static void test_a_lively_drive_teaches_the_stiffness(void)
   const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 4; seed++) {
     truth_start(&w, &c, 20, 0, seed); /* as told, but for the stiffness */
-    w.x[LCF] = real(log(0.8));
-    w.x[LCR] = real(log(1.25));
+    w.x[LCF] = real(log(0.8)), w.x[LCR] = real(log(1.25));
     reset(&w.p);
     const tse_output y = drive(3000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
@@ -384,8 +377,7 @@ static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
   for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
   memset(&y, 0, sizeof y);
   for (int n = 0; n < 1000 && y.change_kind != TSE_CHANGE_ROAD; n++) {
-    f.k.change_kind = TSE_CHANGE_RESTART;
-    f.k.change_age = TSE_R(0);
+    f.k.change_kind = TSE_CHANGE_RESTART, f.k.change_age = TSE_R(0);
     for (int i = 0; i < 4; i++) f.k.change_from[i] = f.k.change_from_var[i] = TSE_R(0);
     y = drive(1);
   }
@@ -726,9 +718,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
 {
   tse_config c = a_car();
   tse_real sd[3];
-  c.mass_sd = setting(0.04);
-  c.cg_sd = setting(0.02);
-  c.trail_sd = setting(0.02);
+  c.mass_sd = setting(0.04), c.cg_sd = setting(0.02), c.trail_sd = setting(0.02);
   start(&c, 20, 0.5, 9);
   const tse_output y = drive(1500);
   const char *names[TSE_UNCERTAINTIES];
@@ -771,8 +761,7 @@ static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_ro
   for (int n = 0; n < 3; n++) {
     tse_config c = a_car();
     c.initial_cx_sd = setting(0.05); /* as known as something can be that needs no drive */
-    c.driven_axle = cases[n].driven;
-    c.grade_sd = setting(cases[n].grade_sd);
+    c.driven_axle = cases[n].driven, c.grade_sd = setting(cases[n].grade_sd);
     start(&c, 20, 1, 1);
     const tse_output y = drive(500);
     TEST_ASSERT_EQUAL_INT(!cases[n].shows, y.reason[TSE_CX_FRONT] == TSE_NOT_EXCITED);
@@ -785,9 +774,7 @@ static void test_uncertain_parameters_widen_the_interval(void)
   for (int loosely = 0; loosely < 2; loosely++) {
     tse_config c = a_car();
     if (loosely) {
-      c.mass_sd = setting(0.05);
-      c.cg_sd = setting(0.05);
-      c.trail_sd = setting(0.04);
+      c.mass_sd = setting(0.05), c.cg_sd = setting(0.05), c.trail_sd = setting(0.04);
       c.accel_y_scale_sd = setting(0.04);
     }
     start(&c, 20, 0, 10);

@@ -65,24 +65,13 @@ static tse_params a_car(int told)
 {
   tse_config c;
   tse_config_default(&c);
-  c.grip = setting(1);
-  c.grip_sd = setting(0.2);
-  c.relaxation_length = setting(0.4);
-  c.body_roll_gain = setting(0.005);
-  c.steer_offset_sd = setting(0.004);
-  c.steer_ratio_sd = setting(0.03);
-  c.wheel_radius_sd = setting(0.004);
-  c.lean_sd = setting(0.05);
+  c.grip = setting(1), c.grip_sd = setting(0.2), c.relaxation_length = setting(0.4);
+  c.body_roll_gain = setting(0.005), c.steer_offset_sd = setting(0.004), c.steer_ratio_sd = setting(0.03);
+  c.wheel_radius_sd = setting(0.004), c.lean_sd = setting(0.05);
   if (!told) {
-    c.yaw_inertia_sd = setting(0.1);
-    c.cg_sd = setting(0.03);
-    c.trail_sd = setting(0.02);
-    c.relaxation_sd = setting(0.2);
-    c.roll_steer_sd = setting(0.04);
-    c.accel_y_scale_sd = setting(0.03);
-    c.gyro_scale_sd = setting(0.01);
-    c.wheel_delay_sd = setting(0.01);
-    c.accel_delay_sd = setting(0.003);
+    c.yaw_inertia_sd = setting(0.1), c.cg_sd = setting(0.03), c.trail_sd = setting(0.02);
+    c.relaxation_sd = setting(0.2), c.roll_steer_sd = setting(0.04), c.accel_y_scale_sd = setting(0.03);
+    c.gyro_scale_sd = setting(0.01), c.wheel_delay_sd = setting(0.01), c.accel_delay_sd = setting(0.003);
   }
   return prepared(&c);
 }
@@ -93,12 +82,8 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
   any_covariance(&k->p, seed);
   for (int i = 0; i < STATES; i++) k->x[i] = real(number(p->prior[i]) + 0.3 * number(state_unit[i]) * next_between(seed, -1, 1));
   k->x[VX] = real(next_between(seed, 15, 25));
-  k->x[YAW] = real(0.2);
-  k->x[AF] = real(0.02);
-  k->x[AR] = real(0.02);
-  k->before[0] = real(0.1);
-  k->before[1] = real(3);
-  k->before[2] = k->x[VX];
+  k->x[YAW] = real(0.2), k->x[AF] = real(0.02), k->x[AR] = real(0.02), k->before[0] = real(0.1);
+  k->before[1] = real(3), k->before[2] = k->x[VX];
   for (int c = 0; c < TSE_SENSORS; c++) k->noise[c] = k->usual[c] = TSE_R(1);
   for (int q = 0; q < TSE_DOUBTS; q++)
     for (int i = 0; i < STATES; i++)
@@ -115,10 +100,7 @@ static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded 
   car_measure(&p->car, k->x, &f, TSE_R(0), at, H);
   weaken(H, TSE_SENSORS, k);
   memset(z, 0, sizeof *z);
-  z->dt = u.dt;
-  z->steer = u.to;
-  z->has_steer = 1;
-  z->used = 3;
+  z->dt = u.dt, z->steer = u.to, z->has_steer = 1, z->used = 3;
   for (int a = 0; a < TSE_SENSORS; a++) {
     z->use[a] = 1;
     read[a] = number(at[a]);
@@ -327,13 +309,11 @@ static void expect_activity(double q, double left, double counts)
   const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
   in_a_turn(&p, &k, &seed);
   memset(&z, 0, sizeof z);
-  z.dt = u.dt;
-  z.has_steer = z.one_speed = 1;
+  z.dt = u.dt, z.has_steer = z.one_speed = 1;
   p.car.shape = p.car.load_gain = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
   p.car.rolling = p.car.drag = p.car.compliance = p.car.pull_front = p.car.pull_rear = TSE_R(0);
   for (int i = 0; i < STATES; i++) k.x[i] = TSE_R(0);
-  k.x[VX] = TSE_R(20);
-  k.x[YAW] = real(0.3);
+  k.x[VX] = TSE_R(20), k.x[YAW] = real(0.3);
   k.x[AF] = real(q * number(p.car.grip) * number(p.car.load_front) / number(p.car.ky_front));
   k.x[AR] = real(q * number(p.car.grip) * number(p.car.load_rear) / number(p.car.ky_rear));
   for (int n = 0; n < 2000; n++) update_row(&p, &k, &z, u);
@@ -386,9 +366,7 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   for (int c = 0; c < TSE_SENSORS; c++) k.noise[c] = k.usual[c] = TSE_R(1);
   ud_set(&k.p, variance);
   memcpy(before, k.x, sizeof before);
-  z.dt = real(0.01);
-  z.use[2] = 1;
-  z.z[2] = real(0.004);
+  z.dt = real(0.01), z.use[2] = 1, z.z[2] = real(0.004);
   for (int n = 0; n < 200; n++) update_still(&p, &k, &z);
   expect_near(0.004, number(k.x[BR]), 1e-4, "bias of the gyro", 0);
   for (int i = 0; i < STATES; i++)

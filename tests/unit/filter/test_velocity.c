@@ -294,8 +294,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     tse_config c = a_config();
     const int channel = n % TSE_VELOCITIES;
     c.velocity_latency = setting(n % 3 ? 0.06 : 0);
-    c.velocity_latency_sd = setting(0.003);
-    c.ins_velocity_sd = c.gnss_speed_sd = setting(0.01);
+    c.velocity_latency_sd = setting(0.003), c.ins_velocity_sd = c.gnss_speed_sd = setting(0.01);
     c.gnss_course_sd = setting(0.001); /* uncertain quantities count: where they do not, Schmidt's gain is left out */
     const tse_params p = prepared(&c);
     tse_real rate[3], by[3][COLUMNS], change[TSE_ALL];
@@ -309,17 +308,13 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int e = 0; e < TSE_EXTRAS; e++) k.p.e[e] = real(0.01 * number(k.p.e[e]));
     any_motion(k.x, &seed);
     k.x[PSI] = real(3.1); /* close to where angles wrap */
-    k.x[V_SCALE] = real(0.01);
-    k.x[V_OFF] = real(0.05);
-    k.x[V_TURN] = real(-0.02);
-    k.x[V_LEVER_X] = real(1.2);
+    k.x[V_SCALE] = real(0.01), k.x[V_OFF] = real(0.05), k.x[V_TURN] = real(-0.02), k.x[V_LEVER_X] = real(1.2);
     k.x[V_LEVER_Y] = real(-0.3);
     for (int q = 0; q < TSE_DOUBTS; q++)
       for (int i = 0; i < TSE_ALL; i++) k.doubt[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);
     for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.misfit[v] = TSE_R(1);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
-    k.velocity.has_heading = k.velocity.has_gyro = 1;
-    k.velocity.gyro = k.x[YAW];
+    k.velocity.has_heading = k.velocity.has_gyro = 1, k.velocity.gyro = k.x[YAW];
     k.velocity.kept = 2; /* a straight past: as the rates have it */
     car_forces(&p.car, k.x, still, TSE_R(1), &f);
     car_rates(&p.car, k.x, &f, rate, by);
@@ -407,8 +402,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     /* the filter's */
     double value = predicted + e;
     if (channel == 3 && value > 3.14159) value -= 6.283185307179586;
-    z.given = 1u << channel;
-    z.optional[channel] = real(value);
+    z.given = 1u << channel, z.optional[channel] = real(value);
     k.velocity.since[channel] = real(0.1);
     for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
     velocity_update(&p, &k, &z, &f, change);
@@ -483,10 +477,7 @@ static void begin_with(const tse_config *config, int every)
 {
   c = *config;
   memset(&s, 0, sizeof s);
-  s.every = every;
-  s.sd = 0.03;
-  s.course_sd = 0.004;
-  s.zero = 2.9;
+  s.every = every, s.sd = 0.03, s.course_sd = 0.004, s.zero = 2.9;
   seed = 5;
   truth_start(&w, &c, 20, 0.7, 12);
   w.amplitude = 0.025;
@@ -498,12 +489,9 @@ static tse_config a_drive(void)
 {
   tse_config config;
   tse_config_default(&config);
-  config.grip = setting(1);
-  config.grip_sd = setting(0.15);
-  config.relaxation_length = setting(0.4);
+  config.grip = setting(1), config.grip_sd = setting(0.15), config.relaxation_length = setting(0.4);
   config.initial_cx_sd = config.initial_cy_front_sd = config.initial_cy_rear_sd = setting(0.2);
-  config.accel_x_sd = config.accel_y_sd = setting(0.1);
-  config.model_sd = setting(0.05);
+  config.accel_x_sd = config.accel_y_sd = setting(0.1), config.model_sd = setting(0.05);
   config.steer_ratio_sd = setting(0.02);
   return config;
 }
@@ -565,10 +553,7 @@ static void test_what_cannot_be_a_velocity_is_not_there(void)
   begin(1);
   for (int n = 0; n < 100; n++) {
     tse_input u = measured_row(ins | gnss);
-    u.ins_vel_x = TSE_R(121);
-    u.ins_vel_y = TSE_R(-61);
-    u.gnss_speed = TSE_R(-1);
-    u.gnss_course = TSE_R(7.1);
+    u.ins_vel_x = TSE_R(121), u.ins_vel_y = TSE_R(-61), u.gnss_speed = TSE_R(-1), u.gnss_course = TSE_R(7.1);
     (void)stepped(&w.p, &f, &u);
   }
   TEST_ASSERT_EQUAL_INT(0, f.k.p.extras);
@@ -591,14 +576,11 @@ static void test_an_ins_that_is_mounted_straight_shows_the_speed_across(void)
 static void test_where_an_ins_sits_and_looks_is_found(void)
 {
   tse_config config = a_drive();
-  config.velocity_latency_sd = setting(0.05);
-  config.velocity_lever_sd = setting(0.5);
+  config.velocity_latency_sd = setting(0.05), config.velocity_lever_sd = setting(0.5);
   begin_with(&config, 1);
   const double without = off_across(0, 3000, 1000);
   begin_with(&config, 1);
-  s.late = 0.04;
-  s.lever_x = 0.6;
-  s.turn = 0.02;
+  s.late = 0.04, s.lever_x = 0.6, s.turn = 0.02;
   const double with = off_across(ins, 3000, 1000);
   TEST_ASSERT_TRUE(without < 0.02 && with < 0.02); /* a model without error needs none, and is not disturbed */
   expect_near(0.02, number(f.k.x[V_TURN]), 0.005, "heading offset", 0);
@@ -646,9 +628,7 @@ static void test_a_frozen_velocity_is_none(void)
   for (int n = 0; n < 800; n++) {
     tse_input u = measured_row(ins | gnss), none = u;
     if (n > 400) {
-      u.ins_vel_x = last.ins_vel_x;
-      u.ins_vel_y = last.ins_vel_y;
-      u.gnss_speed = last.gnss_speed;
+      u.ins_vel_x = last.ins_vel_x, u.ins_vel_y = last.ins_vel_y, u.gnss_speed = last.gnss_speed;
       u.gnss_course = last.gnss_course;
       none.given = 0;
     } else last = u;
@@ -782,8 +762,7 @@ static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(vo
   const tse_params p = prepared(&config);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &paper.filter, sizeof paper));
   memset(&u, 0, sizeof u);
-  u.dt = real(0.01);
-  u.wheel_speed_front = u.wheel_speed_rear = real(60);
+  u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);
   TEST_ASSERT_TRUE(tse_step(&p, &paper.filter, &u, NULL) >= 0);
   u.given = TSE_GIVEN_ins_vel_x;
   TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_step(&p, &paper.filter, &u, NULL));

@@ -40,9 +40,7 @@ static tse_config settings(int32_t form) /* 0, where there is such a form, or 1 
   tse_config c;
   if (form) tse_config_robust(&c);
   else tse_config_default(&c);
-  c.initial_spread = setting(0.3);
-  c.spread_max = setting(0.4);
-  c.particles = 64;
+  c.initial_spread = setting(0.3), c.spread_max = setting(0.4), c.particles = 64;
   return c;
 }
 
@@ -50,15 +48,10 @@ static tse_config settings(int32_t form) /* 0, where there is such a form, or 1 
 static tse_config open_settings(void)
 {
   tse_config c = settings(0);
-  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1);
-  c.yaw_rate_bias_sd = setting(0.01);
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1), c.yaw_rate_bias_sd = setting(0.01);
   c.initial_cx_sd = c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.4);
-  c.grip_sd = setting(0.25);
-  c.steer_offset_sd = setting(0.006);
-  c.steer_ratio_sd = setting(0.03);
-  c.steer_lag_sd = setting(0.03);
-  c.wheel_radius_sd = setting(0.01);
-  c.learnt_floor = setting(0);
+  c.grip_sd = setting(0.25), c.steer_offset_sd = setting(0.006), c.steer_ratio_sd = setting(0.03);
+  c.steer_lag_sd = setting(0.03), c.wheel_radius_sd = setting(0.01), c.learnt_floor = setting(0);
   return c;
 }
 
@@ -85,9 +78,7 @@ static void expect_refused(const tse_params *p, const uint8_t *bytes, size_t cou
 static void know(const tse_params *p, tse_filter_paper *filter)
 {
   reset(p, filter);
-  filter->filter.started = 1;
-  filter->filter.step = 1000;
-  filter->nu = real(LEARNT_NU);
+  filter->filter.started = 1, filter->filter.step = 1000, filter->nu = real(LEARNT_NU);
   for (int a = 0; a < 3; a++) {
     filter->filter.known[a] = LEARNT_KNOWN >> a & 1u ? TSE_KNOWN : TSE_UNKNOWN;
     filter->bias_var[a] = real(pow(learnt_sd[a] / number(p->sd[a]), 2));
@@ -530,9 +521,7 @@ static void test_what_is_saved_lies_inside_what_may_be_loaded(void)
   uint8_t out[TSE_LEARNT_BYTES];
   know(&p, &f);
   for (int i = 0; i < 64; i++) {
-    f.p.mu[0][i] = real(50);
-    f.p.mu[1][i] = real(-3);
-    f.p.bias[0][i] = real(60 / number(p.sd[0]));
+    f.p.mu[0][i] = real(50), f.p.mu[1][i] = real(-3), f.p.bias[0][i] = real(60 / number(p.sd[0]));
     f.p.bias[1][i] = real(-60 / number(p.sd[1]));
     f.p.lam[0][i] = f.p.lam[1][i] = TSE_R(0); /* no spread: no correlation */
   }
@@ -664,9 +653,7 @@ static void test_variances_grow_with_age_as_the_settings_say(void)
     c.accel_y_bias_sd = setting(0.01); /* the table knows less */
     const tse_params p = prepared(&c);
     for (int i = 0; i < ROWS(ages); i++) expect_aged(&c, &p, ages[i]);
-    c.learnt_floor = setting(0.02);
-    c.learnt_walk_day = setting(0.05);
-    c.accel_x_bias_walk = setting(0.0001);
+    c.learnt_floor = setting(0.02), c.learnt_walk_day = setting(0.05), c.accel_x_bias_walk = setting(0.0001);
     const tse_params q = prepared(&c);
     for (int i = 0; i < ROWS(ages); i++) expect_aged(&c, &q, ages[i]);
   }
@@ -697,8 +684,7 @@ static void test_particles_start_at_the_learnt_means_as_uncertain_as_they_are(vo
 {
   tse_config c = settings(1);
   c.particles = TSE_MAX_PARTICLES < 500 ? TSE_MAX_PARTICLES : 500;
-  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1);
-  c.yaw_rate_bias_sd = setting(0.01);
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1), c.yaw_rate_bias_sd = setting(0.01);
   const double chance = 4.42 / sqrt(2.0 * c.particles);
   const tse_params p = prepared(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
@@ -786,8 +772,7 @@ static void test_before_the_first_step_what_was_learnt_is_reported(void)
 {
   for (int32_t form = TSE_DEFAULT_FORM; form <= 1; form++) {
     tse_config c = open_settings();
-    c.form = form;
-    c.steer_angle_latency = setting(0.05);
+    c.form = form, c.steer_angle_latency = setting(0.05);
     const tse_params p = prepared(&c);
     tse_input u;
     tse_output y;
@@ -843,13 +828,9 @@ static void depart(drive *d, const tse_config *c, int32_t seed, double steer, do
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.true_cx_front = setting(0.75);
-  s.true_cy_front = setting(0.8);
-  s.true_cy_rear = setting(1.2);
-  s.seed = seed;
+  s.true_cx_front = setting(0.75), s.true_cy_front = setting(0.8), s.true_cy_rear = setting(1.2), s.seed = seed;
   set_off_with(d, c, &s);
-  d->steer = steer;
-  d->torque = torque;
+  d->steer = steer, d->torque = torque;
 }
 
 static uint32_t known_of(const uint8_t *bytes) { return word(bytes + 12); }

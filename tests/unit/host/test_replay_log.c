@@ -38,10 +38,7 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   const int rows = 2000;
   tse_replay_start s = the_start();
   const tse_replay_log log = the_log();
-  s.cx_front = real(1.2);
-  s.cy_front = real(0.9);
-  s.cy_rear = real(1.1);
-  s.vel_y = real(0.2);
+  s.cx_front = real(1.2), s.cy_front = real(0.9), s.cy_rear = real(1.1), s.vel_y = real(0.2);
   s.yaw_rate = real(-0.1);
   lively(&c, rows);
   replay_with(&c, &log, rows, &s);
@@ -84,11 +81,9 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&a, &plain, &s, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&b, &shaped, &s, NULL));
   memset(&u, 0, sizeof u);
-  u.road_level = real(1);
-  u.dt = real(0.01);
+  u.road_level = real(1), u.dt = real(0.01);
   for (int i = 0; i < 500; i++) {
-    u.steer_angle = real(0.05 * sin(0.1 * i));
-    u.wheel_torque_front = real(800 * sin(0.03 * i));
+    u.steer_angle = real(0.05 * sin(0.1 * i)), u.wheel_torque_front = real(800 * sin(0.03 * i));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&a, &u, &y));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&b, &u, &z));
     TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
@@ -107,8 +102,7 @@ static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
     c.steering_ratio_change = setting(k ? 0.25 : 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim[k], &c, &s, NULL));
     memset(&u, 0, sizeof u);
-    u.dt = real(0.01);
-    u.road_level = real(1);
+    u.dt = real(0.01), u.road_level = real(1);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim[k], &u, &y[k]));
     u.steer_angle = real(k ? 0.008 : 0.01);
     sim[k].last.steer_angle = u.steer_angle;
@@ -202,8 +196,7 @@ static void test_with_lags_the_car_settles_at_walking_pace(void)
 {
   tse_config c = default_car();
   const int rows = 3000;
-  c.relaxation_length = setting(0.5);
-  c.longitudinal_relaxation_length = setting(0.3);
+  c.relaxation_length = setting(0.5), c.longitudinal_relaxation_length = setting(0.3);
   straight(&c, 0, 0.01, rows);
   for (int i = 0; i < rows; i++) {
     log_front[i] = log_rear[i] = real(fmax(5 - 0.01 * i, -1) / 0.33);
@@ -230,9 +223,7 @@ static void test_biases_are_added_to_what_is_read(void)
     before[1][i] = number(got_y[i]);
     before[2][i] = number(got_r[i]);
   }
-  s.bias_accel_x = real(0.25);
-  s.bias_accel_y = real(-0.5);
-  s.bias_yaw_rate = real(0.0625);
+  s.bias_accel_x = real(0.25), s.bias_accel_y = real(-0.5), s.bias_yaw_rate = real(0.0625);
   replay_with(&c, &log, 200, &s);
   for (int i = 0; i < 200; i++) {
     expect_near(before[0][i] + 0.25, number(got_x[i]), BY_FORMAT(1e-14, 1e-6), "accel_x", i);
@@ -251,10 +242,7 @@ static void test_the_start_is_where_it_is_told(void)
   log_front[0] = real(22 / 0.33);
   replay_with(&c, &log, 3, &s);
   expect_near(21, number(got_vx[0]), BY_FORMAT(1e-12, 1e-5), "mean of the wheels", 0);
-  s.vel_x_from_wheels = real(0);
-  s.vel_x = real(19);
-  s.vel_y = real(0.5);
-  s.yaw_rate = real(0.25);
+  s.vel_x_from_wheels = real(0), s.vel_x = real(19), s.vel_y = real(0.5), s.yaw_rate = real(0.25);
   replay_with(&c, &log, 3, &s);
   expect_near(19, number(got_vx[0]), 0, "vel_x", 0);
   expect_near(0.5, number(got_vy[0]), 0, "vel_y", 0);
@@ -273,8 +261,7 @@ static void test_profiles_of_the_road_act_as_slopes_do(void)
     grade[i] = real(0.04 * sin(0.002 * i));
     bank[i] = real(0.02 * sin(0.0015 * i));
   }
-  log.grade = grade;
-  log.bank = bank;
+  log.grade = grade, log.bank = bank;
   replay_with(&c, &log, 2000, &s);
   for (int i = 700; i < 1999; i++) { /* vel_x follows the wheels within a tenth of a second: 0.2 rad/s of it */
     const double vx = (number(got_vx[i + 1]) - number(got_vx[i - 1])) / 0.02, vy = (number(got_vy[i + 1]) - number(got_vy[i - 1])) / 0.02;
@@ -312,25 +299,21 @@ static void test_disturbances_enter_where_they_say(void)
   log.slip_front = front;
   replay_with(&c, &log, 1000, &s);
   for (int i = 0; i < 1000; i++) expect_near(steered[i], number(got_r[i]), 1e-5, "slip_front", i); /* but for Fy sin d */
-  log.slip_front = NULL;
-  log.slip_rear = rear;
+  log.slip_front = NULL, log.slip_rear = rear;
   for (int i = 0; i < 1000; i++) rear[i] = real(0.002);
   replay_with(&c, &log, 1000, &s);
   const double v = 20, k = 1900 / 2.75 * (1.5 / 1.2e5 - 1.25 / 1.4e5); /* the front steered the other way */
   expect_near(-v * 0.002 / (2.75 + k * v * v), number(got_r[999]), 1e-4, "slip_rear", 0);
-  log.slip_rear = NULL;
-  log.force_x = push;
+  log.slip_rear = NULL, log.force_x = push;
   replay_with(&c, &log, 1000, &s);
   expect_near(0, number(got_x[999]), BY_FORMAT(1e-6, 1e-3), "force_x, carried by the tyres", 0);
   expect_near(20 + 20 * 1900 * 0.125 / 3.2e5, number(got_vx[999]), BY_FORMAT(1e-3, 2e-3), "force_x, slip", 0);
-  log.force_x = NULL;
-  log.force_y = force;
+  log.force_x = NULL, log.force_y = force;
   replay_with(&c, &log, 1000, &s);
   const double length = 2.75, side = 1900 * 0.25, r = v * (1.5 * side / (length * 1.2e5) - 1.25 * side / (length * 1.4e5)) / (length + k * v * v);
   expect_near(r, number(got_r[999]), 2e-3 * fabs(r) + 1e-5, "force_y", 0);
   expect_near(v * r, number(got_y[999]), 2e-3 * fabs(v * r) + 2e-4, "force_y is seen", 0);
-  log.force_y = NULL;
-  log.yaw_accel = yaw;
+  log.force_y = NULL, log.yaw_accel = yaw;
   replay_with(&c, &log, 1000, &s);
   const double moment = 3000 * 0.5, turned = v * (moment / (length * 1.2e5) + moment / (length * 1.4e5)) / (length + k * v * v);
   expect_near(turned, number(got_r[999]), 5e-3 * turned, "yaw_accel", 0);
@@ -354,13 +337,8 @@ static void test_what_is_given_is_linear_within_a_row(void)
         const double a = sin(0.7 * corner + k), b = sin(0.7 * (corner + 1) + k);
         given_at[k][i] = real(size[k] * (a + (b - a) * (at % 4) / 4));
       }
-    log.grade = given_at[0];
-    log.bank = given_at[1];
-    log.slip_front = given_at[2];
-    log.slip_rear = given_at[3];
-    log.force_x = given_at[4];
-    log.force_y = given_at[5];
-    log.yaw_accel = given_at[6];
+    log.grade = given_at[0], log.bank = given_at[1], log.slip_front = given_at[2], log.slip_rear = given_at[3];
+    log.force_x = given_at[4], log.force_y = given_at[5], log.yaw_accel = given_at[6];
     replay_with(&c, &log, rows, &s);
     for (int i = 0; i < rows; i++) {
       if (!coarse) {
@@ -554,8 +532,7 @@ static void test_one_row_has_the_torque_of_its_slip_alone(void)
   const tse_replay_out out = the_out();
   tse_replay_start s = the_start();
   straight(&c, 20, 0.01, 1);
-  s.vel_x_from_wheels = TSE_R(0);
-  s.vel_x = real(19.9);
+  s.vel_x_from_wheels = TSE_R(0), s.vel_x = real(19.9);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 1, &s, &out, NULL));
   const double light[2] = { number(got_tf[0]), number(got_tr[0]) };
   TEST_ASSERT_TRUE(light[0] > 100 && light[1] > 100);

@@ -18,9 +18,7 @@ static tse_sim_input driver(double dt, double torque, double steer)
 {
   tse_sim_input u;
   memset(&u, 0, sizeof u);
-  u.dt = real(dt);
-  u.steer_angle = real(steer);
-  u.wheel_torque_front = u.wheel_torque_rear = real(torque);
+  u.dt = real(dt), u.steer_angle = real(steer), u.wheel_torque_front = u.wheel_torque_rear = real(torque);
   u.road_level = real(1);
   return u;
 }
@@ -66,16 +64,10 @@ static tse_config table_car(void)
 {
   const double *const t = simulated_car;
   tse_config c = car();
-  c.mass = setting(t[0]);
-  c.yaw_inertia = setting(t[1]);
-  c.lf = setting(t[2]);
-  c.lr = setting(t[3]);
-  c.longitudinal_stiffness_front = setting(t[4]);
-  c.longitudinal_stiffness_rear = setting(t[5]);
-  c.cornering_stiffness_front = setting(t[6]);
-  c.cornering_stiffness_rear = setting(t[7]);
-  c.rear_longitudinal_follows_front = setting(t[8]);
-  c.wheel_radius_front = setting(t[9]);
+  c.mass = setting(t[0]), c.yaw_inertia = setting(t[1]), c.lf = setting(t[2]), c.lr = setting(t[3]);
+  c.longitudinal_stiffness_front = setting(t[4]), c.longitudinal_stiffness_rear = setting(t[5]);
+  c.cornering_stiffness_front = setting(t[6]), c.cornering_stiffness_rear = setting(t[7]);
+  c.rear_longitudinal_follows_front = setting(t[8]), c.wheel_radius_front = setting(t[9]);
   c.wheel_radius_rear = setting(t[10]);
   return c;
 }
@@ -84,11 +76,8 @@ static tse_sim_config table_sim(double speed)
 {
   const double *const t = simulated_car;
   tse_sim_config s = quiet();
-  s.wheel_inertia_front = setting(t[11]);
-  s.wheel_inertia_rear = setting(t[12]);
-  s.true_cx_front = setting(t[13]);
-  s.true_cy_front = setting(t[14]);
-  s.true_cy_rear = setting(t[15]);
+  s.wheel_inertia_front = setting(t[11]), s.wheel_inertia_rear = setting(t[12]);
+  s.true_cx_front = setting(t[13]), s.true_cy_front = setting(t[14]), s.true_cy_rear = setting(t[15]);
   s.speed = setting(speed);
   return s;
 }
@@ -169,12 +158,8 @@ static void table_run(int j, double substep, double *state, double *accel)
     double row[7];
     driver_row(j, k, row);
     memset(&u, 0, sizeof u);
-    u.dt = real(row[0]);
-    u.steer_angle = real(row[1]);
-    u.wheel_torque_front = real(row[2]);
-    u.wheel_torque_rear = real(row[3]);
-    u.brake_torque_front = real(row[4]);
-    u.brake_torque_rear = real(row[5]);
+    u.dt = real(row[0]), u.steer_angle = real(row[1]), u.wheel_torque_front = real(row[2]);
+    u.wheel_torque_rear = real(row[3]), u.brake_torque_front = real(row[4]), u.brake_torque_rear = real(row[5]);
     u.road_level = real(row[6]);
     step(&u, &y);
     const double *const t = simulated[j][k];
@@ -220,8 +205,7 @@ static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
   for (int i = 0; i < ROWS(speeds); i++) {
     tse_sim_config s = quiet();
     tse_sim_output y;
-    s.substep = setting(0.005);
-    s.speed = setting(speeds[i]);
+    s.substep = setting(0.005), s.speed = setting(speeds[i]);
     start(&c, &s);
     for (int k = 0; k < 1000; k++) {
       const tse_sim_input u = driver(0.01, k < 50 ? 300 : 0, k < 50 ? 0.02 : 0);
@@ -437,8 +421,7 @@ static void test_saturated_forces_are_those_of_the_brush_model(void)
   for (int i = 0; i < ROWS(mus); i++)
     for (int j = 0; j < 4; j++) {
       tse_sim_config s = quiet();
-      s.friction = setting(mus[i]);
-      s.vel_y = setting(0.02 * j * j);
+      s.friction = setting(mus[i]), s.vel_y = setting(0.02 * j * j);
       start(&c, &s);
       for (int k = 0; k < 60; k++) {
         tse_sim_input u = driver(0.01, k < 30 ? 20 * k : 0, 0.01 * j);
@@ -600,8 +583,7 @@ static void test_locked_axles_decelerate_with_friction_times_their_load(void)
   for (int i = 0; i < ROWS(torques); i++)
     for (int both = 0; both < 2; both++) {
       tse_sim_config s = quiet();
-      s.friction = setting(0.8);
-      s.speed = setting(30);
+      s.friction = setting(0.8), s.speed = setting(30);
       start(&c, &s);
       for (int k = 0; k < 250; k++) {
         tse_sim_input u = driver(0.01, 0, 0);
@@ -624,8 +606,7 @@ static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_a
   tse_sim_config s = quiet();
   tse_sim_output y;
   double fastest = 0;
-  s.friction = setting(0.3);
-  s.speed = setting(0);
+  s.friction = setting(0.3), s.speed = setting(0);
   start(&c, &s);
   for (int k = 0; k < 1500; k++) {
     tse_sim_input u = driver(0.01, 0, 0);
@@ -644,9 +625,7 @@ static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
-  s.friction = setting(0.5);
-  s.speed = setting(20);
-  s.vel_y = setting(10);
+  s.friction = setting(0.5), s.speed = setting(20), s.vel_y = setting(10);
   start(&c, &s);
   for (int k = 0; k < 300; k++) {
     const tse_sim_input u = driver(0.01, 0, 0);
@@ -753,11 +732,8 @@ static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(voi
   const tse_config c = car();
   tse_sim_config s = quiet();
   const double mean[3] = { 0.8, 1.1, 0.9 }, spread[3] = { 0.05, 0.02, 0.15 };
-  s.true_cx_front = setting(mean[0]);
-  s.true_cy_front = setting(mean[1]);
-  s.true_cy_rear = setting(mean[2]);
-  s.spread_cx_front = setting(spread[0]);
-  s.spread_cy_front = setting(spread[1]);
+  s.true_cx_front = setting(mean[0]), s.true_cy_front = setting(mean[1]), s.true_cy_rear = setting(mean[2]);
+  s.spread_cx_front = setting(spread[0]), s.spread_cy_front = setting(spread[1]);
   s.spread_cy_rear = setting(spread[2]);
   record(&c, &s, 0.5, DRAWN);
   for (int a = 0; a < 3; a++) {
@@ -790,9 +766,7 @@ static void test_mean_stiffness_is_the_setting_times_the_road(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   const double mean[3] = { 0.75, 1.25, 0.875 }, road[] = { 1, 0.5, 10, 0.02 };
-  s.true_cx_front = setting(mean[0]);
-  s.true_cy_front = setting(mean[1]);
-  s.true_cy_rear = setting(mean[2]);
+  s.true_cx_front = setting(mean[0]), s.true_cy_front = setting(mean[1]), s.true_cy_rear = setting(mean[2]);
   start(&c, &s);
   for (int k = 0; k < ROWS(road); k++) {
     tse_sim_input u = driver(0.01, 0, 0);
@@ -834,12 +808,8 @@ static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
   tse_config c = car();
   tse_sim_config s = quiet();
   const double sd[6] = { 3 * 0.1, 3 * 0.2, 3 * 0.004, 0.002, 0.5, 0.5 };
-  c.accel_x_sd = setting(0.1);
-  c.accel_y_sd = setting(0.2);
-  c.yaw_rate_sd = setting(0.004);
-  s.noise = setting(3);
-  s.steer_angle_sd = setting(0.002);
-  s.wheel_speed_sd = setting(0.5);
+  c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2), c.yaw_rate_sd = setting(0.004);
+  s.noise = setting(3), s.steer_angle_sd = setting(0.002), s.wheel_speed_sd = setting(0.5);
   s.spread_cx_front = s.spread_cy_front = setting(0.05);
   record(&c, &s, 1.0, NOISE);
   for (int a = 0; a < 8; a++)
@@ -875,8 +845,7 @@ static void test_constant_biases_are_added_to_the_log(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
-  s.true_bias_accel_x = setting(0.25);
-  s.true_bias_accel_y = setting(-0.5);
+  s.true_bias_accel_x = setting(0.25), s.true_bias_accel_y = setting(-0.5);
   s.true_bias_yaw_rate = setting(0.0625);
   start(&c, &s);
   for (int k = 0; k < 20; k++) {
@@ -901,11 +870,9 @@ static void test_variance_of_the_bias_grows_with_time(void)
   const double walk[3] = { 3 * 0.01, 3 * 0.03, 3 * 0.0005 };
   tse_config c = car();
   tse_sim_config s = quiet();
-  c.accel_x_bias_walk = setting(0.01);
-  c.accel_y_bias_walk = setting(0.03);
+  c.accel_x_bias_walk = setting(0.01), c.accel_y_bias_walk = setting(0.03);
   c.yaw_rate_bias_walk = setting(0.0005);
-  s.bias_walk = setting(3);
-  s.substep = setting(0.005);
+  s.bias_walk = setting(3), s.substep = setting(0.005);
   static double end[3][3][CARS];
   double time[3] = { 0, 0, 0 };
   for (int i = 0; i < CARS; i++) {
@@ -939,10 +906,7 @@ static tse_sim_config noisy(int32_t seed)
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.bias_walk = setting(1);
-  s.wheel_speed_sd = setting(0.1);
-  s.steer_angle_sd = setting(0.001);
-  s.seed = seed;
+  s.bias_walk = setting(1), s.wheel_speed_sd = setting(0.1), s.steer_angle_sd = setting(0.001), s.seed = seed;
   return s;
 }
 
@@ -1067,11 +1031,8 @@ static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
   tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
-  c.mass = setting(50);
-  c.cornering_stiffness_rear = setting(4e6);
-  c.accel_y_sd = setting(5);
-  c.rear_roll_steer_gain = setting(0.5);
-  c.rear_roll_steer_roll = setting(0.03);
+  c.mass = setting(50), c.cornering_stiffness_rear = setting(4e6), c.accel_y_sd = setting(5);
+  c.rear_roll_steer_gain = setting(0.5), c.rear_roll_steer_roll = setting(0.03);
   start(&c, &s);
   tse_sim_input u = driver(0.01, 0, -1.2);
   expect_refused(&u, TSE_E_INPUT, "no car at the start");

@@ -20,8 +20,7 @@ static size_t bytes_of_form(int32_t form) { return form ? sizeof f : sizeof f.fi
 static void drive(int32_t form, int late)
 {
   tse_config_default(&c);
-  c.form = form;
-  c.particles = 60;
+  c.form = form, c.particles = 60;
   if (late) c.steer_angle_latency = setting(0.123);
   p = prepared(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, bytes_of_form(form)));
@@ -29,10 +28,8 @@ static void drive(int32_t form, int late)
   for (int k = 0; k < 400; k++) {
     tse_input u;
     memset(&u, 0, sizeof u);
-    u.dt = real(0.01);
-    u.steer_angle = real(0.02 * sin(0.13 * k));
-    u.wheel_speed_front = real(60 + 0.3 * sin(0.2 * k));
-    u.wheel_speed_rear = real(60);
+    u.dt = real(0.01), u.steer_angle = real(0.02 * sin(0.13 * k));
+    u.wheel_speed_front = real(60 + 0.3 * sin(0.2 * k)), u.wheel_speed_rear = real(60);
     u.accel_y = real(1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k));
     u.yaw_rate = real(0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k));
     if (k > 200 && k < 260) u.missing = TSE_MISSING_steer_angle;
@@ -428,8 +425,7 @@ static void simulated(void)
   tse_sim_config_default(&s);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
   memset(&u, 0, sizeof u);
-  u.dt = real(0.01);
-  u.road_level = real(1);
+  u.dt = real(0.01), u.road_level = real(1);
   for (int k = 0; k < 200; k++) {
     u.steer_angle = real(0.02 * sin(0.1 * k));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));

@@ -15,32 +15,17 @@ static tse_car some_car(int load)
 {
   tse_config c;
   tse_config_default(&c);
-  c.mass = setting(1600);
-  c.lf = setting(1.2);
-  c.lr = setting(1.5);
-  c.yaw_inertia = setting(2700);
-  c.cornering_stiffness_front = setting(1e5);
-  c.cornering_stiffness_rear = setting(1.3e5);
-  c.grip = setting(1.1);
-  c.tyre_saturation_shape = setting(0.4);
-  c.relaxation_length = setting(0.4);
-  c.body_roll_gain = setting(0.006);
-  c.body_roll_frequency = setting(1.5);
-  c.body_roll_damping = setting(0.3);
-  c.body_roll_height = setting(0.2);
-  c.body_roll_coupling = setting(0.3);
-  c.rear_roll_steer_gain = setting(0.05);
-  c.aligning_moment_trail = setting(0.03);
-  c.aero_drag_coefficient = setting(0.4);
-  c.rolling_resistance_coefficient = setting(0.01);
-  c.imu_lever_arm_x = setting(0.3);
-  c.imu_lever_arm_y = setting(-0.2);
-  c.imu_misalignment_angle = setting(0.03);
-  c.imu_scale_ay_error = setting(0.02);
-  c.gyro_scale_error = setting(0.01);
+  c.mass = setting(1600), c.lf = setting(1.2), c.lr = setting(1.5), c.yaw_inertia = setting(2700);
+  c.cornering_stiffness_front = setting(1e5), c.cornering_stiffness_rear = setting(1.3e5);
+  c.grip = setting(1.1), c.tyre_saturation_shape = setting(0.4), c.relaxation_length = setting(0.4);
+  c.body_roll_gain = setting(0.006), c.body_roll_frequency = setting(1.5), c.body_roll_damping = setting(0.3);
+  c.body_roll_height = setting(0.2), c.body_roll_coupling = setting(0.3);
+  c.rear_roll_steer_gain = setting(0.05), c.aligning_moment_trail = setting(0.03);
+  c.aero_drag_coefficient = setting(0.4), c.rolling_resistance_coefficient = setting(0.01);
+  c.imu_lever_arm_x = setting(0.3), c.imu_lever_arm_y = setting(-0.2), c.imu_misalignment_angle = setting(0.03);
+  c.imu_scale_ay_error = setting(0.02), c.gyro_scale_error = setting(0.01);
   if (load) {
-    c.cg_height = setting(0.6);
-    c.longitudinal_load_transfer_gain = setting(0.02);
+    c.cg_height = setting(0.6), c.longitudinal_load_transfer_gain = setting(0.02);
     c.lateral_load_transfer_gain = setting(0.0005);
   }
   return prepared(&c).car;
@@ -88,8 +73,7 @@ static tse_car off_by(const tse_car *c, tse_real x[STATES], int j, double e)
   } else if (j == BY_CENTRE) {
     d.lf += e;
     d.lr -= e;
-    d.jf = d.m_inertia * d.lf;
-    d.jr = d.m_inertia * d.lr;
+    d.jf = d.m_inertia * d.lf, d.jr = d.m_inertia * d.lr;
   } else if (j == BY_MOMENT) d.trail += d.m_inertia * e;
   else if (j == BY_ROLL_STEER) d.roll_steer += e;
   else d.relaxation += e; /* of both axles */
@@ -216,8 +200,7 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
   for (int k = 0; k < 3; k++) {
     tse_car c = plain_car();
     tse_real x[STATES] = { 0 };
-    c.grip = real(0.8);
-    c.shape = real(shape[k]);
+    c.grip = real(0.8), c.shape = real(shape[k]);
     for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
     x[VX] = TSE_R(20);
     const double end = 0.8 * number(c.load_front);
@@ -245,8 +228,7 @@ static void test_a_brush_is_its_cubic(void)
 {
   tse_car c = plain_car();
   tse_real x[STATES];
-  c.grip = real(0.9);
-  c.shape = TSE_R(0);
+  c.grip = real(0.9), c.shape = TSE_R(0);
   for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
   x[VX] = TSE_R(20);
   const double end = 0.9 * number(c.load_front), k = number(c.ky_front);
@@ -290,8 +272,7 @@ static void test_a_secant_is_force_over_slip(void)
     tse_car c = k & 1 ? some_car(1) : plain_car();
     tse_real x[STATES], share[3];
     for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
-    c.grip = real(0.9);
-    c.shape = real(0.25 * k);
+    c.grip = real(0.9), c.shape = real(0.25 * k);
     x[VX] = TSE_R(20);
     car_secants(&c, x, share);
     for (int i = 0; i < 3; i++) expect_near(1, number(share[i]), tolerance, "at no slip", i);
@@ -387,8 +368,7 @@ static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
   const double v = 40 / (1 + 0.5 / 1500 * 40 * 20);
   expect_near(v, number(x[VX]), 5e-4 * v, "speed after 20 s", 0);
   for (int i = VY; i < GX; i++) expect_near(0, number(x[i]), 0, "nothing sideways", i);
-  c.drag = TSE_R(0);
-  c.rolling = real(0.1);
+  c.drag = TSE_R(0), c.rolling = real(0.1);
   x[VX] = TSE_R(40);
   x[GX] = real(0.3);
   for (int k = 0; k < 1000; k++) advance(&c, x, 0, 0, 0.01);
@@ -440,9 +420,7 @@ static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 {
   tse_car c = plain_car();
   tse_real x[STATES];
-  c.roll_gain = real(0.006);
-  c.roll_omega = real(2 * pi * 1.5);
-  c.roll_damping = real(0.2);
+  c.roll_gain = real(0.006), c.roll_omega = real(2 * pi * 1.5), c.roll_damping = real(0.2);
   c.ky_front = c.ky_rear = TSE_R(0);
   for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
   x[VX] = TSE_R(20);
@@ -462,8 +440,7 @@ static void change_lane(double relaxation, double speed, double dt, double end[M
   tse_car c = some_car(0);
   tse_real x[STATES];
   const int rows = (int)(0.8 / dt + 0.5);
-  c.roll_gain = 0;
-  c.relaxation = relaxation;
+  c.roll_gain = 0, c.relaxation = relaxation;
   for (int i = 0; i < STATES; i++) x[i] = 0;
   x[VX] = speed;
   x[SF] = 0.002;
@@ -549,16 +526,14 @@ static void test_sensors_read_what_textbooks_say(void)
   expect_near(20 * 0.995, number(z[4]), tight, "wheel speed, rear", 0);
   /* load that goes to the rear: m h a over the wheelbase, of m g lr/L in front and m g lf/L behind; half a percent of radius for all of it */
   tse_car high = c;
-  high.height_front = real(0.6 / (9.81 * number(c.lr)));
-  high.height_rear = real(0.6 / (9.81 * number(c.lf)));
+  high.height_front = real(0.6 / (9.81 * number(c.lr))), high.height_rear = real(0.6 / (9.81 * number(c.lf)));
   tse_real loaded[TSE_SENSORS];
   car_measure(&high, x, &f, TSE_R(0), loaded, H);
   const double share = 0.005 * 0.6 * number(f.x) / 9.81;
   TEST_ASSERT_TRUE(fabs(share) > 1e-4);
   expect_near(number(z[3]) * (1 - share / number(c.lr)), number(loaded[3]), 1e-5, "wheel speed, front, loaded", 0);
   expect_near(number(z[4]) * (1 + share / number(c.lf)), number(loaded[4]), 1e-5, "wheel speed, rear, loaded", 0);
-  c.lever_x = real(0.5);
-  c.lever_y = real(0.25);
+  c.lever_x = real(0.5), c.lever_y = real(0.25);
   tse_real there[TSE_SENSORS];
   car_measure(&c, x, &f, TSE_R(0), there, H);
   expect_near(number(z[0]) - 0.5 * 0.09 - 0.25 * number(f.yaw), number(there[0]), 1e-4, "accel_x, away from the centre of gravity", 0);

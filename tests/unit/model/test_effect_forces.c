@@ -39,9 +39,7 @@ static void expect_cornering(const tse_config *c, double v, double d, steady s, 
   expect_near(s.ay, number(got_y[rows - 1]), share * fabs(s.ay), what, 1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &quiet, NULL));
   memset(&u, 0, sizeof u);
-  u.dt = real(0.01);
-  u.steer_angle = real(d);
-  u.road_level = real(1);
+  u.dt = real(0.01), u.steer_angle = real(d), u.road_level = real(1);
   for (int i = 0; i < rows; i++) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
   expect_near(s.r, number(y.row.yaw_rate), share * fabs(s.r), what, 2);
   expect_near(s.ay, number(y.row.accel_y), share * fabs(s.ay), what, 3);
@@ -86,9 +84,7 @@ static void test_conicity_is_a_side_force_at_each_axle(void)
 static void test_crosswind_pushes_at_its_arm(void)
 {
   tse_config c = default_car();
-  c.crosswind_speed = setting(6);
-  c.crosswind_coefficient = setting(3);
-  c.crosswind_arm = setting(0.4);
+  c.crosswind_speed = setting(6), c.crosswind_coefficient = setting(3), c.crosswind_arm = setting(0.4);
   const double force = 3 * 6 * sqrt(400 + 36.0);
   /* after 6 s the heading has changed by up to 0.13 rad: 0.8 % of the cosine */
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, force, 0, 0.4 * force), 1.5e-2, "crosswind");
@@ -131,8 +127,7 @@ static void test_aligning_moment_in_steady_cornering(void)
   /* forces balance as if both axles stood further back by the trail; the wheels' paths are those of the axles */
   const double m = 1900, v = 20, k = m / 2.75 * (1.54 / 1.2e5 - 1.21 / 1.4e5);
   steady s;
-  s.r = v * 0.002 / (2.75 + k * v * v);
-  s.ay = v * s.r;
+  s.r = v * 0.002 / (2.75 + k * v * v), s.ay = v * s.r;
   expect_cornering(&c, 20, 0.002, s, 2e-3, "aligning_moment");
 }
 
@@ -150,19 +145,14 @@ static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
     point ahead, at;
     memset(&now, 0, sizeof now);
     memset(&ahead, 0, sizeof ahead);
-    now.time = real(0.5);
-    now.heading = real(0.1);
-    now.mode[MODE_ROLL_STEER][0] = real(1);
+    now.time = real(0.5), now.heading = real(0.1), now.mode[MODE_ROLL_STEER][0] = real(1);
     now.mode[MODE_ROLL_STEER][1] = real(3);
-    ahead.vx = ahead.u.v_front = ahead.u.v_rear = real(20);
-    ahead.vy = real(0.5);
-    ahead.r = real(0.4);
+    ahead.vx = ahead.u.v_front = ahead.u.v_rear = real(20), ahead.vy = real(0.5), ahead.r = real(0.4);
     ahead.u.steer = real(0.05);
     at = ahead;
     ahead.ahead = real(0.25);
     then = now;
-    then.time = real(0.75);
-    then.heading = real(0.1 + 0.4 * 0.25 / 6.283185307179586);
+    then.time = real(0.75), then.heading = real(0.1 + 0.4 * 0.25 / 6.283185307179586);
     then.mode[MODE_ROLL_STEER][0] = real(1.75);
     const stiffness s = vehicle_stiffness(&p, real(0), real(0), real(0));
     effects_at(&p, &now, now.lag, s, &ahead);
@@ -286,8 +276,7 @@ static void test_saturation_ends_at_friction_times_load(void)
       point pt;
       memset(&m, 0, sizeof m);
       memset(&pt, 0, sizeof pt);
-      pt.vx = pt.u.v_front = pt.u.v_rear = real(20);
-      pt.g.slip_front = pt.g.slip_rear = real(0.05 * i);
+      pt.vx = pt.u.v_front = pt.u.v_rear = real(20), pt.g.slip_front = pt.g.slip_rear = real(0.05 * i);
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
       expect_near(of_shape(1.2e5, 0.05 * i, 0, load[0], 0, 0, 0), 1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
       expect_near(of_shape(1.4e5, 0.05 * i, 0, load[1], 0, 0, 1), 1900 * number(pt.fy_rear), BY_FORMAT(1e-9, 1e-6) * load[1], "rear", i);
@@ -333,8 +322,7 @@ static void test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind(
 static void test_stiffness_drifts_between_two_times(void)
 {
   tse_config c = default_car();
-  c.stiffness_drift_change = setting(0.2);
-  c.stiffness_drift_start = setting(4);
+  c.stiffness_drift_change = setting(0.2), c.stiffness_drift_start = setting(4);
   c.stiffness_drift_time = setting(22);
   const int rows = 1500, last = rows - 1;
   straight(&c, 20, 0.01, rows);
@@ -363,8 +351,7 @@ static double coasted(const tse_config *c)
   tse_sim_output y;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &quiet, NULL));
   memset(&u, 0, sizeof u);
-  u.dt = real(0.01);
-  u.road_level = real(1);
+  u.dt = real(0.01), u.road_level = real(1);
   for (int i = 0; i <= 2000; i++) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
   return number(y.vel_x);
 }
@@ -388,8 +375,7 @@ static void test_drag_acts_against_the_motion_backwards_too(void)
   memset(&at, 0, sizeof at);
   at.p = &p;
   for (int way = -1; way <= 1; way += 2) {
-    at.vx = real(30 * way);
-    at.force.x = real(0.1);
+    at.vx = real(30 * way), at.force.x = real(0.1);
     aero_drag_body(&at);
     expect_near(0.1 - 0.45 * 900 * way / of_setting(c.mass), number(at.force.x), 1e-6, "force over mass", way);
   }
@@ -418,8 +404,7 @@ static void test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it(void)
 static void test_drag_and_rolling_resistance_show_in_slip_and_torque(void)
 {
   tse_config c = default_car();
-  c.aero_drag_coefficient = setting(0.4);
-  c.rolling_resistance_coefficient = setting(0.012);
+  c.aero_drag_coefficient = setting(0.4), c.rolling_resistance_coefficient = setting(0.012);
   straight(&c, 30, 0.01, 800);
   replay(&c, 800);
   const double vx = number(got_vx[799]), force = 0.4 * vx * vx + 0.012 * 1900 * G;
@@ -454,8 +439,7 @@ static void test_exact_kinematics_roll_about_the_turning_centre(void)
   const double d = 0.5, w = 3, length = 2.75;
   c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = c.cornering_stiffness_front = c.cornering_stiffness_rear =
       setting(1e7);
-  c.max_steer = setting(0.6);
-  c.exact_kinematics_share = setting(1);
+  c.max_steer = setting(0.6), c.exact_kinematics_share = setting(1);
   straight(&c, w, 0.01, 600);
   for (int i = 0; i < 600; i++) {
     const double now = d * fmin(i / 200.0, 1);
@@ -482,11 +466,7 @@ static void test_exact_kinematics_are_those_of_vectors(void)
     point pt;
     memset(&m, 0, sizeof m);
     memset(&pt, 0, sizeof pt);
-    pt.vx = real(vx);
-    pt.vy = real(vy);
-    pt.r = real(r);
-    pt.u.steer = real(d);
-    pt.u.v_front = real(wf);
+    pt.vx = real(vx), pt.vy = real(vy), pt.r = real(r), pt.u.steer = real(d), pt.u.v_front = real(wf);
     pt.u.v_rear = real(vx);
     effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
     const double across = vy + 1.25 * r, direction = atan2(across, vx), speed = hypot(vx, across);
@@ -524,8 +504,7 @@ static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void
     x0[i] = number(got_x[i]);
     y0[i] = number(got_y[i]);
   }
-  c.imu_lever_arm_x = setting(ax);
-  c.imu_lever_arm_y = setting(ay);
+  c.imu_lever_arm_x = setting(ax), c.imu_lever_arm_y = setting(ay);
   replay(&c, rows);
   for (int i = 200; i < rows - 1; i++) {
     const double r = number(got_yaw[i]), turn = (number(got_yaw[i + 1]) - number(got_yaw[i - 1])) / (2 * dt);

@@ -23,8 +23,7 @@ typedef struct cplx {
 static cplx of(double re, double im)
 {
   cplx z;
-  z.re = re;
-  z.im = im;
+  z.re = re, z.im = im;
   return z;
 }
 static cplx add(cplx a, cplx b) { return of(a.re + b.re, a.im + b.im); }
@@ -52,15 +51,9 @@ static linear linear_of(const tse_config *c, double v)
 {
   linear l;
   memset(&l, 0, sizeof l);
-  l.m = number(c->mass);
-  l.inertia = number(c->yaw_inertia);
-  l.lf = number(c->lf);
-  l.lr = number(c->lr);
-  l.cf = number(c->cornering_stiffness_front);
-  l.cr = number(c->cornering_stiffness_rear);
-  l.v = v;
-  l.roll_f = l.leak_f = 1.5;
-  l.roll_d = l.leak_d = 0.3;
+  l.m = number(c->mass), l.inertia = number(c->yaw_inertia), l.lf = number(c->lf), l.lr = number(c->lr);
+  l.cf = number(c->cornering_stiffness_front), l.cr = number(c->cornering_stiffness_rear), l.v = v;
+  l.roll_f = l.leak_f = 1.5, l.roll_d = l.leak_d = 0.3;
   return l;
 }
 
@@ -139,8 +132,7 @@ static void simulate_log(const tse_config *c, double v, int rows)
   s.substep = setting(DT);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &s, NULL));
   memset(&u, 0, sizeof u);
-  u.dt = real(DT);
-  u.road_level = real(1);
+  u.dt = real(DT), u.road_level = real(1);
   for (int i = 0; i < rows; i++) {
     u.steer_angle = log_steer[i];
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
@@ -242,16 +234,14 @@ static void test_steering_lag_is_of_first_or_second_order(void)
   l.lag = 0.05;
   expect_linear(&c, &l, "steering_lag");
   c.steering_lag_second = setting(0.6); /* 0.05 is the sum of both */
-  l.lag = 0.05 / 1.6;
-  l.lag2 = 0.6 * l.lag;
+  l.lag = 0.05 / 1.6, l.lag2 = 0.6 * l.lag;
   expect_linear(&c, &l, "steering_lag, second");
 }
 
 static void test_steering_compliance_is_a_softer_front_axle(void)
 {
   CAR;
-  c.steering_compliance_angle_per_moment = setting(6e-5);
-  c.steering_compliance_trail = setting(0.04);
+  c.steering_compliance_angle_per_moment = setting(6e-5), c.steering_compliance_trail = setting(0.04);
   l.cf = 1 / (1 / l.cf + 6e-5 * 0.04); /* two springs in series */
   expect_linear(&c, &l, "steering_compliance");
 }
@@ -259,13 +249,9 @@ static void test_steering_compliance_is_a_softer_front_axle(void)
 static void test_rear_roll_steer_follows_the_roll_mode(void)
 {
   CAR;
-  c.rear_roll_steer_gain = setting(0.1);
-  c.rear_roll_steer_roll = setting(0.01);
-  c.rear_roll_steer_frequency = setting(1.7);
-  c.rear_roll_steer_damping = setting(0.25);
-  l.rear_steer = 0.1 * 0.01;
-  l.roll_f = 1.7;
-  l.roll_d = 0.25;
+  c.rear_roll_steer_gain = setting(0.1), c.rear_roll_steer_roll = setting(0.01);
+  c.rear_roll_steer_frequency = setting(1.7), c.rear_roll_steer_damping = setting(0.25);
+  l.rear_steer = 0.1 * 0.01, l.roll_f = 1.7, l.roll_d = 0.25;
   expect_linear(&c, &l, "rear_roll_steer");
 }
 
@@ -283,8 +269,7 @@ static void test_relaxation_is_of_first_order_over_the_way(void)
 static void test_stiffness_that_has_drifted_is_another_stiffness(void)
 {
   CAR;
-  c.stiffness_drift_change = setting(-0.15);
-  c.stiffness_drift_time = setting(1);
+  c.stiffness_drift_change = setting(-0.15), c.stiffness_drift_time = setting(1);
   c.stiffness_drift_start = setting(0.5);
   l.cf *= 0.85;
   l.cr *= 0.85;
@@ -310,12 +295,8 @@ static void test_lever_arm_reads_the_yaw_acceleration(void)
 static void test_body_roll_is_a_mode_of_the_lateral_acceleration(void)
 {
   CAR;
-  c.body_roll_gain = setting(0.0107);
-  c.body_roll_frequency = setting(1.4);
-  c.body_roll_damping = setting(0.22);
-  l.leak = 0.0107;
-  l.leak_f = 1.4;
-  l.leak_d = 0.22;
+  c.body_roll_gain = setting(0.0107), c.body_roll_frequency = setting(1.4), c.body_roll_damping = setting(0.22);
+  l.leak = 0.0107, l.leak_f = 1.4, l.leak_d = 0.22;
   expect_linear(&c, &l, "body_roll");
   c.body_roll_height = setting(0.45);
   l.leak_height = 0.45;
@@ -328,12 +309,9 @@ static void test_body_roll_is_a_mode_of_the_lateral_acceleration(void)
 static void test_scales_and_misalignment_scale_what_is_read(void)
 {
   CAR;
-  c.imu_scale_ay_error = setting(0.05);
-  c.gyro_scale_error = setting(-0.03);
+  c.imu_scale_ay_error = setting(0.05), c.gyro_scale_error = setting(-0.03);
   c.imu_misalignment_angle = setting(0.15);
-  l.scale_y = 0.05;
-  l.scale_r = -0.03;
-  l.turned = 0.15;
+  l.scale_y = 0.05, l.scale_r = -0.03, l.turned = 0.15;
   expect_linear(&c, &l, "scales");
 }
 
@@ -348,18 +326,9 @@ static void test_imu_delay_turns_the_phase_of_what_is_read(void)
 static void test_effects_of_different_places_add_up(void)
 {
   CAR;
-  c.relaxation_length = setting(0.4);
-  c.steering_lag_time = setting(0.03);
-  c.body_roll_gain = setting(0.008);
-  c.imu_lever_arm_x = setting(0.5);
-  c.imu_delay_time = setting(0.02);
-  c.aligning_moment_trail = setting(0.03);
-  l.sigma = 0.4;
-  l.lag = 0.03;
-  l.leak = 0.008;
-  l.arm_x = 0.5;
-  l.imu_delay = 0.02;
-  l.trail = 0.03;
+  c.relaxation_length = setting(0.4), c.steering_lag_time = setting(0.03), c.body_roll_gain = setting(0.008);
+  c.imu_lever_arm_x = setting(0.5), c.imu_delay_time = setting(0.02), c.aligning_moment_trail = setting(0.03);
+  l.sigma = 0.4, l.lag = 0.03, l.leak = 0.008, l.arm_x = 0.5, l.imu_delay = 0.02, l.trail = 0.03;
   expect_linear(&c, &l, "six effects");
 }
 
@@ -394,14 +363,12 @@ static void test_effects_along_the_car_have_their_transfer_functions(void)
   c.longitudinal_relaxation_length = setting(0.4);
   expect_along(&c, 0.4, 0, 1, 1, 0, 0, 0, "longitudinal_relaxation");
   c = default_car();
-  c.pitch_leak_gain = setting(0.005);
-  c.pitch_leak_frequency = setting(2.2);
+  c.pitch_leak_gain = setting(0.005), c.pitch_leak_frequency = setting(2.2);
   c.pitch_leak_damping = setting(0.35);
   expect_along(&c, 0, 0.005, 2.2, 0.35, 0, 0, 0, "pitch_leak");
   c.pitch_leak_height = setting(0.5);
   expect_along(&c, 0, 0.005, 2.2, 0.35, 0.5, 0, 0, "pitch_leak, IMU above the pitch axis");
   c = default_car();
-  c.imu_scale_ax_error = setting(0.05);
-  c.imu_delay_time = setting(0.02);
+  c.imu_scale_ax_error = setting(0.05), c.imu_delay_time = setting(0.02);
   expect_along(&c, 0, 0, 1, 1, 0, 0.05, 0.02, "imu_scale_ax, imu_delay");
 }

@@ -41,8 +41,7 @@ static void set_program(tse_config *c, int place, const int *ops, int n)
                               &c->formula_code_11 };
   for (int k = 0; k < 11; k++) *packed[k] = 0;
   for (int k = 0; k < n; k++) *packed[k / 3] |= (int32_t)((unsigned)ops[k] << (8 * (k % 3)));
-  c->formula_gain = setting(1);
-  c->formula_place = place;
+  c->formula_gain = setting(1), c->formula_place = place;
 }
 
 #define PROGRAM(c, place, ...) \
@@ -123,8 +122,7 @@ static void test_a_reading_is_off_and_the_car_is_not(void)
     replay(&c, ROWS);
     keep_reference();
     PROGRAM(&c, place, NUMBER_A);
-    c.formula_a = setting(0.5);
-    c.formula_gain = setting(-0.5);
+    c.formula_a = setting(0.5), c.formula_gain = setting(-0.5);
     tse_real *const read[] = { reference_x, reference_y, reference_r };
     for (int i = 0; i < ROWS; i++) read[place - 7][i] -= real(0.25);
     replay(&c, ROWS);
@@ -145,17 +143,9 @@ static double value_of(const int *ops, int n)
   for (int k = 0; k < n; k++) e->formula_code[k] = (uint8_t)ops[k];
   for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real(k - 2.5);
   e->formula_gain = real(2);
-  pt.p = &p;
-  pt.m = &m;
-  pt.u.steer = real(0.5);
-  pt.vx = real(20);
-  pt.vy = real(-1.5);
-  pt.r = real(0.25);
-  m.formula_accel[0] = real(-3);
-  m.formula_accel[1] = real(4);
-  pt.free_angle[0] = real(0.0625);
-  pt.free_angle[1] = real(-0.125);
-  pt.s.s_front = real(0.03125);
+  pt.p = &p, pt.m = &m, pt.u.steer = real(0.5), pt.vx = real(20), pt.vy = real(-1.5), pt.r = real(0.25);
+  m.formula_accel[0] = real(-3), m.formula_accel[1] = real(4);
+  pt.free_angle[0] = real(0.0625), pt.free_angle[1] = real(-0.125), pt.s.s_front = real(0.03125);
   pt.s.s_rear = real(-0.015625);
   m.time = real(10);
   pt.ahead = real(0.5);
@@ -223,8 +213,7 @@ static void test_switched_off_it_changes_no_bit(void)
   replay(&c, ROWS);
   keep_reference();
   PROGRAM(&c, 4, NUMBER_A, STEER, MUL);
-  c.formula_a = setting(3);
-  c.formula_gain = setting(0);
+  c.formula_a = setting(3), c.formula_gain = setting(0);
   replay(&c, ROWS);
   TEST_ASSERT_EQUAL_MEMORY(reference_x, got_x, sizeof reference_x);
   TEST_ASSERT_EQUAL_MEMORY(reference_y, got_y, sizeof reference_y);
@@ -237,8 +226,7 @@ static void read_through(tse_config *c, int function, double a, double b)
   if (function == SECOND) PROGRAM(c, 9, YAW_RATE, NUMBER_A, NUMBER_B, SECOND, YAW_RATE, SUB);
   else if (function == RATE) PROGRAM(c, 9, YAW_RATE, RATE, YAW_RATE, SUB);
   else PROGRAM(c, 9, YAW_RATE, NUMBER_A, function, YAW_RATE, SUB);
-  c->formula_a = setting(a);
-  c->formula_b = setting(b);
+  c->formula_a = setting(a), c->formula_b = setting(b);
   replay(c, ROWS);
 }
 
@@ -296,8 +284,7 @@ static void test_late_of_nothing_is_now(void)
   memset(&at, 0, sizeof at);
   memset(&f, 0, sizeof f);
   m.settled = 1;
-  at.ahead = real(0.01);
-  at.m = f.next = &m;
+  at.ahead = real(0.01), at.m = f.next = &m;
   f.pt = &at;
   expect_near(0.3, number(formula_late(&f, real(0.3), real(0.05))), 1e-7, "late", 0);
   TEST_ASSERT_EQUAL_INT32(1, m.formula_late.count);

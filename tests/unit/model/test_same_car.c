@@ -29,8 +29,7 @@ static tse_sim_input driver_at(double t, double h, double steer, int pedals)
 {
   tse_sim_input u;
   memset(&u, 0, sizeof u);
-  u.dt = real(h);
-  u.road_level = real(1);
+  u.dt = real(h), u.road_level = real(1);
   u.steer_angle = real(steer * (0.3 + 0.1 * t) * sin(2 * 3.141592653589793 * (0.2 + 0.11 * t) * t));
   const double torque = pedals ? 900 * sin(1.7 * t) : 150;
   u.wheel_torque_front = real(torque > 0 ? torque : 0);
@@ -170,11 +169,9 @@ static tse_config basic(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.exact_kinematics_share = setting(1);
-  c.relaxation_length = setting(0.4);
+  c.exact_kinematics_share = setting(1), c.relaxation_length = setting(0.4);
   c.tyre_saturation_shape = setting(1); /* tyres without an end have one at 50 loads in the filter: a root is straight up to there */
-  c.steering_lag_second = setting(0.5);
-  c.lateral_load_transfer_balance = setting(0.2);
+  c.steering_lag_second = setting(0.5), c.lateral_load_transfer_balance = setting(0.2);
   c.body_roll_height = c.body_roll_coupling = c.pitch_leak_height = setting(0.3);
   return c;
 }
@@ -213,8 +210,7 @@ static void test_tyres_that_saturate_are_the_same(void)
 {
   tse_config c = basic();
   for (int lose = 0; lose < 2; lose++) {
-    c.tyre_saturation_inverse_friction = setting(1.1);
-    c.tyre_saturation_shape = setting(0.6);
+    c.tyre_saturation_inverse_friction = setting(1.1), c.tyre_saturation_shape = setting(0.6);
     c.lateral_load_transfer_gain = setting(lose ? 0.004 : 0);
     look(&c, 0.13, 0);
     TEST_ASSERT_TRUE(largest[ACCEL_ACROSS] > 4.5);

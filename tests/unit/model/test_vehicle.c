@@ -11,14 +11,10 @@ static tse_config car_config(int k)
 {
   tse_config c;
   tse_config_default(&c);
-  c.mass = setting(car_table[k][0]);
-  c.yaw_inertia = setting(car_table[k][1]);
-  c.lf = setting(car_table[k][2]);
-  c.lr = setting(car_table[k][3]);
-  c.longitudinal_stiffness_front = setting(car_table[k][4]);
+  c.mass = setting(car_table[k][0]), c.yaw_inertia = setting(car_table[k][1]), c.lf = setting(car_table[k][2]);
+  c.lr = setting(car_table[k][3]), c.longitudinal_stiffness_front = setting(car_table[k][4]);
   c.longitudinal_stiffness_rear = setting(car_table[k][5]);
-  c.cornering_stiffness_front = setting(car_table[k][6]);
-  c.cornering_stiffness_rear = setting(car_table[k][7]);
+  c.cornering_stiffness_front = setting(car_table[k][6]), c.cornering_stiffness_rear = setting(car_table[k][7]);
   c.rear_longitudinal_follows_front = setting(car_table[k][8]);
   return c;
 }
@@ -32,9 +28,7 @@ static tse_params car(int k)
 static inputs inputs_from(const double *u)
 {
   inputs in;
-  in.steer = real(u[0]);
-  in.v_front = real(u[1]);
-  in.v_rear = real(u[2]);
+  in.steer = real(u[0]), in.v_front = real(u[1]), in.v_rear = real(u[2]);
   return in;
 }
 
@@ -54,9 +48,7 @@ typedef struct motion {
 static motion motion_from(const double *x)
 {
   motion m;
-  m.x = real(x[0]);
-  m.y = real(x[1]);
-  m.r = real(x[2]);
+  m.x = real(x[0]), m.y = real(x[1]), m.r = real(x[2]);
   return m;
 }
 
@@ -204,10 +196,7 @@ static void test_driving_backwards_mirrors_the_forces_exactly(void)
   for (int i = 0; i < 1000; i++) {
     situation s = any_situation(&state, -30.0, 30.0);
     const accels a = vehicle_accels(&p, k, slips_of(&p, s), s.u.steer);
-    s.m.x = -s.m.x;
-    s.u.v_front = -s.u.v_front;
-    s.u.v_rear = -s.u.v_rear;
-    s.u.steer = -s.u.steer;
+    s.m.x = -s.m.x, s.u.v_front = -s.u.v_front, s.u.v_rear = -s.u.v_rear, s.u.steer = -s.u.steer;
     const accels b = vehicle_accels(&p, k, slips_of(&p, s), s.u.steer);
     expect_bits(a.x, -b.x, "accel_x");
     expect_bits(a.y, b.y, "accel_y");

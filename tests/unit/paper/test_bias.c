@@ -12,8 +12,7 @@ static tse_config settings(void)
   tse_config c;
   tse_config_paper(&c);
   c.particles = 21; /* padded to 24 */
-  c.forgetting = setting(0.98);
-  c.sample_time = setting(0.01);
+  c.forgetting = setting(0.98), c.sample_time = setting(0.01);
   return c;
 }
 
@@ -47,8 +46,7 @@ static void test_one_sample_time_forgets_by_lambda(void)
 {
   const tse_params p = params();
   memset(&filter, 0, sizeof filter);
-  filter.gamma = real(0.05);
-  filter.nu = real(40);
+  filter.gamma = real(0.05), filter.nu = real(40);
   forget_for(&p, &filter, p.sample_time);
   expect_near(0.05 / 0.98, number(filter.gamma), REL * 0.05, "gamma", 0);
   expect_near(40 * 0.98, number(filter.nu), REL * 40, "nu", 0);
@@ -61,8 +59,7 @@ static void test_other_time_steps_forget_by_a_power_of_lambda(void)
   for (int i = 0; i < ROWS(dt); i++) {
     const double lambda = pow(0.98, dt[i] / 0.01);
     memset(&filter, 0, sizeof filter);
-    filter.gamma = real(0.05);
-    filter.nu = real(40);
+    filter.gamma = real(0.05), filter.nu = real(40);
     forget_for(&p, &filter, real(dt[i]));
     expect_near(0.05 / lambda, number(filter.gamma), REL * 0.1, "gamma", i);
     expect_near(40 * lambda, number(filter.nu), REL * 40, "nu", i);
@@ -73,8 +70,7 @@ static void test_two_short_steps_forget_as_much_as_a_long_one(void)
 {
   const tse_params p = params();
   memset(&filter, 0, sizeof filter);
-  filter.gamma = real(0.2);
-  filter.nu = real(60);
+  filter.gamma = real(0.2), filter.nu = real(60);
   before = filter;
   forget_for(&p, &filter, real(0.03));
   forget_for(&p, &before, real(0.01));
@@ -88,13 +84,11 @@ static void test_forgetting_changes_only_gamma_and_nu(void)
 {
   const tse_params p = params();
   memset(&filter, 0x3c, sizeof filter);
-  filter.gamma = real(0.05);
-  filter.nu = real(40);
+  filter.gamma = real(0.05), filter.nu = real(40);
   before = filter;
   forget_for(&p, &filter, p.sample_time);
   TEST_ASSERT_TRUE(filter.gamma != before.gamma && filter.nu != before.nu);
-  filter.gamma = before.gamma;
-  filter.nu = before.nu;
+  filter.gamma = before.gamma, filter.nu = before.nu;
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 
@@ -103,8 +97,7 @@ static void test_degrees_of_freedom_never_fall_below_six(void)
 {
   const tse_params p = params();
   memset(&filter, 0, sizeof filter);
-  filter.gamma = real(1e-6);
-  filter.nu = real(40);
+  filter.gamma = real(1e-6), filter.nu = real(40);
   for (int i = 0; i < 60; i++) forget_for(&p, &filter, real(0.1));
   expect_near(6, number(filter.nu), 0, "nu", 0);
 }
@@ -120,8 +113,7 @@ static void test_what_is_forgotten_is_not_forgotten_further(void)
       c.forgetting = setting(lambda[k]);
       const tse_params p = prepared(&c);
       memset(&filter, 0, sizeof filter);
-      filter.gamma = real(0.05);
-      filter.nu = real(40);
+      filter.gamma = real(0.05), filter.nu = real(40);
       forget_for(&p, &filter, real(dt[i]));
       expect_near(fmin(0.05 * exp2(-dt[i] / 0.01 * log2(lambda[k])), fmax(1, number(p.gamma0))), number(filter.gamma), 1e-3, "gamma", i);
       TEST_ASSERT_TRUE(number(filter.nu) >= 6 && number(filter.nu) <= 40);
@@ -138,8 +130,7 @@ static void test_the_mean_may_forget_faster_than_the_covariance(void)
   c.forgetting_mean = setting(0.95);
   const tse_params p = prepared(&c);
   memset(&filter, 0, sizeof filter);
-  filter.gamma = real(0.05);
-  filter.nu = real(40);
+  filter.gamma = real(0.05), filter.nu = real(40);
   forget_for(&p, &filter, real(0.02));
   expect_near(0.05 / (0.95 * 0.95), number(filter.gamma), REL, "gamma", 0);
   expect_near(40 * 0.98 * 0.98, number(filter.nu), REL * 40, "nu", 0);
@@ -161,8 +152,7 @@ static void test_the_mean_forgets_faster_where_innovations_last(void)
       const double slow = off[i] * (1 - pow(1 - g, n)), beyond = slow * slow * (2 - g) / g - 3;
       const double lambda = fmax(0.8, 0.98 - 0.05 * fmax(beyond, 0));
       least += lambda < 0.801;
-      filter.gamma = real(0.05);
-      filter.nu = real(40);
+      filter.gamma = real(0.05), filter.nu = real(40);
       forget_after(&p, &filter, p.sample_time, off[i]);
       expect_near(0.05 / lambda, number(filter.gamma), BY_FORMAT(1e-12, 4e-6), "gamma", n);
       expect_near(40 * 0.98, number(filter.nu), REL * 40, "nu", n);
@@ -176,8 +166,7 @@ static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
 {
   const tse_params p = params();
   memset(&filter, 0, sizeof filter);
-  filter.gamma = real(1);
-  filter.nu = real(10);
+  filter.gamma = real(1), filter.nu = real(10);
   for (int i = 0; i < 3000; i++) {
     filter.gamma = real(number(filter.gamma) / (1 + number(filter.gamma)));
     filter.nu = real(number(filter.nu) + 1);
@@ -192,11 +181,8 @@ static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
 static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
 {
   tse_config c = settings();
-  c.accel_x_sd = setting(0.1);
-  c.accel_y_sd = setting(0.2);
-  c.yaw_rate_sd = setting(0.004);
-  c.accel_x_bias_walk = setting(0.01);
-  c.accel_y_bias_walk = setting(0.03);
+  c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2), c.yaw_rate_sd = setting(0.004);
+  c.accel_x_bias_walk = setting(0.01), c.accel_y_bias_walk = setting(0.03);
   c.yaw_rate_bias_walk = setting(0.0002);
   const tse_params p = prepared(&c);
   const double q[3] = { 0.1 * 0.1, 0.15 * 0.15, 0.05 * 0.05 }, start[3] = { 0.1, 0.2, 0.3 };

@@ -18,8 +18,7 @@ static void start(int32_t n)
   config.particles = n;
   p = prepared(&config);
   memset(&f, 0, sizeof f);
-  f.gamma = real(0.0123);
-  f.nu = real(57.5);
+  f.gamma = real(0.0123), f.nu = real(57.5);
   for (int a = 0; a < 3; a++) f.bias_var[a] = real(0.04 * (a + 1));
 }
 
@@ -164,9 +163,7 @@ static void test_identical_particles_have_no_spread_of_their_own(void)
   fill(&state, 1.0);
   for (int32_t i = 1; i < 100; i++) {
     for (int a = 0; a < 3; a++) {
-      f.p.x[a][i] = f.p.x[a][0];
-      f.p.mu[a][i] = f.p.mu[a][0];
-      f.p.bias[a][i] = f.p.bias[a][0];
+      f.p.x[a][i] = f.p.x[a][0], f.p.mu[a][i] = f.p.mu[a][0], f.p.bias[a][i] = f.p.bias[a][0];
     }
   }
   paper_estimate(&p, &f, &y);
@@ -200,15 +197,13 @@ static void test_sideslip_is_zero_at_standstill_and_right_in_every_quadrant(void
   fill(&state, 1.0);
   for (int k = 0; k < ROWS(v); k++) {
     for (int32_t i = 0; i < 16; i++) {
-      f.p.x[0][i] = real(v[k][0]);
-      f.p.x[1][i] = real(v[k][1]);
+      f.p.x[0][i] = real(v[k][0]), f.p.x[1][i] = real(v[k][1]);
     }
     paper_estimate(&p, &f, &y);
     expect_near(atan2(v[k][1], v[k][0]), number(y.sideslip), BY_FORMAT(1e-13, 1e-6), "sideslip", k);
   }
   for (int32_t i = 0; i < 16; i++) {
-    f.p.x[0][i] = real(-0.009);
-    f.p.x[1][i] = real(0.009);
+    f.p.x[0][i] = real(-0.009), f.p.x[1][i] = real(0.009);
   }
   paper_estimate(&p, &f, &y);
   expect_near(0.0, number(y.sideslip), 0.0, "sideslip at standstill", 0);

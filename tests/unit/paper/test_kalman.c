@@ -14,17 +14,12 @@ static tse_config settings(void) /* the car is that of the defaults, car_table[0
   tse_config c;
   tse_config_paper(&c);
   c.integration = 1; /* of second order, as in the reference */
-  c.accel_x_sd = c.accel_y_sd = setting(sd_of[0]);
-  c.yaw_rate_sd = setting(sd_of[2]);
-  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(bias_sd[0]);
-  c.yaw_rate_bias_sd = setting(bias_sd[2]);
+  c.accel_x_sd = c.accel_y_sd = setting(sd_of[0]), c.yaw_rate_sd = setting(sd_of[2]);
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(bias_sd[0]), c.yaw_rate_bias_sd = setting(bias_sd[2]);
   c.accel_x_bias_walk = c.accel_y_bias_walk = setting(bias_walk[0]);
-  c.yaw_rate_bias_walk = setting(bias_walk[2]);
-  c.sample_time = setting(row_time);
-  c.initial_spread = setting(spread);
-  c.initial_vel_x_sd = setting(x_sd[0]);
-  c.initial_vel_y_sd = setting(x_sd[1]);
-  c.initial_yaw_rate_sd = setting(x_sd[2]);
+  c.yaw_rate_bias_walk = setting(bias_walk[2]), c.sample_time = setting(row_time);
+  c.initial_spread = setting(spread), c.initial_vel_x_sd = setting(x_sd[0]);
+  c.initial_vel_y_sd = setting(x_sd[1]), c.initial_yaw_rate_sd = setting(x_sd[2]);
   return c;
 }
 
@@ -32,9 +27,7 @@ static tse_input row(double steer, const double y[3], int mask)
 {
   tse_input u;
   memset(&u, 0, sizeof u);
-  u.dt = real(0.01);
-  u.steer_angle = real(steer);
-  u.wheel_speed_front = u.wheel_speed_rear = real(omega);
+  u.dt = real(0.01), u.steer_angle = real(steer), u.wheel_speed_front = u.wheel_speed_rear = real(omega);
   u.accel_x = mask & 1 ? real(y[0]) : real((double)NAN);
   u.accel_y = mask & 2 ? real(y[1]) : real((double)NAN);
   u.yaw_rate = mask & 4 ? real(y[2]) : real((double)NAN);
@@ -106,12 +99,8 @@ static void run_turning(int32_t scheme)
   run_kalman_filter();
   for (int s = 0; s < SEEDS; s++) {
     tse_config c = settings();
-    c.particles = TSE_MAX_PARTICLES;
-    c.initial_mean_sd = setting(0);
-    c.initial_dof = setting(1000);
-    c.forgetting = setting(0.9999);
-    c.resample_threshold = setting(0.5);
-    c.resampling = scheme;
+    c.particles = TSE_MAX_PARTICLES, c.initial_mean_sd = setting(0), c.initial_dof = setting(1000);
+    c.forgetting = setting(0.9999), c.resample_threshold = setting(0.5), c.resampling = scheme;
     c.seed = 100 + s;
     const tse_params p = prepared(&c);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
@@ -215,9 +204,7 @@ static void test_turning_agrees_with_a_kalman_filter_with_multinomial_resampling
 static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
 {
   tse_config c = settings();
-  c.particles = 16;
-  c.initial_dof = setting(30);
-  c.forgetting = setting(0.96875);
+  c.particles = 16, c.initial_dof = setting(30), c.forgetting = setting(0.96875);
   c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&c);
   double total = 0.0, expected_total = 0.0, nu = 30, bias[3], mean[3] = { 0 }, var[3];

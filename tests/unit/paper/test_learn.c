@@ -26,14 +26,12 @@ static update_case update_case_of(int k)
   static const double nus[UPDATE_CASES] = { 8, 60, 12, 25, 9, 101 };
   uint32_t seed = 25u + (uint32_t)k;
   update_case c;
-  c.car = any_car(&seed);
-  c.prior.nu = nus[k];
+  c.car = any_car(&seed), c.prior.nu = nus[k];
   c.prior.gamma = any(&seed, 0.01, 0.5);
   for (int a = 0; a < 3; a++) c.prior.bias_var[a] = any(&seed, 0.05, 0.5);
   const double v = next_between(&seed, 12, 25);
   c.u[0] = any(&seed, 0.02, 0.05);
-  c.u[1] = single(v / c.car.wheel_radius_front + 2);
-  c.u[2] = single(v / c.car.wheel_radius_rear + 1);
+  c.u[1] = single(v / c.car.wheel_radius_front + 2), c.u[2] = single(v / c.car.wheel_radius_rear + 1);
   c.q = any_particle(&seed, &c.car, c.u, 0.03, 0.05);
   c.mask = masks[k];
   any_sample(&seed, &c.car, &c.q, c.u, c.y);
@@ -52,15 +50,12 @@ static tse_params params_of(const update_case *c)
 static void fill(const tse_params *p, const update_case *c, uint32_t step)
 {
   memset(&f, 0, sizeof f);
-  f.filter.step = step;
-  f.nu = real(c->prior.nu);
-  f.gamma = real(c->prior.gamma);
+  f.filter.step = step, f.nu = real(c->prior.nu), f.gamma = real(c->prior.gamma);
   for (int a = 0; a < 3; a++) f.bias_var[a] = real(c->prior.bias_var[a]);
   for (int32_t i = 0; i < padded(p->particles); i++) {
     f.weight[i] = TSE_R(1);
     for (int a = 0; a < 3; a++) {
-      f.p.x[a][i] = real(c->q.x[a]);
-      f.p.mu[a][i] = real(c->q.mu[a]);
+      f.p.x[a][i] = real(c->q.x[a]), f.p.mu[a][i] = real(c->q.mu[a]);
       f.p.bias[a][i] = real(c->q.bias[a] / number(p->sd[a]));
     }
     for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(c->q.scale[k]);
@@ -312,14 +307,12 @@ static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper
   tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, 7);
   static double free_w[3][TSE_MAX_PARTICLES];
-  p.w_low = TSE_R(-1000);
-  p.w_max = TSE_R(1000);
+  p.w_low = TSE_R(-1000), p.w_max = TSE_R(1000);
   fill(&p, c, 3);
   learn(&p, &y);
   for (int a = 0; a < 3; a++)
     for (int32_t i = 0; i < p.particles; i++) free_w[a][i] = number(f.p.w[a][i]);
-  p.w_low = real(c->w.mean[1] - 0.02);
-  p.w_max = real(c->w.mean[1] + 0.06);
+  p.w_low = real(c->w.mean[1] - 0.02), p.w_max = real(c->w.mean[1] + 0.06);
   fill(&p, c, 3);
   learn(&p, &y);
   const double lo = number(p.w_low), hi = number(p.w_max);

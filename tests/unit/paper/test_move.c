@@ -14,10 +14,7 @@ static tse_params params(double sample_time)
 {
   tse_config c;
   tse_config_default(&c);
-  c.particles = COUNT;
-  c.sample_time = setting(sample_time);
-  c.max_gap = setting(1);
-  c.integration = 1;
+  c.particles = COUNT, c.sample_time = setting(sample_time), c.max_gap = setting(1), c.integration = 1;
   return prepared(&c);
 }
 
@@ -25,25 +22,20 @@ static void propagate(const tse_params *p, tse_filter_paper *f, inputs u, tse_re
 {
   sample y;
   memset(&y, 0, sizeof y);
-  y.u = u;
-  y.dt = dt;
+  y.u = u, y.dt = dt;
   paper_predict_state(p, f, &y);
 }
 
 static inputs inputs_of(double steer, double v_front, double v_rear)
 {
   inputs u;
-  u.steer = real(steer);
-  u.v_front = real(v_front);
-  u.v_rear = real(v_rear);
+  u.steer = real(steer), u.v_front = real(v_front), u.v_rear = real(v_rear);
   return u;
 }
 
 static void set_inputs(tse_filter_paper *f, inputs u)
 {
-  f->filter.steer = u.steer;
-  f->filter.v_front = u.v_front;
-  f->filter.v_rear = u.v_rear;
+  f->filter.steer = u.steer, f->filter.v_front = u.v_front, f->filter.v_rear = u.v_rear;
 }
 
 static inputs mix(inputs a, inputs b, double share)
@@ -156,8 +148,7 @@ static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
   for (int j = 0; j < ROWS(row); j++) {
     tse_config c;
     tse_config_default(&c);
-    c.sample_time = setting(row[j].sample_time);
-    c.hold_speed = setting(2);
+    c.sample_time = setting(row[j].sample_time), c.hold_speed = setting(2);
     c.longitudinal_stiffness_front = setting(of_setting(c.longitudinal_stiffness_front) * row[j].stiffer);
     c.longitudinal_stiffness_rear = setting(of_setting(c.longitudinal_stiffness_rear) * row[j].stiffer);
     const tse_params p = prepared(&c);
@@ -217,25 +208,17 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
     const double *const k = car_table[(int)t[0]];
     tse_config c;
     tse_config_default(&c);
-    c.particles = COUNT;
-    c.sample_time = setting(0.001);
-    c.integration = 1;
-    c.mass = setting(k[0]);
-    c.yaw_inertia = setting(k[1]);
-    c.lf = setting(k[2]);
-    c.lr = setting(k[3]);
-    c.longitudinal_stiffness_front = setting(k[4]);
-    c.longitudinal_stiffness_rear = setting(k[5]);
-    c.cornering_stiffness_front = setting(k[6]);
-    c.cornering_stiffness_rear = setting(k[7]);
+    c.particles = COUNT, c.sample_time = setting(0.001), c.integration = 1, c.mass = setting(k[0]);
+    c.yaw_inertia = setting(k[1]), c.lf = setting(k[2]), c.lr = setting(k[3]);
+    c.longitudinal_stiffness_front = setting(k[4]), c.longitudinal_stiffness_rear = setting(k[5]);
+    c.cornering_stiffness_front = setting(k[6]), c.cornering_stiffness_rear = setting(k[7]);
     c.rear_longitudinal_follows_front = setting(k[8]);
     const tse_params p = prepared(&c);
     memset(&filter, 0, sizeof filter);
     set_inputs(&filter, inputs_of(t[5], t[6], t[7]));
     for (int i = 0; i < PADDED; i++)
       for (int a = 0; a < 3; a++) {
-        filter.p.x[a][i] = real(t[2 + a]);
-        filter.p.w[a][i] = real(t[11 + a]);
+        filter.p.x[a][i] = real(t[2 + a]), filter.p.w[a][i] = real(t[11 + a]);
       }
     propagate(&p, &filter, inputs_of(t[8], t[9], t[10]), real(t[1]));
     /* (step/time constant)^2/12 of the change, see test_vehicle.c; float: rounding of 667 steps */
@@ -355,8 +338,7 @@ static void test_no_particle_leaves_the_speeds_of_a_car(void)
   set_inputs(&filter, inputs_of(0.5, 130, -130));
   for (int i = 0; i < PADDED; i++)
     for (int a = 0; a < 3; a++) {
-      filter.p.x[a][i] = real(start[i % ROWS(start)][a]);
-      filter.p.w[a][i] = real(19);
+      filter.p.x[a][i] = real(start[i % ROWS(start)][a]), filter.p.w[a][i] = real(19);
     }
   propagate(&p, &filter, inputs_of(-0.5, -130, 130), real(0.1));
   for (int i = 0; i < PADDED; i++) {
@@ -373,8 +355,7 @@ static void test_decaying_states_become_zero(void)
   scatter(&filter);
   set_inputs(&filter, u);
   for (int i = 0; i < PADDED; i++) {
-    filter.p.x[0][i] = real(20);
-    filter.p.x[1][i] = real(1e-3 * (i - 10));
+    filter.p.x[0][i] = real(20), filter.p.x[1][i] = real(1e-3 * (i - 10));
     filter.p.x[2][i] = real(1e-4 * (7 - i));
     for (int a = 0; a < 3; a++) filter.p.w[a][i] = TSE_R(0); /* some of the scattered cars spin */
   }

@@ -28,8 +28,7 @@ static tse_input still_row(double gyro)
 {
   tse_input u;
   memset(&u, 0, sizeof u);
-  u.dt = real(0.01);
-  u.yaw_rate = real(gyro);
+  u.dt = real(0.01), u.yaw_rate = real(gyro);
   return u;
 }
 
@@ -166,9 +165,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
   tse_output y;
   set_out(&p, &c, &d, 150);
   tse_input u = next_row(&d);
-  u.dt = real(25.0);
-  u.wheel_speed_front = u.wheel_speed_rear = real(10.0 / 0.33);
-  u.yaw_rate = real(0.3);
+  u.dt = real(25.0), u.wheel_speed_front = u.wheel_speed_rear = real(10.0 / 0.33), u.yaw_rate = real(0.3);
   u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y;
   memcpy(&other, &f, sizeof f);
   TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &f.filter, &u, &y));
@@ -321,8 +318,7 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
   for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
     d.steer = d.torque = 0.0;
     if (i / 6000 % 2 == 0) {
-      d.steer = 0.02;
-      d.torque = 700.0;
+      d.steer = 0.02, d.torque = 700.0;
     }
     const tse_output y = run(&p, &f, &d, 1);
     TEST_ASSERT_TRUE(outputs_are_finite(&y));
@@ -337,8 +333,7 @@ static void test_another_road_is_found_within_seconds(void)
   drive d;
   double mean[3] = { 0 };
   set_off(&d, &c, 20.0);
-  d.steer = 0.01;
-  d.torque = 500.0;
+  d.steer = 0.01, d.torque = 500.0;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   (void)run(&p, &f, &d, 1500);
   d.road = 0.4;
@@ -468,28 +463,19 @@ static void test_no_row_of_numbers_whatever_makes_an_output_that_is_none(void)
 static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
 {
   tse_config c = some_settings(17);
-  c.mass = setting(50);
-  c.yaw_inertia = setting(10);
+  c.mass = setting(50), c.yaw_inertia = setting(10);
   c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = setting(1e7);
   c.cornering_stiffness_front = c.cornering_stiffness_rear = setting(1e7);
-  c.accel_x_sd = c.accel_y_sd = setting(0.001);
-  c.yaw_rate_sd = setting(1e-5);
-  c.stiffness_min = setting(0.02);
+  c.accel_x_sd = c.accel_y_sd = setting(0.001), c.yaw_rate_sd = setting(1e-5), c.stiffness_min = setting(0.02);
   c.stiffness_max = setting(20);
   fuzz(&c, 4000, 77);
   c = some_settings(16);
-  c.mass = setting(50000);
-  c.forgetting = setting(0.9);
-  c.initial_dof = setting(6);
-  c.initial_mean_sd = c.initial_spread = setting(2);
-  c.max_gap = setting(1);
-  c.sample_time = setting(0.1);
+  c.mass = setting(50000), c.forgetting = setting(0.9), c.initial_dof = setting(6);
+  c.initial_mean_sd = c.initial_spread = setting(2), c.max_gap = setting(1), c.sample_time = setting(0.1);
   c.resample_threshold = setting(0);
   fuzz(&c, 4000, 78);
   c = some_settings(18);
-  c.wheel_noise_sd = setting(5);
-  c.stiffness_max = setting(20);
-  c.initial_spread = setting(2);
+  c.wheel_noise_sd = setting(5), c.stiffness_max = setting(20), c.initial_spread = setting(2);
   fuzz(&c, 4000, 79);
 }
 
@@ -510,8 +496,7 @@ static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_numbe
     EACH_PARAMETER(e)
     put_parameter(&c, e, e->def);
     fit_together(&c);
-    c.form = kept;
-    c.particles = 16;
+    c.form = kept, c.particles = 16;
     held += fuzz(&c, 60, 1000u + (uint32_t)k);
   }
   TEST_ASSERT_TRUE(held >= BY_NUMBER(400, 400, 100)); /* fixed point refuses the others by name */
@@ -576,10 +561,8 @@ static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spre
       y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
       f.filter.seen = TSE_R(500);
       for (int b = 0; b < 3; b++) {
-        f.excite_mean[b] = TSE_R(0.25);
-        f.excite_sq[b] = TSE_R(4);
-        est.stiffness[b] = TSE_R(0.4);
-        est.stiffness_spread[b] = TSE_R(0.1);
+        f.excite_mean[b] = TSE_R(0.25), f.excite_sq[b] = TSE_R(4);
+        est.stiffness[b] = TSE_R(0.4), est.stiffness_spread[b] = TSE_R(0.1);
       }
       const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left, var = sq - pow(0.25 * left, 2.0); /* over two memories */
       const double noise = 1.0 + sq * 0.01, signal = number(own.memory) * var;

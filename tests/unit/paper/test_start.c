@@ -18,18 +18,10 @@ static tse_config settings(void)
 {
   tse_config c;
   tse_config_paper(&c);
-  c.particles = COUNT;
-  c.initial_vel_x_sd = setting(0.3);
-  c.initial_vel_y_sd = setting(0.2);
-  c.initial_yaw_rate_sd = setting(0.05);
-  c.yaw_rate_sd = setting(0.005);
-  c.initial_cx_front = setting(0.7);
-  c.initial_cy_front = setting(0.8);
-  c.initial_cy_rear = setting(1.25);
-  c.initial_mean_sd = setting(0.125);
-  c.initial_spread = setting(0.2);
-  c.initial_dof = setting(12);
-  c.stiffness_max = setting(20);
+  c.particles = COUNT, c.initial_vel_x_sd = setting(0.3), c.initial_vel_y_sd = setting(0.2);
+  c.initial_yaw_rate_sd = setting(0.05), c.yaw_rate_sd = setting(0.005), c.initial_cx_front = setting(0.7);
+  c.initial_cy_front = setting(0.8), c.initial_cy_rear = setting(1.25), c.initial_mean_sd = setting(0.125);
+  c.initial_spread = setting(0.2), c.initial_dof = setting(12), c.stiffness_max = setting(20);
   c.stiffness_min = setting(0.02);
   return c;
 }
@@ -38,15 +30,10 @@ static sample row(double v_front, double v_rear, double yaw_rate, int has_gyro)
 {
   sample y;
   memset(&y, 0, sizeof y);
-  y.u.steer = real(0.1);
-  y.u.v_front = real(v_front);
-  y.u.v_rear = real(v_rear);
-  y.dt = real(0.01);
-  y.use[0] = y.use[1] = real(1);
-  y.use[2] = real(has_gyro);
+  y.u.steer = real(0.1), y.u.v_front = real(v_front), y.u.v_rear = real(v_rear), y.dt = real(0.01);
+  y.use[0] = y.use[1] = real(1), y.use[2] = real(has_gyro);
   y.y[2] = real(has_gyro ? yaw_rate / 0.005 : 0);
-  y.used = 2 + has_gyro;
-  y.has_inputs = 1;
+  y.used = 2 + has_gyro, y.has_inputs = 1;
   return y;
 }
 
@@ -131,10 +118,8 @@ static void test_statistics_start_as_the_settings_say_and_are_common_to_all_part
 static void test_biases_start_with_the_variance_of_the_settings(void)
 {
   tse_config c = settings();
-  c.accel_x_sd = setting(0.1);
-  c.accel_y_sd = setting(0.2);
-  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05);
-  c.yaw_rate_bias_sd = setting(0.01);
+  c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2);
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05), c.yaw_rate_bias_sd = setting(0.01);
   const tse_params p = prepared(&c);
   const sample y = row(20, 20, 0, 1);
   const double expected[3] = { 0.25, 0.0625, 4 };
@@ -162,11 +147,8 @@ static void test_all_particles_in_use_start_with_the_same_weight_and_the_padding
 static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound(void)
 {
   tse_config c = settings();
-  c.initial_cx_front = setting(0.25);
-  c.initial_cy_front = setting(4);
-  c.initial_cy_rear = setting(1);
-  c.stiffness_min = setting(0.5);
-  c.stiffness_max = setting(2);
+  c.initial_cx_front = setting(0.25), c.initial_cy_front = setting(4), c.initial_cy_rear = setting(1);
+  c.stiffness_min = setting(0.5), c.stiffness_max = setting(2);
   const tse_params p = prepared(&c);
   const sample y = row(20, 20, 0, 1);
   memset(&filter, 0, sizeof filter);
@@ -228,10 +210,7 @@ static void experienced(void)
 {
   uint32_t state = 1;
   memset(&filter, 0, sizeof filter);
-  filter.filter.step = 1234;
-  filter.filter.started = 1;
-  filter.gamma = real(0.01);
-  filter.nu = real(99);
+  filter.filter.step = 1234, filter.filter.started = 1, filter.gamma = real(0.01), filter.nu = real(99);
   filter.log_total = real(5);
   for (int a = 0; a < 3; a++) filter.bias_var[a] = real(0.1 * (a + 1));
   for (int i = 0; i < TSE_STRIDE; i++) {

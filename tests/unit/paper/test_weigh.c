@@ -36,8 +36,7 @@ static weigh_case weigh_case_of(int k)
   static const double nus[WEIGH_CASES] = { 6, 9, 30, 100, 400, 2000 };
   uint32_t seed = 2016u + (uint32_t)k;
   weigh_case c;
-  c.car = any_car(&seed);
-  c.prior.nu = nus[k];
+  c.car = any_car(&seed), c.prior.nu = nus[k];
   c.prior.gamma = any(&seed, 0.005, 0.9);
   for (int a = 0; a < 3; a++) c.prior.bias_var[a] = any(&seed, 0.01, 0.6);
   const double v = next_between(&seed, 8, 30);
@@ -67,16 +66,12 @@ static tse_params params_of(const weigh_case *c)
 static void fill(const tse_params *p, const weigh_case *c)
 {
   memset(&f, 0, sizeof f);
-  f.nu = real(c->prior.nu);
-  f.gamma = real(c->prior.gamma);
-  f.log_total = r_log2(r_from_int(WEIGH_PARTICLES));
+  f.nu = real(c->prior.nu), f.gamma = real(c->prior.gamma), f.log_total = r_log2(r_from_int(WEIGH_PARTICLES));
   for (int32_t i = 0; i < WEIGH_PARTICLES; i++) {
     const paper_particle *const q = &c->particle[i];
     f.weight[i] = TSE_R(1);
     for (int a = 0; a < 3; a++) {
-      f.bias_var[a] = real(c->prior.bias_var[a]);
-      f.p.x[a][i] = real(q->x[a]);
-      f.p.mu[a][i] = real(q->mu[a]);
+      f.bias_var[a] = real(c->prior.bias_var[a]), f.p.x[a][i] = real(q->x[a]), f.p.mu[a][i] = real(q->mu[a]);
       f.p.bias[a][i] = real(q->bias[a] / number(p->sd[a]));
     }
     for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(q->scale[k]);
@@ -160,9 +155,7 @@ static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void
         if (mask >> a & 1) n++, q += z[a] * z[a] * nut / (nut - 2);
       const double expected = lgamma((nut + n) / 2) - lgamma(nut / 2) - n / 2 * log((nut - 2) * 3.141592653589793) - (nut + n) / 2 * log1p(q / nut);
       memset(&f, 0, sizeof f);
-      f.nu = real(nu);
-      f.gamma = real(0.1);
-      f.log_total = TSE_R(4);
+      f.nu = real(nu), f.gamma = real(0.1), f.log_total = TSE_R(4);
       for (int32_t i = 0; i < 16; i++) f.p.x[0][i] = y.u.v_front;
       const tse_real evidence = weighed(&p, &y);
       /* double: log2's 2.7e-14 times (nut + 3)/2 log2(1 + q/nut), plus as much for each other log; float: log2(1 + q/nut)
@@ -181,9 +174,7 @@ static void test_weights_are_the_powers_of_the_log_weights_and_padding_has_none(
   for (int32_t i = 16; i < 24; i++) {
     f.weight[i] = TSE_R(5);
     for (int a = 0; a < 3; a++) { /* a particle like another, but not in use */
-      f.p.x[a][i] = f.p.x[a][0];
-      f.p.mu[a][i] = f.p.mu[a][0];
-      f.p.bias[a][i] = f.p.bias[a][0];
+      f.p.x[a][i] = f.p.x[a][0], f.p.mu[a][i] = f.p.mu[a][0], f.p.bias[a][i] = f.p.bias[a][0];
     }
     for (int k = 0; k < 6; k++) f.p.lam[k][i] = f.p.lam[k][0];
     f.p.logw[0][i] = TSE_R(400);                           /* and one that would be the best by far */
@@ -245,8 +236,7 @@ static void test_order_of_particles_survives_where_densities_underflow(void)
   const tse_params p = prepared(&config);
   const sample y = sample_of_row(&p, straight, y_far, 7);
   memset(&f, 0, sizeof f);
-  f.nu = TSE_R(2000);
-  f.log_total = TSE_R(4);
+  f.nu = TSE_R(2000), f.log_total = TSE_R(4);
   for (int32_t i = 0; i < 16; i++) {
     f.p.x[0][i] = y.u.v_front;
     f.p.bias[1][i] = real(i == 11 ? 1.0 : 0.0); /* 299 instead of 300 sigma away */
