@@ -43,7 +43,7 @@ static inline tse_replay_start the_start(void)
 /* A replay that must succeed. */
 static inline void replay_with(const tse_config *c, const tse_replay_log *log, int rows, const tse_replay_start *s)
 {
-  const tse_params p = prepared(c);
+  const tse_params p = prepared(*c);
   const tse_replay_out out = the_out();
   int32_t wrong = -1;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, log, rows, s, &out, &wrong));
@@ -70,8 +70,7 @@ static inline void straight(const tse_config *c, double speed, double dt, int ro
 /* That of (1)-(4), to which a test adds its effects. */
 static inline tse_config default_car(void)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.exact_kinematics_share = setting(0);
   return c;
 }

@@ -39,8 +39,7 @@ static inline paper_car any_car(uint32_t *seed)
 
 static inline tse_config config_of(const paper_car *car, int32_t particles)
 {
-  tse_config c;
-  tse_config_paper(&c);
+  tse_config c = config_by(tse_config_paper);
 #define X(name) c.name = setting(car->name);
   PAPER_SETTINGS(X)
 #undef X

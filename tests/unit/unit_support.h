@@ -261,14 +261,20 @@ static inline void fit_together(tse_config *c)
   *codes[0] = 1 | 16 << 8 | 34 << 16; /* a steer_angle mul */
 }
 
+/* The settings that tse_config_default(), tse_config_paper() and so on make. */
+static inline tse_config config_by(void (*make)(tse_config *))
+{
+  tse_config c;
+  make(&c);
+  return c;
+}
+
 /* Parameters from settings that must be right. */
-static inline tse_params prepared(const tse_config *c)
+static inline tse_params prepared(tse_config c)
 {
   tse_params p;
   const char *wrong = "";
-  if (tse_prepare(c, &p, &wrong) != TSE_OK) {
-    TEST_FAIL_MESSAGE(wrong);
-  }
+  if (tse_prepare(&c, &p, &wrong) != TSE_OK) TEST_FAIL_MESSAGE(wrong);
   return p;
 }
 

@@ -66,7 +66,7 @@ static tse_input noisy_row(int k)
 
 static void start(const tse_config *c, tse_filter_paper *f)
 {
-  p = prepared(c);
+  p = prepared(*c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f->filter, bytes_of_form(c->form)));
 }
 
@@ -422,7 +422,7 @@ static void test_channels_late_by_a_microsecond_wait_for_nothing(void)
   static const double late[5] = { 1e-6, 1e-6, 1e-6, 1e-6, 1e-6 };
   tse_config c = settings(0), d = c;
   tell(&c, late);
-  const tse_params plain = prepared(&d);
+  const tse_params plain = prepared(d);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&plain, &plain_one.filter, bytes_of_form(0)));
   start(&c, &late_one);
   for (int k = 0; k < 50; k++) {
@@ -443,7 +443,7 @@ static void test_a_row_is_read_when_its_latest_channel_is_known(void)
   static const double late[5] = { 5e-6, 0, 0, 0, 0 };
   tse_config c = settings(0);
   tell(&c, late);
-  const tse_params q = prepared(&c);
+  const tse_params q = prepared(c);
   expect_near(5e-6, number(q.latency), 1e-10, "latency", 0);
 }
 

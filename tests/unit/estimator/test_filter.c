@@ -19,10 +19,9 @@ static int form;
 /* The shortest that a format knows: what a row of it has taught each second is no number, and is not kept. */
 static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
 {
-  tse_config c;
+  tse_config c = config_by(tse_config_default);
   tse_input u;
-  tse_config_default(&c);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f.filter));
   memset(&u, 0, sizeof u);
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
@@ -72,7 +71,7 @@ static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
   static const double bad_steer[] = { 1.2001, -1.2001, 1e30, INFINITY, -INFINITY };
   static const double bad_wheel[] = { 400.1, -400.1, 1e30, INFINITY, -INFINITY };
   tse_config c = some_settings(40);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   set_off(&d, &c, 20.0);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
@@ -105,7 +104,7 @@ static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
   wrong.magic ^= 1u;
   expect_refused(TSE_E_STATE, &wrong, &good);
   c.mass = setting(1901);                              /* parameters of another car */
-  wrong = prepared(&c);
+  wrong = prepared(c);
   expect_refused(TSE_E_STATE, &wrong, &good);
   f.filter.magic ^= 1u;                              /* not a filter */
   expect_refused(TSE_E_STATE, &p, &good);
@@ -115,8 +114,7 @@ static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
 
 static void test_reset_refuses_what_does_not_fit_and_changes_nothing_then(void)
 {
-  const tse_config c = some_settings(40);
-  tse_params p = prepared(&c);
+  tse_params p = prepared(some_settings(40));
   memset(&f, 0x33, sizeof f);
   memcpy(&before, &f, sizeof f);
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_reset(NULL, &f.filter, sizeof f));
@@ -131,7 +129,7 @@ static void test_reset_refuses_what_does_not_fit_and_changes_nothing_then(void)
 static void test_a_refused_row_leaves_no_trace_in_what_follows(void)
 {
   const tse_config c = some_settings(40);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   tse_output y;
   set_off(&d, &c, 20.0);
@@ -153,7 +151,7 @@ static void test_a_refused_row_leaves_no_trace_in_what_follows(void)
 static void test_a_copy_of_the_struct_is_a_snapshot(void)
 {
   const tse_config c = some_settings(50);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d, again;
   set_off(&d, &c, 20.0);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
@@ -175,7 +173,7 @@ static void test_two_filters_in_turn_do_not_influence_each_other(void)
   c[1].seed = 9;
   c[1].resampling = 3;
   for (int k = 0; k < 2; k++) {
-    p[k] = prepared(&c[k]);
+    p[k] = prepared(c[k]);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p[k], &alone[k].filter, sizeof alone[k]));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p[k], &together[k].filter, sizeof together[k]));
     set_off(&d[k], &c[k], 15.0 + 5.0 * k);
@@ -194,7 +192,7 @@ static void test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(voi
   for (int k = 0; k < 3; k++) {
     drive d;
     c.seed = k < 2 ? 11 : 12;
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     set_off(&d, &c, 20.0);
     memset(&f, 0x77 * k, sizeof f); /* reset leaves nothing of what was there */
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
@@ -210,7 +208,7 @@ static void test_the_time_step_of_the_first_row_does_not_count(void)
 {
   static const double dt[] = { 0.0, -1.0, NAN, INFINITY, 1e9, 0.01 };
   const tse_config c = some_settings(20);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   set_off(&d, &c, 20.0);
   tse_input u = next_row(&d);
@@ -244,7 +242,7 @@ static void test_particles_are_memory_only_for_who_asks_for_them(void)
     unsigned char beyond[64];
   } small;
   const tse_config c = some_settings(40);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   TEST_ASSERT_TRUE(sizeof(tse_filter) < sizeof(tse_filter_paper) - sizeof(tse_particles));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   memset(&small, 0x5a, sizeof small);

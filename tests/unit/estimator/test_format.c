@@ -20,10 +20,9 @@ static void test_every_form_works_in_every_format(void)
 
 static void test_a_wrong_setting_is_named_in_every_format(void)
 {
-  tse_config c;
+  tse_config c = config_by(tse_config_default);
   tse_params p;
   const char *wrong = "";
-  tse_config_default(&c);
   c.mass = 0;
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_prepare(&c, &p, &wrong));
   TEST_ASSERT_EQUAL_STRING("mass", wrong);
@@ -55,12 +54,10 @@ static void test_what_does_not_fit_is_refused_by_name(void)
 static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
 {
   static tse_filter one;
-  tse_config c;
   tse_params p;
   tse_input u;
   tse_output y;
-  tse_config_default(&c);
-  p = prepared(&c);
+  p = prepared(config_by(tse_config_default));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &one, sizeof one));
   memset(&u, 0, sizeof u);
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);

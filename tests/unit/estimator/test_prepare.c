@@ -10,8 +10,7 @@
 
 static tse_config defaults(void)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   return c;
 }
 
@@ -253,8 +252,7 @@ static void expect_relative(double expected, tse_real actual, const char *what)
 
 static void test_vehicle_constants_are_normalised_by_mass(void)
 {
-  const tse_config c = other_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(other_car());
   expect_relative(110000.0 / 1250, p.car.kx_front, "kx_front");
   expect_relative(95000.0 / 1250, p.car.kx_rear, "kx_rear");
   expect_relative(70000.0 / 1250, p.car.ky_front, "ky_front");
@@ -280,7 +278,7 @@ static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axle
   for (int k = 0; k < ROWS(row); k++) {
     tse_config c = defaults();
     c.lf = setting(row[k][0]), c.lr = setting(row[k][1]), c.cg_shift_distance = setting(row[k][2]);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     expect_near(row[k][3], number(p.car.lf), 1e-6, "lf", k);
     expect_near(row[k][4], number(p.car.lr), 1e-6, "lr", k);
   }
@@ -288,8 +286,7 @@ static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axle
 
 static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
 {
-  const tse_config c = other_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(other_car());
   const double sd[3] = { 0.11, 0.23, 0.007 }, bias[3] = { 0.02, 0.04, 0.003 }, walk[3] = { 0.005, 0.006, 0.0007 };
   for (int i = 0; i < 3; i++) {
     expect_relative(sd[i], p.sd[i], "sd");
@@ -310,7 +307,7 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   c.aero_drag_coefficient = setting(0.4), c.rolling_resistance_coefficient = setting(0.012);
   c.aligning_moment_trail = setting(0.03), c.imu_misalignment_angle = setting(-0.05);
   c.gyro_scale_error = setting(0.02), c.steering_lag_time = setting(0.04);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const tse_car *const k = &p.car;
   expect_relative(110000.0 / 1250, k->kx_front, "kx_front");
   expect_relative(95000.0 / 1250, k->kx_rear, "kx_rear");
@@ -335,22 +332,21 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   expect_relative(9.81 * 0.012 * 1.6 / 2.7 * 1250 / 110000, k->free_front, "free_front");
   TEST_ASSERT_EQUAL_INT32(2, k->driven);
   expect_relative(0.04, p.steer_lag, "steer_lag");
-  const tse_config plain = defaults();
-  const tse_params q = prepared(&plain);
+  const tse_params q = prepared(defaults());
   expect_relative(50, q.car.grip, "tyres without an end");
   expect_relative(0.05, q.car.relaxation, "no shorter relaxation");
   TEST_ASSERT_TRUE(number(q.car.drag) == 0 && number(q.car.compliance) == 0 && number(q.car.roll_leak) == 0);
   expect_relative(1, q.car.scale_x, "scale_x");
   expect_relative(1, q.car.mount_cos, "mount_cos");
   c.grip = setting(0), c.tyre_saturation_inverse_friction = setting(1.25);
-  expect_relative(0.8, prepared(&c).car.grip, "grip of the effect");
+  expect_relative(0.8, prepared(c).car.grip, "grip of the effect");
 }
 
 static void test_the_prior_of_the_state_is_that_of_the_settings(void)
 {
   tse_config c = other_car();
   c.steering_offset_angle = setting(0.004), c.grade_angle = setting(0.02), c.bank_angle = setting(0.01);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const double sd[STATES - BX] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.25, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
                                    of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
   for (int i = BX; i < STATES; i++) expect_near(sd[i - BX], number(p.prior_sd[i]), 1e-7, "prior_sd", i);
@@ -371,22 +367,19 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
 static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs(void)
 {
   static const double age[6] = { 0.017 - 0.006, 0.017 - 0.012, 0.002, 0.02, 0.017 + 0.009, 0.017 }; /* in the order of a row */
-  const tse_config c = other_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(other_car());
   expect_relative(0.017, p.latency, "latency");
   expect_relative(0.017 + 0.009, p.latency_span, "latency_span");
   expect_relative(0.026 / (TSE_LATENCY_ROWS - 2), p.latency_least, "latency_least");
   for (int k = 0; k < 6; k++) expect_near(age[k], number(p.latency_age[k]), BY_FORMAT(1e-16, 1e-8), "age", k);
-  const tse_config d = defaults();
-  const tse_params q = prepared(&d);
+  const tse_params q = prepared(defaults());
   for (int k = 0; k < 6; k++) expect_near(0, number(q.latency_age[k]), 0, "latency_age", k);
   expect_near(0, number(q.latency_span), 0, "latency_span", 0);
 }
 
 static void test_filter_constants_follow_their_formulas(void)
 {
-  const tse_config c = other_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(other_car());
   TEST_ASSERT_EQUAL_HEX32(TSE_PARAMS_MAGIC, p.magic);
   TEST_ASSERT_EQUAL_INT32(120, p.particles);
   TEST_ASSERT_EQUAL_INT32(2, p.resampling);
@@ -436,7 +429,7 @@ static void test_off_is_off(void)
 {
   tse_config c = other_car();
   c.forgetting_mean = setting(0), c.reflect_draws = 0, c.spread_max = setting(2);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   expect_relative(0.995, p.forgetting_mean, "lambda of the mean is lambda");
   expect_relative(-2, p.w_low, "draws are free down to -(stiffness_max - 1)");
   TEST_ASSERT_TRUE(number(p.spread_max_var) > 1e5); /* sd 300: none */
@@ -447,18 +440,17 @@ static void test_damping_is_that_of_the_stiffest_direction(void)
 {
   tse_config c = other_car();
   c.yaw_inertia = setting(17000);
-  expect_relative(4 * 205000.0 / 1250, prepared(&c).damping, "longitudinal");
+  expect_relative(4 * 205000.0 / 1250, prepared(c).damping, "longitudinal");
   c.cornering_stiffness_front = setting(500000);
-  expect_relative(4 * 585000.0 / 1250, prepared(&c).damping, "lateral");
+  expect_relative(4 * 585000.0 / 1250, prepared(c).damping, "lateral");
   c.longitudinal_stiffness_front = setting(1e7);
-  expect_relative(0.03 / 8, prepared(&c).least_step, "least_step");
+  expect_relative(0.03 / 8, prepared(c).least_step, "least_step");
 }
 
 /* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma Sigma the variance of the mean. */
 static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void)
 {
-  const tse_config c = other_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(other_car());
   const double sigma = number(p.lam0) * number(p.nu0) / (number(p.nu0) - 3 - 1);
   expect_near(0.2, sqrt(sigma), BY_FORMAT(1e-15, 1e-7), "spread", 0);
   expect_near(0.4, sqrt(number(p.gamma0) * sigma), BY_FORMAT(1e-15, 2e-7), "sd of the mean", 0);
@@ -502,7 +494,7 @@ static void test_no_seed_gives_the_key_of_only_zeros(void)
 {
   tse_config c = defaults();
   c.seed = 0;
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   TEST_ASSERT_TRUE(p.seed[0] != 0 || p.seed[1] != 0);
 }
 
@@ -520,20 +512,19 @@ static void test_same_settings_give_the_same_bytes(void)
 /* Also by the smallest change that the format knows. */
 static void test_fingerprint_changes_with_every_setting(void)
 {
-  const tse_config base = other_config();
-  const uint32_t before = prepared(&base).fingerprint;
+  const uint32_t before = prepared(other_config()).fingerprint;
   EACH_SETTING(row)
   {
     tse_config c = other_config();
     if (row->kind == 's') {
       put_setting(&c, row, towards(setting_field(&c, row), INFINITY));
-      TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, row->name);
+      TEST_ASSERT_TRUE_MESSAGE(prepared(c).fingerprint != before, row->name);
       put_field(&c, row, row->lo);
       tse_params p;
       if (prepared_if_held(&c, &p)) TEST_ASSERT_TRUE_MESSAGE(p.fingerprint != before, row->name);
     } else {
       put_field(&c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
-      TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, row->name);
+      TEST_ASSERT_TRUE_MESSAGE(prepared(c).fingerprint != before, row->name);
     }
   }
 }
@@ -545,31 +536,31 @@ static void test_fingerprint_changes_with_every_bit_of_a_setting(void)
     b = a;
     b.seed = (int32_t)(1u << bit);
     a.seed = 0;
-    TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
+    TEST_ASSERT_TRUE(prepared(a).fingerprint != prepared(b).fingerprint);
   }
   a.initial_vel_x = setting(17);
   b = a;
   b.initial_vel_x = setting(-17); /* the sign bit only */
-  TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
+  TEST_ASSERT_TRUE(prepared(a).fingerprint != prepared(b).fingerprint);
 }
 
 static void test_fingerprint_tells_settings_that_were_exchanged(void)
 {
   tse_config a = defaults(), b = defaults();
   a.accel_x_sd = b.accel_y_sd = setting(0.2), a.accel_y_sd = b.accel_x_sd = setting(0.3);
-  TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
+  TEST_ASSERT_TRUE(prepared(a).fingerprint != prepared(b).fingerprint);
 }
 
 /* A strength that is not zero makes another vehicle; a shape, once its effect is on. Kinematics are exact in the filter in any case. */
 static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on(void)
 {
   tse_config c = other_config();
-  const uint32_t before = prepared(&c).vehicle;
+  const uint32_t before = prepared(c).vehicle;
   EACH_PARAMETER(e)
   {
     c = other_config();
     put_parameter(&c, e, 0.8 * e->def + 0.2 * (e->def < e->hi ? e->hi : e->lo));
-    TEST_ASSERT_EQUAL_INT_MESSAGE(is_kinematics(e->setting), prepared(&c).vehicle == before, e->setting); /* the filter's are exact */
+    TEST_ASSERT_EQUAL_INT_MESSAGE(is_kinematics(e->setting), prepared(c).vehicle == before, e->setting); /* the filter's are exact */
   }
 }
 
@@ -578,7 +569,7 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
 static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
 {
   const tse_config base = defaults();
-  const uint32_t before = prepared(&base).vehicle;
+  const uint32_t before = prepared(base).vehicle;
   uint32_t hash = 2166136261u;
   EACH_SETTING(f)
   {
@@ -595,13 +586,13 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
     tse_config other = other_config(), c = defaults();
     if (row->kind == 's') {
       put_setting(&c, row, setting_field(&other, row));
-      const int same = prepared(&c).vehicle == before;
+      const int same = prepared(c).vehicle == before;
       const int acts = kind_of_effect_setting(row->name) == 2 && !is_kinematics(row->name);
       const int vehicle = (size_t)row->offset < offsetof(tse_config, mass_sd) || acts;
       TEST_ASSERT_EQUAL_INT_MESSAGE(!vehicle, same, row->name);
     } else {
       put_field(&c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
-      TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(&c).vehicle, row->name);
+      TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(c).vehicle, row->name);
     }
   }
 }

@@ -5,8 +5,7 @@ static tse_filter f, other;
 
 static tse_config a_car(int driven, double grade_sd)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.driven_axle = driven, c.grade_sd = setting(grade_sd), c.initial_cx_sd = setting(0.05);
   return c;
 }
@@ -55,8 +54,7 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
   };
   for (int n = 0; n < (int)(sizeof cases / sizeof cases[0]); n++)
     for (int climbs = 0; climbs < 2; climbs++) {
-      const tse_config c = a_car(cases[n].driven, 0.03 * climbs);
-      const tse_params p = prepared(&c);
+      const tse_params p = prepared(a_car(cases[n].driven, 0.03 * climbs));
       tse_input u = a_row();
       decoded z;
       u.given = cases[n].given, u.brake = real(cases[n].brake), u.wheel_torque_front = real(cases[n].front);
@@ -75,8 +73,7 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
 {
   uint32_t seed = 4;
   for (int n = 0; n < 20; n++) {
-    const tse_config c = a_car(1 + n % 2, 0.03);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(a_car(1 + n % 2, 0.03));
     const int at = n % 2 ? SF : SR;
     const steering straight = { TSE_R(0), TSE_R(0), real(0.01) };
     static tse_kalman k;

@@ -128,11 +128,10 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
 {
 #if !defined(TSE_REAL_FIXED)
   static tse_filter f;
-  tse_config c;
+  tse_config c = config_by(tse_config_default);
   tse_params p;
   tse_input u;
   tse_output y;
-  tse_config_default(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   tse_input_default(&u);

@@ -4,12 +4,11 @@
 
 static tse_params a_car(void)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.grade_sd = setting(0.03), c.grip = setting(1), c.grip_sd = setting(0.2), c.steer_offset_sd = setting(0.004);
   c.steer_ratio_sd = setting(0.03), c.relaxation_length = setting(0.4), c.relaxation_sd = setting(0.2);
   c.yaw_inertia_sd = setting(0.1), c.cg_sd = setting(0.03);
-  return prepared(&c);
+  return prepared(c);
 }
 
 static decoded a_row(double dt, double steer)
@@ -182,11 +181,10 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
   const double close = BY_NUMBER(1e-9, 2e-5, 2e-5);
   uint32_t seed = 5;
   for (int drive = 0; drive < 50; drive++) {
-    tse_config c;
-    tse_config_default(&c);
+    tse_config c = config_by(tse_config_default);
     c.initial_cx_sd = setting(next_between(&seed, 0.04, 0.3));
     c.model_sd = setting(next_between(&seed, 0, 0.2));
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     static tse_filter f;
     memset(&f, 0, sizeof f);
     start_all(&p, &f);

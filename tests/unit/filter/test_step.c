@@ -11,8 +11,7 @@ static truth w; /* the car that is driven */
 /* A car of which much is uncertain. */
 static tse_config a_car(void)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.grip = setting(1), c.grip_sd = setting(0.15), c.relaxation_length = setting(0.4);
   c.body_roll_gain = setting(0.005), c.aero_drag_coefficient = setting(0.4), c.steer_offset_sd = setting(0.003);
   c.steer_ratio_sd = setting(0.02), c.wheel_radius_sd = setting(0.003), c.lean_sd = setting(0.02);
@@ -691,8 +690,7 @@ static void test_a_state_that_is_no_number_is_started_over(void)
 static void test_readings_at_their_ends_leave_numbers(void)
 {
   uint32_t seed = 8;
-  const tse_config c = a_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(a_car());
   for (int run = 0; run < 20; run++) {
     tse_output y;
     reset(&p);

@@ -63,8 +63,7 @@ static void use_one(schmidt *s, const double h[ALL], double e, double r)
 /* A car of which much is uncertain, in a turn. */
 static tse_params a_car(int told)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.grip = setting(1), c.grip_sd = setting(0.2), c.relaxation_length = setting(0.4);
   c.body_roll_gain = setting(0.005), c.steer_offset_sd = setting(0.004), c.steer_ratio_sd = setting(0.03);
   c.wheel_radius_sd = setting(0.004), c.lean_sd = setting(0.05);
@@ -73,7 +72,7 @@ static tse_params a_car(int told)
     c.relaxation_sd = setting(0.2), c.roll_steer_sd = setting(0.04), c.accel_y_scale_sd = setting(0.03);
     c.gyro_scale_sd = setting(0.01), c.wheel_delay_sd = setting(0.01), c.accel_delay_sd = setting(0.003);
   }
-  return prepared(&c);
+  return prepared(c);
 }
 
 static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)

@@ -197,8 +197,7 @@ static void test_sums_fading_ties_and_what_is_forgotten_are_those_of_the_matrix(
 
 static tse_config a_config(void)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   tse_config_uncalibrated(&c);
   return c;
 }
@@ -235,7 +234,7 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
 {
   tse_config c = a_config();
   c.cg_height = c.longitudinal_load_transfer_gain = c.lateral_load_transfer_gain = setting(0); /* slopes leave load transfer out: car.c */
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   uint32_t seed = 5;
   for (int n = 0; n < 30; n++) {
     tse_short M[MOTION][COLUMNS];
@@ -296,7 +295,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     c.velocity_latency = setting(n % 3 ? 0.06 : 0);
     c.velocity_latency_sd = setting(0.003), c.ins_velocity_sd = c.gnss_speed_sd = setting(0.01);
     c.gnss_course_sd = setting(0.001); /* uncertain quantities count: where they do not, Schmidt's gain is left out */
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     tse_real rate[3], by[3][COLUMNS], change[TSE_ALL];
     const tse_real angle = real(0.01);
     const steering still = { angle, angle, real(0.01) };
@@ -487,8 +486,7 @@ static void begin_with(const tse_config *config, int every)
 
 static tse_config a_drive(void)
 {
-  tse_config config;
-  tse_config_default(&config);
+  tse_config config = config_by(tse_config_default);
   config.grip = setting(1), config.grip_sd = setting(0.15), config.relaxation_length = setting(0.4);
   config.initial_cx_sd = config.initial_cy_front_sd = config.initial_cy_rear_sd = setting(0.2);
   config.accel_x_sd = config.accel_y_sd = setting(0.1), config.model_sd = setting(0.05);
@@ -717,7 +715,7 @@ static void test_a_velocity_beside_channels_that_are_late(void)
   s.late = 0.1;
   tse_config waits = config;
   waits.steer_angle_latency = setting(0.05);
-  const tse_params p = prepared(&waits);
+  const tse_params p = prepared(waits);
   expect_near(0.05, number(p.velocity_late), 1e-6, "late behind the row that is stepped to", 0);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   double steer[8] = { 0 }, sum = 0, truth_then[8] = { 0 };
@@ -755,11 +753,10 @@ static void test_no_velocity_whatever_breaks_the_filter(void)
 static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(void)
 {
   static tse_filter_paper paper;
-  tse_config config;
+  tse_config config = config_by(tse_config_paper);
   tse_input u;
-  tse_config_paper(&config);
   config.particles = 60;
-  const tse_params p = prepared(&config);
+  const tse_params p = prepared(config);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &paper.filter, sizeof paper));
   memset(&u, 0, sizeof u);
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);

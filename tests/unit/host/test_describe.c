@@ -212,7 +212,7 @@ static double beyond(const tse_field *f, double limit, int upwards)
 static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(void)
 {
   static tse_sim sim;
-  tse_config c;
+  tse_config c = config_by(tse_config_default);
   tse_sim_config s;
   tse_sim_output y;
   tse_sim_input base, u;
@@ -220,7 +220,6 @@ static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(
   const tse_field *const f = rows_of(TSE_STRUCT_SIM_INPUT, &count, &size);
   memset(&base, 0, sizeof base);
   for (int32_t i = 0; i < count; i++) put(&base, &f[i], f[i].def);
-  tse_config_default(&c);
   tse_sim_config_default(&s);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &base, &y));
@@ -438,14 +437,13 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
   const tse_effect_parameter *const p = tse_describe_effect_parameters(&count);
   const tse_effect_row *const e = tse_describe_effects(&effects);
   for (int32_t i = 0; i < count; i++) {
-    tse_config c;
+    tse_config c = config_by(tse_config_default);
     int32_t bit = -1;
-    tse_config_default(&c);
     c.exact_kinematics_share = setting(0);
     const tse_setting value = setting(0.5 * (p[i].def + p[i].hi));
     memcpy((char *)&c + row_named(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
     for (int32_t k = 0; k < effects; k++)
       if (strcmp(e[k].id, p[i].effect) == 0) bit = e[k].bit;
-    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);
+    TEST_ASSERT_TRUE_MESSAGE(prepared(c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);
   }
 }

@@ -175,8 +175,7 @@ static void test_crc_has_the_published_check_value(void)
  * squares and divides numbers of a few thousand steps. In double a logarithm may fall on the other side of a half. */
 static void test_saved_bytes_are_those_of_the_format(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   uint8_t out[TSE_LEARNT_BYTES];
   know(&p, &f);
   before = f;
@@ -193,8 +192,7 @@ static void test_saved_bytes_are_those_of_the_format(void)
 
 static void test_any_damaged_byte_is_detected_and_changes_nothing(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   uint8_t bytes[TSE_LEARNT_BYTES];
   reset(&p, &f);
   before = f;
@@ -210,8 +208,7 @@ static void test_any_damaged_byte_is_detected_and_changes_nothing(void)
 
 static void test_what_is_too_short_too_long_or_something_else_is_refused(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   static uint8_t longer[70000];
   memcpy(longer, learnt_bytes, sizeof learnt_bytes);
   reset(&p, &f);
@@ -226,8 +223,7 @@ static void test_what_is_too_short_too_long_or_something_else_is_refused(void)
 
 static void test_a_newer_format_differs_from_damage(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   uint8_t bytes[sizeof learnt_bytes + 13];
   (void)framed(bytes, "tsel", 4, sizeof bytes);
   reset(&p, &f);
@@ -238,8 +234,7 @@ static void test_a_newer_format_differs_from_damage(void)
 
 static void test_the_formats_before_differ_from_damage(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   uint8_t bytes[112];
   TEST_ASSERT_EQUAL_STRING("the learnt state was written by an older version of this library; learn anew", tse_status_text(TSE_E_OLD));
   reset(&p, &f);
@@ -305,8 +300,7 @@ static void test_numbers_that_cannot_be_are_refused_by_name(void)
     { AT_CORRELATION, 0x01000000u },
     { AT_CORRELATION + 8, 0xff000000u },
   };
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   uint8_t bytes[TSE_LEARNT_BYTES];
   const char *wrong = "";
   reset(&p, &f);
@@ -336,8 +330,7 @@ static void test_numbers_that_cannot_be_are_refused_by_name(void)
 
 static void test_what_is_wrong_with_the_frame_is_said(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   tse_params strange = p;
   const char *wrong = "";
   uint8_t bytes[TSE_LEARNT_BYTES];
@@ -400,8 +393,7 @@ static void test_extreme_numbers_make_a_start_of_numbers(void)
     for (int i = AT_NU; i < TSE_LEARNT_BYTES - 4; i += 4)
       for (int k = 0; k < 3; k++) {
         const uint32_t extreme[3] = { 0, 0x7fffffffu, 0x80000000u };
-        const tse_config c = form ? settings(form) : open_settings();
-        const tse_params p = prepared(&c);
+        const tse_params p = prepared(form ? settings(form) : open_settings());
         uint8_t bytes[TSE_LEARNT_BYTES];
         memcpy(bytes, learnt_bytes, sizeof bytes);
         set_word(bytes, i, extreme[k]);
@@ -412,8 +404,7 @@ static void test_extreme_numbers_make_a_start_of_numbers(void)
 /* Correlations, each of which may be, that are together none of a covariance: a file that somebody has made. */
 static void test_correlations_that_contradict_each_other_make_a_start_of_numbers(void)
 {
-  const tse_config c = open_settings();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(open_settings());
   uint32_t seed = 1;
   for (int n = 0; n < 60; n++) {
     uint8_t bytes[TSE_LEARNT_BYTES];
@@ -442,7 +433,7 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
     const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row);
     if (row->kind == 's') put_field(&c, row, setting_field(&c, row) < setting(row->hi) ? was + (row->hi - was) / 16 : row->lo);
     else put_field(&c, row, was < row->hi ? was + 1 : was - 1);
-    p = prepared(&c);
+    p = prepared(c);
     const int acts = kind_of_effect_setting(row->name) == 2 && strcmp(row->name, "exact_kinematics_share") != 0;
     if (row->kind == 's' && ((size_t)row->offset < offsetof(tse_config, mass_sd) || acts)) {
       reset(&p, &f);
@@ -459,7 +450,7 @@ static void test_calls_out_of_order_are_refused_and_change_nothing(void)
   const tse_config c = settings(1);
   tse_config d = c;
   d.seed = 77;
-  const tse_params p = prepared(&c), q = prepared(&d);
+  const tse_params p = prepared(c), q = prepared(d);
   uint8_t out[TSE_LEARNT_BYTES], untouched[TSE_LEARNT_BYTES];
   tse_input u;
   memset(&u, 0, sizeof u);
@@ -489,8 +480,7 @@ static void test_calls_out_of_order_are_refused_and_change_nothing(void)
 
 static void test_a_filter_without_a_mark_or_with_rows_that_wait_is_refused(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   tse_params unmarked = p;
   uint8_t out[TSE_LEARNT_BYTES];
   unmarked.magic = 0;
@@ -503,8 +493,7 @@ static void test_a_filter_without_a_mark_or_with_rows_that_wait_is_refused(void)
 
 static void test_bytes_that_say_format_0_are_damaged(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   uint8_t bytes[TSE_LEARNT_BYTES];
   memcpy(bytes, learnt_bytes, sizeof bytes);
   set_word(bytes, 4, (uint32_t)TSE_LEARNT_BYTES << 16);
@@ -516,8 +505,7 @@ static void test_bytes_that_say_format_0_are_damaged(void)
 /* The paper's form knows no bounds, and a filter may be anything that its caller has made of it. */
 static void test_what_is_saved_lies_inside_what_may_be_loaded(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   uint8_t out[TSE_LEARNT_BYTES];
   know(&p, &f);
   for (int i = 0; i < 64; i++) {
@@ -543,7 +531,7 @@ static void test_what_is_no_number_is_not_saved(void)
   memcpy(untouched, out, sizeof out);
   for (int what = 0; what < 8; what++) {
     const tse_config c = settings(what < 4 ? 2 : 0);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     know(&p, &f);
     for (int i = 0; i < 64; i++) {
       if (what == 0) f.p.mu[1][i] = none;
@@ -572,7 +560,7 @@ static void test_what_is_no_number_is_not_saved(void)
   }
   for (int a = 0; a < 3; a++) { /* of each channel, each stiffness */
     const tse_config c = settings(1);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     know(&p, &f);
     f.bias_var[a] = none;
     TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
@@ -586,8 +574,7 @@ static void test_what_is_no_number_is_not_saved(void)
 
 static void test_reset_forgets_what_was_loaded(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   reset(&p, &other);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
   TEST_ASSERT_TRUE(memcmp(&f, &other, sizeof f) != 0);
@@ -651,10 +638,10 @@ static void test_variances_grow_with_age_as_the_settings_say(void)
   for (int32_t form = TSE_DEFAULT_FORM; form <= 1; form++) {
     tse_config c = form ? settings(form) : open_settings();
     c.accel_y_bias_sd = setting(0.01); /* the table knows less */
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     for (int i = 0; i < ROWS(ages); i++) expect_aged(&c, &p, ages[i]);
     c.learnt_floor = setting(0.02), c.learnt_walk_day = setting(0.05), c.accel_x_bias_walk = setting(0.0001);
-    const tse_params q = prepared(&c);
+    const tse_params q = prepared(c);
     for (int i = 0; i < ROWS(ages); i++) expect_aged(&c, &q, ages[i]);
   }
 }
@@ -663,7 +650,7 @@ static void test_variances_grow_with_age_as_the_settings_say(void)
 static void test_of_unknown_age_nothing_is_trusted_more_than_the_settings_start(void)
 {
   const tse_config c = settings(1), d = open_settings();
-  const tse_params p = prepared(&c), q = prepared(&d);
+  const tse_params p = prepared(c), q = prepared(d);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, UINT32_MAX));
   for (int a = 0; a < 3; a++) {
     TEST_ASSERT_TRUE(!(f.filter.start.mean_var[a] < p.mean_var0));
@@ -686,7 +673,7 @@ static void test_particles_start_at_the_learnt_means_as_uncertain_as_they_are(vo
   c.particles = TSE_MAX_PARTICLES < 500 ? TSE_MAX_PARTICLES : 500;
   c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1), c.yaw_rate_bias_sd = setting(0.01);
   const double chance = 4.42 / sqrt(2.0 * c.particles);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
   const tse_output y = first_row(&p);
   for (int a = 0; a < 3; a++) {
@@ -731,7 +718,7 @@ static void expect_kept(const tse_params *p, const tse_kalman *k, const char *wh
 static void test_the_filter_starts_at_the_learnt_means_with_their_covariance(void)
 {
   const tse_config c = open_settings();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
   const tse_output y = first_row(&p);
   expect_kept(&p, &f.filter.k, "start");
@@ -740,7 +727,7 @@ static void test_the_filter_starts_at_the_learnt_means_with_their_covariance(voi
                                           "stiffness", a);
   tse_config d = c;
   d.noise_max = setting(1.5);
-  const tse_params q = prepared(&d);
+  const tse_params q = prepared(d);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&q, learnt_bytes, sizeof learnt_bytes, 0));
   expect_near(1.5, number(first_row(&q).noise[1]), BY_NUMBER(1e-13, 1e-6, 1e-6), "noise as far as it may be", 1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_by_particles, sizeof learnt_by_particles, 0));
@@ -749,8 +736,7 @@ static void test_the_filter_starts_at_the_learnt_means_with_their_covariance(voi
 
 static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
 {
-  const tse_config c = open_settings();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(open_settings());
   uint8_t out[2][TSE_LEARNT_BYTES];
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
   for (int n = 0; n < 2; n++) {
@@ -773,7 +759,7 @@ static void test_before_the_first_step_what_was_learnt_is_reported(void)
   for (int32_t form = TSE_DEFAULT_FORM; form <= 1; form++) {
     tse_config c = open_settings();
     c.form = form, c.steer_angle_latency = setting(0.05);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     tse_input u;
     tse_output y;
     memset(&u, 0, sizeof u);
@@ -791,8 +777,7 @@ static void test_before_the_first_step_what_was_learnt_is_reported(void)
 /* Correlations of the spread, too; but it is trusted as little as the settings' one. */
 static void test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_the_start(void)
 {
-  const tse_config c = settings(1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings(1));
   const double per_nu = 3.0 / 7.0;
   uint8_t bytes[TSE_LEARNT_BYTES];
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
@@ -808,8 +793,7 @@ static void test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_t
 static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
 {
   for (int32_t form = TSE_DEFAULT_FORM; form <= 1; form++) {
-    const tse_config c = settings(form);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(settings(form));
     uint8_t bytes[TSE_LEARNT_BYTES];
     memcpy(bytes, learnt_bytes, sizeof bytes);
     set_word(bytes, 12, 0);
@@ -848,7 +832,7 @@ static void test_only_what_was_once_valid_counts_as_learnt_and_what_was_loaded_s
   for (int32_t form = 0; form < 2; form++) {
     tse_config c;
     forms(form, &c);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     uint8_t lively[TSE_LEARNT_BYTES], quiet[TSE_LEARNT_BYTES], later[TSE_LEARNT_BYTES];
     drive d;
     depart(&d, &c, 1, 0.02, 700);
@@ -884,7 +868,7 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
     const double truth[3] = { 0.75, 0.8, 1.2 };
     tse_config c;
     forms(form, &c);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     uint8_t bytes[TSE_LEARNT_BYTES];
     drive d;
     depart(&d, &c, 1, 0.02, 700);

@@ -34,7 +34,7 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   tse_config c = plain;
   EACH_PARAMETER(e)
   if (e->strength != 1) put_parameter(&c, e, 0.5 * e->def + 0.5 * e->hi);
-  const tse_params p = prepared(&plain);
+  const tse_params p = prepared(plain);
   const int rows = 2000;
   tse_replay_start s = the_start();
   const tse_replay_log log = the_log();
@@ -136,7 +136,7 @@ static void test_every_effect_is_continuous_at_zero(void)
     c = default_car();
     c.stiffness_drift_time = setting(5);
     put_parameter(&c, e, 1e-4 * e->typical_hi);
-    lag = prepared(&c).effects.mask & lags;
+    lag = prepared(c).effects.mask & lags;
     replay(&c, rows);
     for (int i = 0; i < rows; i++) small = fmax(small, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i]));
     put_parameter(&c, e, e->typical_hi);
@@ -369,7 +369,7 @@ static void test_wheel_torque_of_a_braked_axle_is_negative(void)
 static void test_odd_calls_are_refused_and_the_row_is_named(void)
 {
   const tse_config c = default_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   tse_params unprepared = p;
   const tse_replay_log log = the_log();
   tse_replay_log lacking;
@@ -420,7 +420,7 @@ static void test_odd_calls_are_refused_and_the_row_is_named(void)
 static void test_outputs_that_are_not_wanted_are_left_out(void)
 {
   const tse_config c = all_effects();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const tse_replay_log log = the_log();
   const tse_replay_start s = the_start();
   tse_replay_out none;
@@ -433,7 +433,7 @@ static void test_outputs_that_are_not_wanted_are_left_out(void)
 static void test_what_is_no_number_is_refused_and_never_put_out(void)
 {
   const tse_config c = all_effects();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const tse_replay_out out = the_out();
   const tse_real bad[2] = { real((double)NAN), real((double)INFINITY) };
   static tse_real profile[20];
@@ -527,7 +527,7 @@ static void test_a_row_of_two_steps_is_two_rows(void)
 static void test_one_row_has_the_torque_of_its_slip_alone(void)
 {
   const tse_config c = default_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const tse_replay_log log = the_log();
   const tse_replay_out out = the_out();
   tse_replay_start s = the_start();
@@ -561,7 +561,7 @@ static void test_any_number_but_zero_says_that_the_wheels_know_the_speed(void)
 static void test_a_reading_that_overflows_alone_is_refused_too(void)
 {
   const tse_config c = default_car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const tse_real huge = real(BY_NUMBER(1.7e308, 3.4e38, 1e8)); /* the largest alone, and the sum of two is none */
   static tse_real profile[20];
   tse_replay_log log;

@@ -35,8 +35,7 @@ static tse_sim_config quiet(void) /* no noise, no spread */
 /* That of (1)-(4), the oracle of most tests; with exact kinematics the simulator is that of tests/unit/model/test_same_car.c. */
 static tse_config car(void)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.exact_kinematics_share = setting(0);
   return c;
 }
@@ -464,7 +463,7 @@ static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void
 static void test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit(void)
 {
   const tse_config c = car();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const tse_sim_config s = quiet();
   start(&c, &s);
   for (int k = 0; k < 300; k++) {
@@ -943,7 +942,7 @@ static void test_estimators_seed_plays_no_part(void)
     c.seed = 5 + j;
     start(&c, &s);
     step(&u, &y[j]);
-    TEST_ASSERT_TRUE(sim.params.seed[1] != prepared(&c).seed[1]);
+    TEST_ASSERT_TRUE(sim.params.seed[1] != prepared(c).seed[1]);
   }
   TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
 }

@@ -22,7 +22,7 @@ static void drive(int32_t form, int late)
   tse_config_default(&c);
   c.form = form, c.particles = 60;
   if (late) c.steer_angle_latency = setting(0.123);
-  p = prepared(&c);
+  p = prepared(c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, bytes_of_form(form)));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
   for (int k = 0; k < 400; k++) {
@@ -72,7 +72,7 @@ static void expect_numbers(const tse_output *y, const char *what)
 
 static void go_through_wild_rows(const char *what, int rows, uint32_t *seed)
 {
-  p = prepared(&c);
+  p = prepared(c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, bytes_of_form(c.form)));
   for (int k = 0; k < rows; k++) {
     const tse_input u = wild_row(seed);

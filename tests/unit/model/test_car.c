@@ -13,8 +13,7 @@ static const double pi = 3.14159265358979323846;
 /* A car with everything that has exact slopes; load: with load transfer, compliance and pitch, whose slopes are neglected. */
 static tse_car some_car(int load)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.mass = setting(1600), c.lf = setting(1.2), c.lr = setting(1.5), c.yaw_inertia = setting(2700);
   c.cornering_stiffness_front = setting(1e5), c.cornering_stiffness_rear = setting(1.3e5);
   c.grip = setting(1.1), c.tyre_saturation_shape = setting(0.4), c.relaxation_length = setting(0.4);
@@ -28,15 +27,13 @@ static tse_car some_car(int load)
     c.cg_height = setting(0.6), c.longitudinal_load_transfer_gain = setting(0.02);
     c.lateral_load_transfer_gain = setting(0.0005);
   }
-  return prepared(&c).car;
+  return prepared(c).car;
 }
 
 /* Tyres that know no end, no load transfer, no roll: what textbooks write of. */
 static tse_car plain_car(void)
 {
-  tse_config c;
-  tse_config_default(&c);
-  return prepared(&c).car;
+  return prepared(config_by(tse_config_default)).car;
 }
 
 static void any_state(tse_real x[STATES], uint32_t *seed)

@@ -140,7 +140,7 @@ static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
     c.stiffness_drift_change = setting(k == 1 ? 0.5 : 0);
     c.stiffness_drift_time = setting(2);
     c.rear_roll_steer_gain = setting(k == 2 ? 0.2 : 0);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     tse_effect_memory now, then;
     point ahead, at;
     memset(&now, 0, sizeof now);
@@ -269,7 +269,7 @@ static void test_saturation_ends_at_friction_times_load(void)
   c.tyre_saturation_inverse_friction = setting(1 / 1.05);
   for (int shape = 0; shape <= 1; shape++) {
     c.tyre_saturation_shape = setting(shape);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     const law of_shape = shape ? root : brush;
     for (int i = -60; i <= 60; i++) {
       tse_effect_memory m;
@@ -370,7 +370,7 @@ static void test_drag_acts_against_the_motion_backwards_too(void)
 {
   tse_config c = default_car();
   c.aero_drag_coefficient = setting(0.45);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   point at;
   memset(&at, 0, sizeof at);
   at.p = &p;
@@ -461,7 +461,7 @@ static void test_exact_kinematics_are_those_of_vectors(void)
     const double share = i % 2 ? 1 : 0.25, d = next_between(&seed, -0.6, 0.6), vx = next_between(&seed, 3, 40);
     const double vy = next_between(&seed, -3, 3), r = next_between(&seed, -0.8, 0.8), wf = next_between(&seed, 0.9, 1.1) * vx;
     c.exact_kinematics_share = setting(share);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     tse_effect_memory m;
     point pt;
     memset(&m, 0, sizeof m);

@@ -63,7 +63,7 @@ static void compare(const tse_config *c, double h, double steer, int pedals, dri
   static tse_sim sim;
   static tse_short M[MOTION][COLUMNS];
   static tse_real H[TSE_SENSORS][COLUMNS];
-  const tse_params p = prepared(c);
+  const tse_params p = prepared(*c);
   tse_sim_config s;
   tse_sim_output y;
   tse_real x[STATES], angle[3], pitch[2] = { TSE_R(0), TSE_R(0) }, z[TSE_SENSORS];
@@ -167,8 +167,7 @@ static void put(tse_config *c, const set *s)
 /* Exact kinematics and a relaxation length, which the filter always has; shapes of what may be switched on. */
 static tse_config basic(void)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.exact_kinematics_share = setting(1), c.relaxation_length = setting(0.4);
   c.tyre_saturation_shape = setting(1); /* tyres without an end have one at 50 loads in the filter: a root is straight up to there */
   c.steering_lag_second = setting(0.5), c.lateral_load_transfer_balance = setting(0.2);

@@ -9,8 +9,7 @@
 /* The reference's cars with the default sensors. */
 static tse_config car_config(int k)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.mass = setting(car_table[k][0]), c.yaw_inertia = setting(car_table[k][1]), c.lf = setting(car_table[k][2]);
   c.lr = setting(car_table[k][3]), c.longitudinal_stiffness_front = setting(car_table[k][4]);
   c.longitudinal_stiffness_rear = setting(car_table[k][5]);
@@ -21,8 +20,7 @@ static tse_config car_config(int k)
 
 static tse_params car(int k)
 {
-  const tse_config c = car_config(k);
-  return prepared(&c);
+  return prepared(car_config(k));
 }
 
 static inputs inputs_from(const double *u)
@@ -230,7 +228,7 @@ static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
   uint32_t state = 5;
   for (int i = 0; i < 600; i++) {
     const tse_config c = car_config(i % 3);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     const situation s = any_situation(&state, -5.0, 70.0);
     const slips l = slips_of(&p, s);
     const observation o = particle_observation(particle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);

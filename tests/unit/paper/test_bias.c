@@ -9,8 +9,7 @@ static tse_filter_paper filter, before;
 
 static tse_config settings(void)
 {
-  tse_config c;
-  tse_config_paper(&c);
+  tse_config c = config_by(tse_config_paper);
   c.particles = 21; /* padded to 24 */
   c.forgetting = setting(0.98), c.sample_time = setting(0.01);
   return c;
@@ -18,8 +17,7 @@ static tse_config settings(void)
 
 static tse_params params(void)
 {
-  const tse_config c = settings();
-  return prepared(&c);
+  return prepared(settings());
 }
 
 /* A row in which every channel reads as predicted but for `off` sigma. */
@@ -111,7 +109,7 @@ static void test_what_is_forgotten_is_not_forgotten_further(void)
     for (int k = 0; k < ROWS(lambda); k++) {
       tse_config c = settings();
       c.forgetting = setting(lambda[k]);
-      const tse_params p = prepared(&c);
+      const tse_params p = prepared(c);
       memset(&filter, 0, sizeof filter);
       filter.gamma = real(0.05), filter.nu = real(40);
       forget_for(&p, &filter, real(dt[i]));
@@ -128,7 +126,7 @@ static void test_the_mean_may_forget_faster_than_the_covariance(void)
 {
   tse_config c = settings();
   c.forgetting_mean = setting(0.95);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   memset(&filter, 0, sizeof filter);
   filter.gamma = real(0.05), filter.nu = real(40);
   forget_for(&p, &filter, real(0.02));
@@ -144,7 +142,7 @@ static void test_the_mean_forgets_faster_where_innovations_last(void)
   const double g = 0.01 / 0.11;
   tse_config c = settings();
   c.forgetting_change = setting(0.8);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   for (int i = 0; i < ROWS(off); i++) {
     int least = 0;
     memset(&filter, 0, sizeof filter);
@@ -184,7 +182,7 @@ static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
   c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2), c.yaw_rate_sd = setting(0.004);
   c.accel_x_bias_walk = setting(0.01), c.accel_y_bias_walk = setting(0.03);
   c.yaw_rate_bias_walk = setting(0.0002);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const double q[3] = { 0.1 * 0.1, 0.15 * 0.15, 0.05 * 0.05 }, start[3] = { 0.1, 0.2, 0.3 };
   memset(&filter, 0x3c, sizeof filter);
   for (int a = 0; a < 3; a++) filter.bias_var[a] = real(start[a]);

@@ -16,7 +16,7 @@ static void start(int32_t n)
 {
   tse_config_paper(&config);
   config.particles = n;
-  p = prepared(&config);
+  p = prepared(config);
   memset(&f, 0, sizeof f);
   f.gamma = real(0.0123), f.nu = real(57.5);
   for (int a = 0; a < 3; a++) f.bias_var[a] = real(0.04 * (a + 1));

@@ -11,8 +11,7 @@ static const double x_sd[3] = { 0, 0.005, 0.003 }, spread = 0.05, row_time = 0.0
 
 static tse_config settings(void) /* the car is that of the defaults, car_table[0] */
 {
-  tse_config c;
-  tse_config_paper(&c);
+  tse_config c = config_by(tse_config_paper);
   c.integration = 1; /* of second order, as in the reference */
   c.accel_x_sd = c.accel_y_sd = setting(sd_of[0]), c.yaw_rate_sd = setting(sd_of[2]);
   c.accel_x_bias_sd = c.accel_y_bias_sd = setting(bias_sd[0]), c.yaw_rate_bias_sd = setting(bias_sd[2]);
@@ -102,7 +101,7 @@ static void run_turning(int32_t scheme)
     c.particles = TSE_MAX_PARTICLES, c.initial_mean_sd = setting(0), c.initial_dof = setting(1000);
     c.forgetting = setting(0.9999), c.resample_threshold = setting(0.5), c.resampling = scheme;
     c.seed = 100 + s;
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
     for (int k = 0; k < STEPS; k++) {
       const tse_input u = row(kalman_turning[k].steer, kalman_turning[k].y, k == 0 ? 3 : 7);
@@ -206,7 +205,7 @@ static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
   tse_config c = settings();
   c.particles = 16, c.initial_dof = setting(30), c.forgetting = setting(0.96875);
   c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   double total = 0.0, expected_total = 0.0, nu = 30, bias[3], mean[3] = { 0 }, var[3];
   uint32_t seed = 1960;
   for (int a = 0; a < 3; a++) var[a] = pow(bias_sd[a], 2), bias[a] = bias_sd[a] * next_between(&seed, -1.7, 1.7);

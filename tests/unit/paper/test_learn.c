@@ -42,8 +42,7 @@ static update_case update_case_of(int k)
 
 static tse_params params_of(const update_case *c)
 {
-  const tse_config config = config_of(&c->car, TSE_MAX_PARTICLES);
-  return prepared(&config);
+  return prepared(config_of(&c->car, TSE_MAX_PARTICLES));
 }
 
 /* Every particle the same; they differ by their random numbers only. */

@@ -12,10 +12,9 @@ static tse_filter_paper filter, other;
 
 static tse_params params(double sample_time)
 {
-  tse_config c;
-  tse_config_default(&c);
+  tse_config c = config_by(tse_config_default);
   c.particles = COUNT, c.sample_time = setting(sample_time), c.max_gap = setting(1), c.integration = 1;
-  return prepared(&c);
+  return prepared(c);
 }
 
 static void propagate(const tse_params *p, tse_filter_paper *f, inputs u, tse_real dt)
@@ -146,12 +145,11 @@ static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
     { 20, 20, 0.01, 0.01, 10, 4 },
   };
   for (int j = 0; j < ROWS(row); j++) {
-    tse_config c;
-    tse_config_default(&c);
+    tse_config c = config_by(tse_config_default);
     c.sample_time = setting(row[j].sample_time), c.hold_speed = setting(2);
     c.longitudinal_stiffness_front = setting(of_setting(c.longitudinal_stiffness_front) * row[j].stiffer);
     c.longitudinal_stiffness_rear = setting(of_setting(c.longitudinal_stiffness_rear) * row[j].stiffer);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     const inputs u0 = inputs_of(0.0, row[j].front, row[j].rear - 0.25), u1 = inputs_of(0.0, row[j].front, row[j].rear + 0.25);
     TEST_ASSERT_EQUAL_INT32(row[j].steps, vehicle_steps(&p, real(row[j].dt), u0, u1));
   }
@@ -206,14 +204,13 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
   for (int j = 0; j < DRIVES; j++) {
     const double *const t = single_track_drive(j);
     const double *const k = car_table[(int)t[0]];
-    tse_config c;
-    tse_config_default(&c);
+    tse_config c = config_by(tse_config_default);
     c.particles = COUNT, c.sample_time = setting(0.001), c.integration = 1, c.mass = setting(k[0]);
     c.yaw_inertia = setting(k[1]), c.lf = setting(k[2]), c.lr = setting(k[3]);
     c.longitudinal_stiffness_front = setting(k[4]), c.longitudinal_stiffness_rear = setting(k[5]);
     c.cornering_stiffness_front = setting(k[6]), c.cornering_stiffness_rear = setting(k[7]);
     c.rear_longitudinal_follows_front = setting(k[8]);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     memset(&filter, 0, sizeof filter);
     set_inputs(&filter, inputs_of(t[5], t[6], t[7]));
     for (int i = 0; i < PADDED; i++)
@@ -231,10 +228,9 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
 /* As printed: x + Ts (f + g w) at the last row's state and inputs, from forces in newtons. */
 static void test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row(void)
 {
-  tse_config c;
-  tse_config_paper(&c);
+  tse_config c = config_by(tse_config_paper);
   c.particles = COUNT;
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const double steer = 0.03, front = 20.4, rear = 20.2, h = 0.01;
   scatter(&filter);
   set_inputs(&filter, inputs_of(steer, front, rear));

@@ -332,12 +332,11 @@ static void test_a_kernel_scales_lambda_by_a_factor_of_mean_one(void)
   static tse_filter_paper f;
   const double k = 0.2, n = TSE_MAX_PARTICLES;
   for (int on = 0; on < 2; on++) {
-    tse_config c;
+    tse_config c = config_by(tse_config_robust);
     double mean = 0, square = 0;
-    tse_config_robust(&c);
     c.particles = TSE_MAX_PARTICLES;
     c.spread_kernel = setting(on ? k : 0);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     memset(&f, 0, sizeof f);
     for (int32_t i = 0; i < p.particles; i++) {
       f.weight[i] = TSE_R(1);

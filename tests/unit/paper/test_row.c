@@ -55,7 +55,7 @@ static void expect_same_statistics(const tse_filter_paper *was, const tse_filter
 static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
 {
   const tse_config c = some_settings(50);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   tse_output y;
   set_out(&p, &c, &d, 0);
@@ -84,7 +84,7 @@ static void lose(tse_input *u, int channel, int how)
 static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used(void)
 {
   const tse_config c = some_settings(64);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   for (int channel = 0; channel < 3; channel++)
     for (int how = 0; how < 5; how++) {
       drive d;
@@ -108,7 +108,7 @@ static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others
 static void test_a_row_without_measurements_predicts_only(void)
 {
   const tse_config c = some_settings(64);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   tse_output y;
   set_out(&p, &c, &d, 100);
@@ -134,7 +134,7 @@ static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void
 {
   tse_config c = some_settings(64);
   c.max_gap = setting(0.1);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   tse_output y, frozen;
   memset(&frozen, 0, sizeof frozen);
@@ -160,7 +160,7 @@ static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void
 static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
 {
   const tse_config c = some_settings(64);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   tse_output y;
   set_out(&p, &c, &d, 150);
@@ -190,7 +190,7 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 {
   static const double speed[] = { 0.0, 1.9, -1.9, -0.2, -5.0, -20.0 };
   const tse_config c = some_settings(64);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   for (int k = 0; k < ROWS(speed); k++) {
     drive d;
     tse_output y;
@@ -212,7 +212,7 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 static void test_large_steering_angles_hold_the_statistics(void)
 {
   const tse_config c = some_settings(64);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   tse_output y;
   set_out(&p, &c, &d, 150);
@@ -232,8 +232,7 @@ static void test_large_steering_angles_hold_the_statistics(void)
 
 static void test_the_car_stands_still_when_its_wheels_do(void)
 {
-  const tse_config c = some_settings(64);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(some_settings(64));
   tse_output y;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   for (int i = 0; i < 300; i++) {
@@ -253,7 +252,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
   static const double dt[] = { 0.01, 0.02, 0.005, 0.05 };
   tse_config c = some_settings(20);
   c.forgetting_change = setting(1); /* else innovations have their say, too: test_bias.c */
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   set_out(&p, &c, &d, 50);
   for (int k = 0; k < ROWS(dt); k++) {
@@ -272,7 +271,7 @@ static void learn_from_seventy_percent(double dt, int32_t particles, double seco
   tse_config c = some_settings(particles);
   drive d;
   c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = setting(0.7);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const int rows = (int)(seconds / dt), last = rows / 2;
   set_off(&d, &c, 20.0);
   d.dt = dt;
@@ -312,7 +311,7 @@ static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void
 static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth(void)
 {
   const tse_config c = some_settings(100);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   set_out(&p, &c, &d, 0);
   for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
@@ -329,7 +328,7 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
 static void test_another_road_is_found_within_seconds(void)
 {
   const tse_config c = some_settings(300);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   drive d;
   double mean[3] = { 0 };
   set_off(&d, &c, 20.0);
@@ -358,7 +357,7 @@ static tse_input troubled_row(drive *d, int i, uint32_t *state)
 static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
 {
   const tse_config c = some_settings(50);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   for (int taken = 895; taken < 1100; taken += 15) {
     drive d;
     uint32_t state = 3;
@@ -508,7 +507,7 @@ static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
   static const double pause[] = { 0.001, 0.5, 6.0, 60.0, 600.0, 3600.0 };
   for (int k = 0; k < ROWS(pause); k++) {
     const tse_config c = some_settings(100);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     drive d;
     tse_output y;
     set_out(&p, &c, &d, 800);
@@ -528,7 +527,7 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
 {
   for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
     const tse_config c = some_settings(64);
-    const tse_params p = prepared(&c);
+    const tse_params p = prepared(c);
     drive d;
     set_out(&p, &c, &d, 100);
     for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
@@ -547,10 +546,9 @@ static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spre
 {
   for (int a = 0; a < 3; a++)
     for (int k = 0; k < 2; k++) {
-      tse_config c;
-      tse_config_robust(&c);
+      tse_config c = config_by(tse_config_robust);
       c.forgetting = setting(0.99);
-      tse_params own = prepared(&c);
+      tse_params own = prepared(c);
       tse_output est;
       sample y;
       int32_t excited[3];

@@ -16,8 +16,7 @@ static double sample_of[6][SAMPLES];
 
 static tse_config settings(void)
 {
-  tse_config c;
-  tse_config_paper(&c);
+  tse_config c = config_by(tse_config_paper);
   c.particles = COUNT, c.initial_vel_x_sd = setting(0.3), c.initial_vel_y_sd = setting(0.2);
   c.initial_yaw_rate_sd = setting(0.05), c.yaw_rate_sd = setting(0.005), c.initial_cx_front = setting(0.7);
   c.initial_cy_front = setting(0.8), c.initial_cy_rear = setting(1.25), c.initial_mean_sd = setting(0.125);
@@ -47,8 +46,7 @@ static void collect(int step)
 
 static void test_states_start_around_wheel_speed_and_gyro_with_the_sd_of_the_settings(void)
 {
-  const tse_config c = settings();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings());
   const sample y = row(20.5, 19.5, 0.25, 1);
   memset(&filter, 0, sizeof filter);
   for (int step = 0; step < STEPS; step++) {
@@ -68,7 +66,7 @@ static void expect_start(const tse_config *c, const sample *y, double vel_x, dou
 {
   tse_config certain = *c;
   certain.initial_vel_x_sd = certain.initial_vel_y_sd = certain.initial_yaw_rate_sd = setting(0);
-  const tse_params p = prepared(&certain);
+  const tse_params p = prepared(certain);
   memset(&filter, 0, sizeof filter);
   paper_start(&p, &filter, y);
   for (int i = 0; i < PADDED; i++) {
@@ -92,8 +90,7 @@ static void test_velocity_starts_at_the_wheels_or_at_the_setting_and_yaw_rate_at
 
 static void test_statistics_start_as_the_settings_say_and_are_common_to_all_particles(void)
 {
-  const tse_config c = settings();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings());
   const sample y = row(20, 20, 0, 1);
   const double start[3] = { -0.3, -0.2, 0.25 }, tiny = BY_FORMAT(1e-15, 1e-7);
   memset(&filter, 0x3c, sizeof filter);
@@ -120,7 +117,7 @@ static void test_biases_start_with_the_variance_of_the_settings(void)
   tse_config c = settings();
   c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2);
   c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05), c.yaw_rate_bias_sd = setting(0.01);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const sample y = row(20, 20, 0, 1);
   const double expected[3] = { 0.25, 0.0625, 4 };
   memset(&filter, 0x3c, sizeof filter);
@@ -131,8 +128,7 @@ static void test_biases_start_with_the_variance_of_the_settings(void)
 
 static void test_all_particles_in_use_start_with_the_same_weight_and_the_padding_with_none(void)
 {
-  const tse_config c = settings();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings());
   const sample y = row(20, 20, 0, 1);
   memset(&filter, 0x3c, sizeof filter);
   filter.filter.start.loaded = 0;
@@ -149,7 +145,7 @@ static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound
   tse_config c = settings();
   c.initial_cx_front = setting(0.25), c.initial_cy_front = setting(4), c.initial_cy_rear = setting(1);
   c.stiffness_min = setting(0.5), c.stiffness_max = setting(2);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const sample y = row(20, 20, 0, 1);
   memset(&filter, 0, sizeof filter);
   paper_start(&p, &filter, &y);
@@ -166,7 +162,7 @@ static void test_same_seed_and_step_start_with_the_same_bits_and_others_do_not(v
 {
   tse_config c = settings();
   const sample y = row(20, 20, 0, 1);
-  tse_params p = prepared(&c);
+  tse_params p = prepared(c);
   memset(&filter, 0, sizeof filter);
   paper_start(&p, &filter, &y);
   before = filter;
@@ -179,7 +175,7 @@ static void test_same_seed_and_step_start_with_the_same_bits_and_others_do_not(v
   for (int i = 0; i < COUNT; i++) equal += !(filter.p.x[0][i] != before.p.x[0][i]);
   TEST_ASSERT_TRUE(equal < 2);
   c.seed = 2;
-  p = prepared(&c);
+  p = prepared(c);
   filter.filter.step = 0;
   paper_start(&p, &filter, &y);
   equal = 0;
@@ -192,12 +188,12 @@ static void test_start_of_a_particle_does_not_depend_on_how_many_there_are(void)
 {
   tse_config c = settings();
   const sample y = row(20, 20, 0, 1);
-  tse_params p = prepared(&c);
+  tse_params p = prepared(c);
   memset(&filter, 0, sizeof filter);
   paper_start(&p, &filter, &y);
   before = filter;
   c.particles = 40;
-  p = prepared(&c);
+  p = prepared(c);
   memset(&filter, 0, sizeof filter);
   paper_start(&p, &filter, &y);
   for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_MEMORY(before.p.x[a], filter.p.x[a], 40 * sizeof(tse_real));
@@ -231,7 +227,7 @@ static void test_restart_moves_states_to_wheels_and_gyro_less_its_bias(void)
 {
   tse_config c = settings();
   c.initial_vel_x_from_wheels = 0; /* a restart looks at the wheels nevertheless */
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const sample y = row(30.5, 29.5, 0.25, 1);
   for (int step = 0; step < STEPS; step++) {
     experienced();
@@ -249,7 +245,7 @@ static void test_restart_subtracts_each_particles_own_gyro_bias(void)
 {
   tse_config c = settings();
   c.initial_yaw_rate_sd = setting(0);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const sample y = row(30, 30, 0.25, 1), none = row(30, 30, 0.25, 0);
   experienced();
   paper_place(&p, &filter, &y);
@@ -264,7 +260,7 @@ static void test_states_start_within_what_a_car_can_do(void)
 {
   tse_config c = settings();
   c.initial_yaw_rate_sd = setting(2);
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(c);
   const sample y = row(250, 250, 88, 1);
   for (int how = 0; how < 2; how++) {
     experienced();
@@ -279,8 +275,7 @@ static void test_states_start_within_what_a_car_can_do(void)
 
 static void test_restart_keeps_everything_but_the_states_bit_for_bit(void)
 {
-  const tse_config c = settings();
-  const tse_params p = prepared(&c);
+  const tse_params p = prepared(settings());
   const sample y = row(30, 30, 0.25, 1);
   experienced();
   paper_place(&p, &filter, &y);

@@ -59,8 +59,7 @@ static double expected_density(const weigh_case *c, int i, int n, int mask)
 
 static tse_params params_of(const weigh_case *c)
 {
-  const tse_config config = config_of(&c->car, WEIGH_PARTICLES);
-  return prepared(&config);
+  return prepared(config_of(&c->car, WEIGH_PARTICLES));
 }
 
 static void fill(const tse_params *p, const weigh_case *c)
@@ -139,11 +138,10 @@ static void test_evidence_is_the_log_of_the_weighted_sum_over_several_rows(void)
 static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void)
 {
   static const double straight[3] = { 0.0, 50.0, 50.0 };
-  tse_config config;
-  tse_config_paper(&config);
+  tse_config config = config_by(tse_config_paper);
   config.particles = 16;
   config.accel_x_sd = config.accel_y_sd = config.yaw_rate_sd = setting(1);
-  const tse_params p = prepared(&config);
+  const tse_params p = prepared(config);
   static const double nus[] = { 6, 6.25, 7, 8, 9.5, 12, 20, 35, 60, 102, 250, 500, 1000, 2000 };
   uint32_t seed = 1;
   for (int k = 0; k < ROWS(nus); k++)
@@ -200,14 +198,13 @@ static void test_extreme_innovations_stay_finite(void)
 {
   static const double far[][3] = { { 50.0, -50.0, 6.0 }, { -50.0, 50.0, -6.0 }, { 50.0, 0.0, 0.0 } };
   static const double turn[3] = { 1.2, 400.0, -400.0 };
-  tse_config config;
-  tse_config_paper(&config);
+  tse_config config = config_by(tse_config_paper);
   config.particles = 16;
   config.accel_x_sd = config.accel_y_sd = setting(BY_NUMBER(0.001, 0.001, 0.01)); /* the limits: 50 000 and 600 000 sigma away */
   config.yaw_rate_sd = setting(BY_NUMBER(1e-5, 1e-5, 1e-3));
   config.longitudinal_stiffness_front = config.cornering_stiffness_rear = setting(BY_NUMBER(1e7, 1e7, 5e5));
   config.mass = setting(BY_NUMBER(50, 50, 600));
-  const tse_params p = prepared(&config);
+  const tse_params p = prepared(config);
   for (int k = 0; k < ROWS(far); k++)
     for (int mask = 1; mask < 8; mask++) {
       const sample y = sample_of_row(&p, turn, far[k], mask);
@@ -230,10 +227,9 @@ static void test_order_of_particles_survives_where_densities_underflow(void)
 {
   static const double straight[3] = { 0.0, 50.0, 50.0 };
   static const double y_far[3] = { 0.0, 45.0, 0.0 };
-  tse_config config;
-  tse_config_paper(&config);
+  tse_config config = config_by(tse_config_paper);
   config.particles = 16;
-  const tse_params p = prepared(&config);
+  const tse_params p = prepared(config);
   const sample y = sample_of_row(&p, straight, y_far, 7);
   memset(&f, 0, sizeof f);
   f.nu = TSE_R(2000), f.log_total = TSE_R(4);
