@@ -80,10 +80,10 @@ typedef struct truth {
 } truth;
 
 /* A car that is in no state known exactly: drawn from the prior, parameters and all. spread: over the prior's sd. */
-static inline void truth_start(truth *w, const tse_config *c, double speed, double spread, uint32_t seed)
+static inline void truth_start(truth *w, tse_config c, double speed, double spread, uint32_t seed)
 {
   memset(w, 0, sizeof *w);
-  w->p = prepared(*c), w->seed = seed, w->noise = 1, w->amplitude = 0.03, w->frequency = 0.4;
+  w->p = prepared(c), w->seed = seed, w->noise = 1, w->amplitude = 0.03, w->frequency = 0.4;
   w->throttle = 0.012;
   for (int i = 0; i < 100; i++) (void)next_word(&w->seed);
   for (int i = BX; i < STATES; i++) {

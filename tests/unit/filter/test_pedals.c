@@ -111,8 +111,7 @@ static void test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone
 {
   static truth w;
   for (int climbs = 0; climbs < 2; climbs++) {
-    const tse_config c = a_car(1, 0.03 * climbs);
-    truth_start(&w, &c, 20, 0, 1);
+    truth_start(&w, a_car(1, 0.03 * climbs), 20, 0, 1);
     w.x[LCX] = real(0.2);
     w.amplitude = 0; /* what a steered wheel pushes sideways shows, too */
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
@@ -133,7 +132,7 @@ static void test_four_driven_wheels_are_excited_where_an_axle_has_no_torque(void
   tse_config c = a_car(0, 0.03);
   c.initial_cx_sd = setting(0.01); /* known, and not to be found anew */
   tse_output y;
-  truth_start(&w, &c, 20, 0, 1);
+  truth_start(&w, c, 20, 0, 1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
   for (int n = 0; n < 600; n++) {
     tse_input u = truth_row(&w, 0.01);
@@ -149,8 +148,7 @@ static void test_four_driven_wheels_are_excited_where_an_axle_has_no_torque(void
 static void test_what_is_not_given_changes_no_bit(void)
 {
   static truth w;
-  const tse_config c = a_car(1, 0.03);
-  truth_start(&w, &c, 20, 1, 1);
+  truth_start(&w, a_car(1, 0.03), 20, 1, 1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &other, sizeof other));
   for (int n = 0; n < 300; n++) {

@@ -24,10 +24,10 @@ static tse_config a_car(void)
 static void reset(const tse_params *p) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(p, &f, sizeof f)); }
 
 /* What every row must leave: numbers, a state that is sound, probabilities that sum to one. */
-static void step(const tse_params *p, const tse_input *u, tse_output *y)
+static void step(const tse_params *p, tse_input u, tse_output *y)
 {
   memset(y, 0, sizeof *y);
-  TEST_ASSERT_TRUE(tse_step(p, &f, u, y) >= 0);
+  TEST_ASSERT_TRUE(tse_step(p, &f, &u, y) >= 0);
   expect_estimates_are_numbers(y, "a row");
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(p, &f, sizeof f));
   double sum = 0;
@@ -37,7 +37,7 @@ static void step(const tse_params *p, const tse_input *u, tse_output *y)
 }
 
 /* A car of these settings, drawn as truth_start() does, and the filter before its first row. */
-static void start(const tse_config *c, double speed, double spread, uint32_t seed)
+static void start(tse_config c, double speed, double spread, uint32_t seed)
 {
   truth_start(&w, c, speed, spread, seed);
   reset(&w.p);
@@ -48,7 +48,7 @@ static tse_output drive(int rows)
   tse_output y;
   for (int n = 0; n < rows; n++) {
     const tse_input u = truth_row(&w, 0.01);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
   }
   return y;
 }
@@ -62,8 +62,7 @@ static double off(const tse_output *y, int a)
 /* In fixed point a row of the filter holds numbers up to 256, where it stops: one of more than 240 is said, wherever it is. */
 static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
 {
-  const tse_config c = a_car();
-  start(&c, 20, 0, 8);
+  start(a_car(), 20, 0, 8);
   (void)drive(2000);
   before = f;
   const int said = BY_NUMBER(TSE_OK, TSE_OK, TSE_W_RANGE); /* the others have no end that near */
@@ -86,9 +85,8 @@ static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
 static void test_stiffness_lies_in_its_interval_in_drives_of_its_own_model(void)
 {
   int missed = 0, valid = 0, all = 0;
-  const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 12; seed++) {
-    start(&c, 20, 1, seed);
+    start(a_car(), 20, 1, seed);
     const tse_output y = drive(3000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++, all++) {
       missed += off(&y, a) > 1.96;
@@ -103,9 +101,8 @@ static void test_stiffness_lies_in_its_interval_in_drives_of_its_own_model(void)
 /* And it is learnt, not only left at the prior with a wide interval. */
 static void test_a_lively_drive_teaches_the_stiffness(void)
 {
-  const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 4; seed++) {
-    truth_start(&w, &c, 20, 0, seed); /* as told, but for the stiffness */
+    truth_start(&w, a_car(), 20, 0, seed); /* as told, but for the stiffness */
     w.x[LCF] = real(log(0.8)), w.x[LCR] = real(log(1.25));
     reset(&w.p);
     const tse_output y = drive(3000);
@@ -125,7 +122,7 @@ static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
   int roads = 0;
   c.steer_ratio_sd = setting(0.005); /* what else could explain it is known well */
   for (uint32_t seed = 1; seed <= 4; seed++) {
-    start(&c, 20, 0.3, seed);
+    start(c, 20, 0.3, seed);
     tse_output y = drive(2000);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
     for (int i = LCX; i <= LMU; i++) w.x[i] += real(log(0.6));
@@ -142,9 +139,8 @@ static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
 
 static void test_a_road_that_stays_is_never_believed_to_be_another(void)
 {
-  const tse_config c = a_car();
   for (uint32_t seed = 11; seed <= 13; seed++) {
-    truth_start(&w, &c, 22, 0.7, seed);
+    truth_start(&w, a_car(), 22, 0.7, seed);
     w.frequency = 0.25;
     reset(&w.p);
     for (int n = 0; n < 4000; n++) {
@@ -158,16 +154,15 @@ static void test_a_road_that_stays_is_never_believed_to_be_another(void)
 /* Whenever it happens: an event that was opened a moment before it must not stand in the way. */
 static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
 {
-  tse_config c = a_car();
   for (int later = 0; later < 100; later += 9) {
-    start(&c, 20, 0.3, 5);
+    start(a_car(), 20, 0.3, 5);
     (void)drive(1000 + later);
     tse_output y;
     int found = 0;
     for (int n = 0; n < 300; n++) {
       tse_input u = truth_row(&w, 0.01);
       u.yaw_rate += real(0.4);
-      step(&w.p, &u, &y);
+      step(&w.p, u, &y);
       found += y.fault_channel == 1 + TSE_CHANNEL_yaw_rate;
     }
     TEST_ASSERT_TRUE(found > 100);
@@ -178,10 +173,9 @@ static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
 /* With noise alone, and nothing that happens: what is not excited is not learnt, and not valid. */
 static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
 {
-  const tse_config c = a_car();
   int missed = 0;
   for (uint32_t seed = 3; seed <= 8; seed++) {
-    truth_start(&w, &c, 20, 1, seed);
+    truth_start(&w, a_car(), 20, 1, seed);
     w.amplitude = w.throttle = 0;
     reset(&w.p);
     const tse_output y = drive(2000);
@@ -206,8 +200,7 @@ static void freeze(tse_input *u, const tse_input *at, int channel)
  * happens, and that is the largest unevenness which is no outlier. The innovation's mean square is 1 or more. */
 static void test_an_uneven_road_happens(void)
 {
-  const tse_config c = a_car();
-  truth_start(&w, &c, 20, 1, 3);
+  truth_start(&w, a_car(), 20, 1, 3);
   w.amplitude = w.throttle = 0;
   reset(&w.p);
   drive(500);
@@ -216,7 +209,7 @@ static void test_an_uneven_road_happens(void)
   for (int n = 0; n < 3000; n++) {
     tse_input u = truth_row(&w, 0.01);
     u.accel_y += ((uint32_t)n * 2654435761u) >> 31 ? TSE_R(1) : TSE_R(-1); /* as good as a coin */
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
   }
   expect_near(10, number(y.noise[ACCEL_Y]), 2, "sd found over that of the setting, 0.1 m/s2", 0);
   TEST_ASSERT_TRUE(even < 0.5);
@@ -226,19 +219,18 @@ static void test_an_uneven_road_happens(void)
 
 static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
 {
-  const tse_config c = a_car();
   for (int channel = 0; channel < TSE_SENSORS; channel++) {
     tse_input last;
     tse_output y;
     int found = 0;
-    start(&c, 20, 0.3, 7);
+    start(a_car(), 20, 0.3, 7);
     (void)drive(1500);
     last = truth_row(&w, 0.01);
-    step(&w.p, &last, &y);
+    step(&w.p, last, &y);
     for (int n = 0; n < 300; n++) {
       tse_input u = truth_row(&w, 0.01);
       freeze(&u, &last, channel);
-      step(&w.p, &u, &y);
+      step(&w.p, u, &y);
       found += y.fault_channel == fault_of(channel);
       TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
     }
@@ -253,17 +245,16 @@ static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
 /* A steering angle that freezes is named, is missing then, and what the tyres have made up for it is forgotten. */
 static void test_a_steering_angle_that_freezes_is_missing(void)
 {
-  const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 3; seed++) {
     tse_output y;
     int found = 0, restarts = 0;
-    start(&c, 20, 0.3, seed);
+    start(a_car(), 20, 0.3, seed);
     (void)drive(1500);
     const tse_real angle = truth_row(&w, 0.01).steer_angle;
     for (int n = 0; n < 2000; n++) {
       tse_input u = truth_row(&w, 0.01);
       u.steer_angle = angle;
-      step(&w.p, &u, &y);
+      step(&w.p, u, &y);
       found += y.fault_channel == FAULT_STEER;
       restarts += y.change_kind == TSE_CHANGE_RESTART && (n == 0 || y.change_age < TSE_R(0.02));
       if (y.fault_channel == FAULT_STEER) TEST_ASSERT_TRUE(y.reason[TSE_CY_FRONT] != TSE_VALID && y.reason[TSE_CY_REAR] != TSE_VALID);
@@ -280,18 +271,17 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
  * changed, and what was learnt is as good afterwards. */
 static void test_an_imu_that_freezes_teaches_nothing(void)
 {
-  const tse_config c = a_car();
   tse_input last;
   tse_output y;
   int named = 0;
-  start(&c, 20, 0.3, 7);
+  start(a_car(), 20, 0.3, 7);
   (void)drive(1500);
   last = truth_row(&w, 0.01);
-  step(&w.p, &last, &y);
+  step(&w.p, last, &y);
   for (int n = 0; n < 600; n++) {
     tse_input u = truth_row(&w, 0.01);
     for (int a = ACCEL_X; a < IMU_CHANNELS; a++) freeze(&u, &last, a);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
     named += y.fault_channel != 0;
     if (n == 200) before = f;
   }
@@ -307,19 +297,18 @@ static void test_an_imu_that_freezes_teaches_nothing(void)
 /* While accel_y is frozen and named, the gyro alone shows another road. */
 static void test_another_road_is_found_while_a_channel_is_frozen(void)
 {
-  const tse_config c = a_car();
   tse_input last;
   tse_output y;
-  start(&c, 20, 0.3, 7);
+  start(a_car(), 20, 0.3, 7);
   w.throttle = 0; /* else it shows along, too */
   (void)drive(3000);
   last = truth_row(&w, 0.01);
-  step(&w.p, &last, &y);
+  step(&w.p, last, &y);
   for (int n = 0; n < 1500; n++) {
     for (int i = LCF; i <= LCR && n == 300; i++) w.x[i] += real(log(0.35));
     tse_input u = truth_row(&w, 0.01);
     freeze(&u, &last, ACCEL_Y);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
   }
   TEST_ASSERT_EQUAL_INT(fault_of(ACCEL_Y), y.fault_channel);
   TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
@@ -328,9 +317,8 @@ static void test_another_road_is_found_while_a_channel_is_frozen(void)
 /* What a gyro said before it was at fault, or before the car stood, does not make a wheel that is held still a frozen one. */
 static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(void)
 {
-  const tse_config c = a_car();
   tse_output y;
-  start(&c, 20, 0.3, 5);
+  start(a_car(), 20, 0.3, 5);
   (void)drive(1500);
   for (int n = 0; n < 800; n++) {
     if (n == 400) {
@@ -339,7 +327,7 @@ static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(voi
     }
     tse_input u = truth_row(&w, 0.01);
     u.yaw_rate += real(0.4);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
     TEST_ASSERT_TRUE(y.change_kind != TSE_CHANGE_RESTART);
   }
   TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), y.fault_channel);
@@ -348,30 +336,28 @@ static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(voi
 /* At standstill the gyro's bias is not learnt of one that is frozen. */
 static void test_a_frozen_gyro_says_no_bias_at_standstill(void)
 {
-  const tse_config c = a_car();
   tse_output y;
-  start(&c, 20, 0.3, 7);
+  start(a_car(), 20, 0.3, 7);
   (void)drive(1550);
   tse_input last = truth_row(&w, 0.01);
   last.yaw_rate = real(0.3);
   for (int n = 0; n < 300; n++) {
     tse_input u = truth_row(&w, 0.01);
     freeze(&u, &last, YAW_RATE);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
   }
   TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), y.fault_channel);
   const double bias = number(y.bias[YAW_RATE]);
   last.steer_angle = last.accel_x = last.accel_y = last.wheel_speed_front = last.wheel_speed_rear = TSE_R(0);
-  for (int n = 0; n < 500; n++) step(&w.p, &last, &y);
+  for (int n = 0; n < 500; n++) step(&w.p, last, &y);
   expect_near(bias, number(y.bias[YAW_RATE]), 1e-3, "bias of the gyro [rad/s]", 0);
 }
 
 /* The prior that a restart leaves is nothing that tyres may be back at. */
 static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
 {
-  const tse_config c = a_car();
   tse_output y;
-  start(&c, 20, 0.3, 1);
+  start(a_car(), 20, 0.3, 1);
   (void)drive(3000);
   for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
   memset(&y, 0, sizeof y);
@@ -387,8 +373,7 @@ static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
 /* Readings of few digits repeat themselves, for seconds on a straight road: no channel of them is frozen. */
 static void test_readings_of_few_digits_are_not_frozen(void)
 {
-  const tse_config c = a_car();
-  start(&c, 20, 0.3, 8);
+  start(a_car(), 20, 0.3, 8);
   w.noise = 0.2;
   for (int n = 0; n < 6000; n++) {
     tse_output y;
@@ -398,7 +383,7 @@ static void test_readings_of_few_digits_are_not_frozen(void)
     u.accel_x = real(0.25 * floor(number(u.accel_x) / 0.25 + 0.5));
     u.accel_y = real(0.25 * floor(number(u.accel_y) / 0.25 + 0.5));
     u.yaw_rate = real(0.01 * floor(number(u.yaw_rate) / 0.01 + 0.5));
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
   }
 }
@@ -407,10 +392,9 @@ static void test_readings_of_few_digits_are_not_frozen(void)
  * before. Tyres that give more force than of their slip are on no road with less grip. */
 static void test_a_road_that_shows_along_alone_is_believed(void)
 {
-  const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 6; seed++) {
     const double share = seed <= 3 ? 0.35 : 1.8;
-    start(&c, 20, 0.3, seed);
+    start(a_car(), 20, 0.3, seed);
     tse_output y = drive(3000);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
     w.amplitude = 0;
@@ -425,9 +409,8 @@ static void test_a_road_that_shows_along_alone_is_believed(void)
 /* The driver turned on the road before and goes straight on the new one: what was seen in those turns is not of this road. */
 static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
 {
-  const tse_config c = a_car();
   for (uint32_t seed = 1; seed <= 3; seed++) {
-    start(&c, 20, 0.3, seed);
+    start(a_car(), 20, 0.3, seed);
     (void)drive(3000);
     w.amplitude = 0;
     (void)drive(40);
@@ -443,11 +426,10 @@ static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
  * 1 .. 200): more than 3 of 40 would be one in 100. */
 static void test_a_road_that_is_back_is_found_within_seconds(void)
 {
-  const tse_config c = a_car();
   int wrong = 0;
   for (uint32_t seed = 1; seed <= 40; seed++) {
     int off = 0;
-    start(&c, 20, 0.3, seed);
+    start(a_car(), 20, 0.3, seed);
     (void)drive(2000 + 23 * (int)(seed % 10));
     for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.3));
     (void)drive(1500);
@@ -465,11 +447,10 @@ static void test_a_road_that_is_back_is_found_within_seconds(void)
  * would be one in 50); and then the stiffness is what it was. */
 static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 {
-  const tse_config c = a_car();
   int more = 0;
   for (uint32_t seed = 1; seed <= 40; seed++) {
     int reported = 0;
-    start(&c, 20, 0.3, seed);
+    start(a_car(), 20, 0.3, seed);
     const tse_output dry = drive(2000);
     tse_output y = dry;
     for (int n = 0; n < 1000; n++) {
@@ -491,16 +472,15 @@ static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 /* 10, 20, 30 % of the rows come 0.12 s after the one before. */
 static void test_late_rows_leave_stiffness_in_its_interval(void)
 {
-  const tse_config c = a_car();
   int missed = 0;
   for (int late = 10; late <= 30; late += 10)
     for (uint32_t seed = 1; seed <= 3; seed++) {
       tse_output y;
-      start(&c, 20, 0.7, seed);
+      start(a_car(), 20, 0.7, seed);
       uint32_t which = seed;
       for (int n = 0; n < 1500; n++) {
         const tse_input u = truth_row(&w, next_uniform(&which) < 0.01 * late ? 0.12 : 0.01);
-        step(&w.p, &u, &y);
+        step(&w.p, u, &y);
         TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
       }
       for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) missed += off(&y, a) > 1.96;
@@ -513,14 +493,13 @@ static void test_late_rows_leave_stiffness_in_its_interval(void)
 static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
 {
   static const double gap[] = { 0.3, 1, 60, 3600 };
-  const tse_config c = a_car();
   for (int g = 0; g < ROWS(gap); g++) {
     tse_output y;
-    start(&c, 20, 0.5, 2);
+    start(a_car(), 20, 0.5, 2);
     const tse_output last = drive(1500);
     tse_input u = truth_row(&w, 0.01);
     u.dt = real(gap[g]);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_GAP, y.status);
     for (int a = 0; a < 3; a++) {
       expect_near(number(last.stiffness[a]), number(y.stiffness[a]), 0.2 * number(last.stiffness_sd[a]), "stiffness", a);
@@ -536,19 +515,18 @@ static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
 static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stiffness_moved(void)
 {
   static const double dt[] = { BY_NUMBER(1e-30, 1e-30, 2.4e-10), 3600, BY_NUMBER(5e-324, 1e-45, 2.4e-10), 1e-6, 0.2501 };
-  const tse_config c = a_car();
   for (int k = 0; k < ROWS(dt); k++) {
     tse_output y;
-    start(&c, 20, 0.5, 4);
+    start(a_car(), 20, 0.5, 4);
     (void)drive(1000);
     for (int n = 0; n < 1500; n++) {
       tse_input u = truth_row(&w, 0.01);
       if (n < 1000 && n % 10 == 0) { /* one row again, so much later */
         tse_input again = u;
         again.dt = real(dt[k]);
-        if (again.dt > TSE_R(0)) step(&w.p, &again, &y);
+        if (again.dt > TSE_R(0)) step(&w.p, again, &y);
       }
-      step(&w.p, &u, &y);
+      step(&w.p, u, &y);
     }
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&y, a), 4, "stiffness, in its sd", 10 * k + a);
   }
@@ -557,14 +535,13 @@ static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stif
 /* Any channels missing for any time: numbers, and a stiffness that stays in its interval. */
 static void test_missing_channels_leave_numbers_and_no_stiffness_moved(void)
 {
-  const tse_config c = a_car();
   for (uint32_t which = 1; which < 64; which++) {
     tse_output y;
-    start(&c, 20, 0.5, which);
+    start(a_car(), 20, 0.5, which);
     for (int n = 0; n < 900; n++) {
       tse_input u = truth_row(&w, 0.01);
       if (n > 200 && n < 700) u.missing = which;
-      step(&w.p, &u, &y);
+      step(&w.p, u, &y);
     }
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&y, a), 4, "stiffness, in its sd", (int)which);
   }
@@ -576,7 +553,7 @@ static void expect_learns_nothing(const tse_input *row, int rows, tse_status lea
   tse_output y;
   const tse_kalman was = f.k;
   for (int n = 0; n < rows; n++) {
-    step(&w.p, row, &y);
+    step(&w.p, *row, &y);
     TEST_ASSERT_TRUE(y.status >= (int32_t)least);
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
   }
@@ -589,9 +566,8 @@ static void expect_learns_nothing(const tse_input *row, int rows, tse_status lea
 
 static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learnt(void)
 {
-  const tse_config c = a_car();
   for (int kind = 0; kind < 3; kind++) {
-    start(&c, 20, 0.5, 6);
+    start(a_car(), 20, 0.5, 6);
     (void)drive(1000);
     tse_input u;
     memset(&u, 0, sizeof u);
@@ -611,9 +587,8 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
 
 static void test_a_refused_row_changes_nothing(void)
 {
-  const tse_config c = a_car();
   tse_output y, untouched;
-  start(&c, 20, 0.5, 7);
+  start(a_car(), 20, 0.5, 7);
   (void)drive(300);
   const tse_input good = truth_row(&w, 0.01);
   before = f;
@@ -636,18 +611,17 @@ static void test_a_refused_row_changes_nothing(void)
 /* What some importers hand on at first, and loggers that lose a row: wheels at rest between rows at 20 m/s. */
 static void test_a_row_of_zeros_leaves_the_stiffness(void)
 {
-  const tse_config c = a_car();
   for (int at = 0; at < 2; at++) {
     tse_output y;
-    start(&c, 20, 0, 9);
+    start(a_car(), 20, 0, 9);
     if (at) (void)drive(2000);
     tse_input u = truth_row(&w, 0.01);
     const tse_real dt = u.dt;
     memset(&u, 0, sizeof u);
     u.dt = dt;
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
     u = truth_row(&w, 0.01);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_GAP, y.status);
     expect_near(number(u.wheel_speed_rear) * number(w.p.radius_rear), number(y.vel_x), 0.5, "speed", at);
     for (int n = 0; n < 4; n++) {
@@ -662,17 +636,16 @@ static void test_a_row_of_zeros_leaves_the_stiffness(void)
 /* Memory that a bit fell over in: said so, and the drive is learnt from anew. */
 static void test_a_state_that_is_no_number_is_started_over(void)
 {
-  const tse_config c = a_car();
   for (int k = 0; k < 3; k++) {
     tse_output y;
-    start(&c, 20, 0, 9);
+    start(a_car(), 20, 0, 9);
     (void)drive(500);
     f.start.loaded = 1; /* what an earlier drive taught may have led here */
     if (k == 0) f.k.x[LCF] = broken();
     if (k == 1) f.k.p.d[VY] = broken();
     if (k == 2) f.k.p.d[LCR] = TSE_R(-1);
     const tse_input u = truth_row(&w, 0.01);
-    step(&w.p, &u, &y);
+    step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
     TEST_ASSERT_NOT_NULL(strstr(tse_status_text((tse_status)y.status), "no finite number")); /* nothing is said of the samples */
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_RESTART, y.change_kind);
@@ -704,7 +677,7 @@ static void test_readings_at_their_ends_leave_numbers(void)
       u.accel_x = real(50 * (next_uniform(&seed) < 0.5 ? -1 : 1));
       u.accel_y = real(50 * (next_uniform(&seed) < 0.5 ? -1 : 1));
       u.yaw_rate = real(6 * (next_uniform(&seed) < 0.5 ? -1 : 1));
-      step(&p, &u, &y);
+      step(&p, u, &y);
     }
   }
 }
@@ -717,7 +690,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   tse_config c = a_car();
   tse_real sd[3];
   c.mass_sd = setting(0.04), c.cg_sd = setting(0.02), c.trail_sd = setting(0.02);
-  start(&c, 20, 0.5, 9);
+  start(c, 20, 0.5, 9);
   const tse_output y = drive(1500);
   const char *names[TSE_UNCERTAINTIES];
   for (int k = 0; k < TSE_UNCERTAINTIES; k++) names[k] = field_of(TSE_STRUCT_CONFIG, "mass_sd")[k].name;
@@ -760,7 +733,7 @@ static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_ro
     tse_config c = a_car();
     c.initial_cx_sd = setting(0.05); /* as known as something can be that needs no drive */
     c.driven_axle = cases[n].driven, c.grade_sd = setting(cases[n].grade_sd);
-    start(&c, 20, 1, 1);
+    start(c, 20, 1, 1);
     const tse_output y = drive(500);
     TEST_ASSERT_EQUAL_INT(!cases[n].shows, y.reason[TSE_CX_FRONT] == TSE_NOT_EXCITED);
   }
@@ -775,7 +748,7 @@ static void test_uncertain_parameters_widen_the_interval(void)
       c.mass_sd = setting(0.05), c.cg_sd = setting(0.05), c.trail_sd = setting(0.04);
       c.accel_y_scale_sd = setting(0.04);
     }
-    start(&c, 20, 0, 10);
+    start(c, 20, 0, 10);
     const tse_output y = drive(1500);
     for (int a = 0; a < 3; a++) sd[loosely][a] = number(y.stiffness_sd[a]) / number(y.stiffness[a]);
   }

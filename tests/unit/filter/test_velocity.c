@@ -478,7 +478,7 @@ static void begin_with(const tse_config *config, int every)
   memset(&s, 0, sizeof s);
   s.every = every, s.sd = 0.03, s.course_sd = 0.004, s.zero = 2.9;
   seed = 5;
-  truth_start(&w, &c, 20, 0.7, 12);
+  truth_start(&w, c, 20, 0.7, 12);
   w.amplitude = 0.025;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &other, sizeof other));

@@ -162,6 +162,13 @@ static size_t framed(uint8_t *out, const char *mark, uint32_t format, size_t cou
 
 static void set_word(uint8_t *bytes, int at, uint32_t value) { set_bytes(bytes, at, value, 4); }
 
+/* The table's bytes with another word; the CRC fits. */
+static void learnt_with(uint8_t *bytes, int at, uint32_t value)
+{
+  memcpy(bytes, learnt_bytes, sizeof learnt_bytes);
+  set_word(bytes, at, value);
+}
+
 /* -------------------------------------------------------------------------------------------- bytes */
 
 static void test_crc_has_the_published_check_value(void)
@@ -252,35 +259,30 @@ static void test_numbers_that_cannot_be_are_refused_by_name(void)
     uint32_t value;
     const char *what;
   } bad[] = {
-                                                                              /* below and above what may be; what is said of it */
+    /* below and above what may be; what is said of it */
     { AT_KNOWN, 8, "which stiffnesses are learnt" },
     { AT_NU, 1000001, "trust in the spread" },
     { AT_MEAN, 0x32000001u, "bias of accel_x" },
     { AT_MEAN + 4, 0xcdffffffu, "bias of accel_y" },
-    { AT_MEAN + 8, 0x06000001u,
-      "bias of yaw_rate" },
+    { AT_MEAN + 8, 0x06000001u, "bias of yaw_rate" },
     { AT_MEAN + 12, 0x04000001u, "mean of cx_front" },
     { AT_MEAN + 16, 0xfbffffffu, "mean of cy_front" },
-    { AT_MEAN + 20, 0x80000000u,
-      "mean of cy_rear" },
+    { AT_MEAN + 20, 0x80000000u, "mean of cy_rear" },
     { AT_MEAN + 24, 0x7fffffffu, "mean of grip" },
     { AT_MEAN + 28, 0x00400000u, "steering offset" },
-    { AT_MEAN + 32, 0x00800001u,
-      "steering ratio" },
+    { AT_MEAN + 32, 0x00800001u, "steering ratio" },
     { AT_MEAN + 36, 0xffc00000u, "lateness of the steering" },
     { AT_MEAN + 40, 0x00400000u, "radius" },
     { AT_SD, 0x80000000u, "sd of the bias of accel_x" },
     { AT_SD + 8, 0xffffffffu, "sd of the bias of yaw_rate" },
-    { AT_SD + 12,
-      0xffffffffu, "sd of cx_front" },
+    { AT_SD + 12, 0xffffffffu, "sd of cx_front" },
     { AT_SD + 24, 0xffffffffu, "sd of grip" },
     { AT_SD + 40, 0xffffffffu, "sd of the radius" },
     { AT_NOISE, 0xffffffffu, "noise of a channel" },
     { AT_NOISE + 16, 0x80000000u, "noise of a channel" },
     { AT_SPREAD + 4, 0x80000000u, "process sd" },
     { AT_CORRELATION, 0x01000001u, "a correlation" },
-    { AT_CORRELATION + 8, 0xfeffffffu,
-      "a correlation" },
+    { AT_CORRELATION + 8, 0xfeffffffu, "a correlation" },
   };
   static const struct {
     int at;
@@ -305,8 +307,7 @@ static void test_numbers_that_cannot_be_are_refused_by_name(void)
   const char *wrong = "";
   reset(&p, &f);
   for (int i = 0; i < ROWS(bad); i++) {
-    memcpy(bytes, learnt_bytes, sizeof bytes);
-    set_word(bytes, bad[i].at, bad[i].value);
+    learnt_with(bytes, bad[i].at, bad[i].value);
     expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, bad[i].what);
     TEST_ASSERT_EQUAL_INT(TSE_E_LEARNT, tse_learnt_check(&p, bytes, sizeof bytes, &wrong));
     TEST_ASSERT_EQUAL_STRING(bad[i].what, wrong);
@@ -322,8 +323,7 @@ static void test_numbers_that_cannot_be_are_refused_by_name(void)
     TEST_ASSERT_EQUAL_STRING("a correlation", wrong);
   }
   for (int i = 0; i < ROWS(good); i++) {
-    memcpy(bytes, learnt_bytes, sizeof bytes);
-    set_word(bytes, good[i].at, good[i].value);
+    learnt_with(bytes, good[i].at, good[i].value);
     expect_near(TSE_OK, load(&p, bytes, sizeof bytes, 0), 0, "inside the bounds, byte", good[i].at);
   }
 }
@@ -344,8 +344,7 @@ static void test_what_is_wrong_with_the_frame_is_said(void)
   memcpy(bytes, learnt_bytes, sizeof bytes);
   bytes[40] ^= 1;
   SAID(TSE_E_LEARNT, &p, bytes, sizeof bytes, "its checksum");
-  memcpy(bytes, learnt_bytes, sizeof bytes);
-  set_word(bytes, 4, (TSE_LEARNT_FORMAT + 1) | (uint32_t)TSE_LEARNT_BYTES << 16);
+  learnt_with(bytes, 4, (TSE_LEARNT_FORMAT + 1) | (uint32_t)TSE_LEARNT_BYTES << 16);
   SAID(TSE_E_VERSION, &p, bytes, sizeof bytes, "its format");
   strange.vehicle ^= 1;
   SAID(TSE_E_VEHICLE, &strange, learnt_bytes, sizeof learnt_bytes, "its vehicle");
@@ -395,8 +394,7 @@ static void test_extreme_numbers_make_a_start_of_numbers(void)
         const uint32_t extreme[3] = { 0, 0x7fffffffu, 0x80000000u };
         const tse_params p = prepared(form ? settings(form) : open_settings());
         uint8_t bytes[TSE_LEARNT_BYTES];
-        memcpy(bytes, learnt_bytes, sizeof bytes);
-        set_word(bytes, i, extreme[k]);
+        learnt_with(bytes, i, extreme[k]);
         if (load(&p, bytes, sizeof bytes, 0) == TSE_OK) expect_a_start_of_numbers(&p, form);
       }
 }
@@ -495,8 +493,7 @@ static void test_bytes_that_say_format_0_are_damaged(void)
 {
   const tse_params p = prepared(settings(1));
   uint8_t bytes[TSE_LEARNT_BYTES];
-  memcpy(bytes, learnt_bytes, sizeof bytes);
-  set_word(bytes, 4, (uint32_t)TSE_LEARNT_BYTES << 16);
+  learnt_with(bytes, 4, (uint32_t)TSE_LEARNT_BYTES << 16);
   reset(&p, &f);
   expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, "format 0, as long as format 3");
 }
@@ -782,8 +779,7 @@ static void test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_t
   uint8_t bytes[TSE_LEARNT_BYTES];
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
   expect_near(0, number(f.filter.start.lam[1]), 0, "covariance with the unknown", 0);
-  memcpy(bytes, learnt_bytes, sizeof bytes);
-  set_word(bytes, 12, 7);
+  learnt_with(bytes, 12, 7);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
   expect_near(number(p.nu0), number(f.filter.start.nu), 0, "nu", 0);
   expect_near(-0.5 * 0.0625 * 0.125 * per_nu, number(f.filter.start.lam[2]), BY_NUMBER(1e-15, 1e-9, 5e-6), "02", 0);
@@ -795,8 +791,7 @@ static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
   for (int32_t form = TSE_DEFAULT_FORM; form <= 1; form++) {
     const tse_params p = prepared(settings(form));
     uint8_t bytes[TSE_LEARNT_BYTES];
-    memcpy(bytes, learnt_bytes, sizeof bytes);
-    set_word(bytes, 12, 0);
+    learnt_with(bytes, 12, 0);
     for (int i = AT_SD; i < TSE_LEARNT_BYTES - 4; i += 4) set_word(bytes, i, 0); /* sd 0: not known */
     reset(&p, &f);
     const tse_output expected = first_row(&p);
@@ -885,7 +880,4 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
   }
 }
 
-void suiteSetUp(void)
-{
-  write_both();
-}
+void suiteSetUp(void) { write_both(); }

@@ -40,16 +40,14 @@ static tse_config car(void)
   return c;
 }
 
-static void start(const tse_config *c, const tse_sim_config *s)
+static void start(tse_config c, tse_sim_config s)
 {
   const char *wrong = "";
   memset(&sim, 0x3c, sizeof sim);
-  if (tse_sim_reset(&sim, c, s, &wrong) != TSE_OK) {
-    TEST_FAIL_MESSAGE(wrong);
-  }
+  if (tse_sim_reset(&sim, &c, &s, &wrong) != TSE_OK) TEST_FAIL_MESSAGE(wrong);
 }
 
-static void step(const tse_sim_input *u, tse_sim_output *y) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, u, y)); }
+static void step(tse_sim_input u, tse_sim_output *y) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, y)); }
 
 /* ------------------------------------------------------------------------------------------- the motion */
 
@@ -145,10 +143,9 @@ static void reference_run(int j)
 /* Largest distances from the reference over run j: of the states (wheels times 0.3 m), and of the accelerations. */
 static void table_run(int j, double substep, double *state, double *accel)
 {
-  const tse_config c = table_car();
   tse_sim_config s = table_sim(simulated_speed[j]);
   s.substep = setting(substep);
-  start(&c, &s);
+  start(table_car(), s);
   *state = *accel = 0;
   if (!(simulated[j][SIMULATED_ROWS - 1][0] != 0)) reference_run(j);
   for (int k = 0; k < SIMULATED_ROWS; k++) {
@@ -160,7 +157,7 @@ static void table_run(int j, double substep, double *state, double *accel)
     u.dt = real(row[0]), u.steer_angle = real(row[1]), u.wheel_torque_front = real(row[2]);
     u.wheel_torque_rear = real(row[3]), u.brake_torque_front = real(row[4]), u.brake_torque_rear = real(row[5]);
     u.road_level = real(row[6]);
-    step(&u, &y);
+    step(u, &y);
     const double *const t = simulated[j][k];
     *state = fmax(*state, fabs(number(y.vel_x) - t[0]));
     *state = fmax(*state, fabs(number(y.vel_y) - t[1]));
@@ -200,15 +197,13 @@ static void test_motion_depends_on_the_substep_in_second_order_only(void)
 static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
 {
   const double speeds[] = { 0, 0.3, 1, 3, 20, 70 };
-  const tse_config c = car();
   for (int i = 0; i < ROWS(speeds); i++) {
     tse_sim_config s = quiet();
     tse_sim_output y;
     s.substep = setting(0.005), s.speed = setting(speeds[i]);
-    start(&c, &s);
+    start(car(), s);
     for (int k = 0; k < 1000; k++) {
-      const tse_sim_input u = driver(0.01, k < 50 ? 300 : 0, k < 50 ? 0.02 : 0);
-      step(&u, &y);
+      step(driver(0.01, k < 50 ? 300 : 0, k < 50 ? 0.02 : 0), &y);
       TEST_ASSERT_TRUE(fabs(number(y.vel_x) - speeds[i]) < 1.0 && fabs(number(y.vel_y)) < 6 && fabs(number(y.yaw_rate)) < 1);
     }
     /* the driver let go 9.5 s ago: it rolls straight ahead again */
@@ -222,18 +217,14 @@ static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
 static void test_time_step_is_divided_into_the_fewest_substeps(void)
 {
   const double substeps[3] = { 0.001, 0.00100005, 0.000995 };
-  const tse_config c = car();
   tse_sim_output y[3];
   memset(y, 0, sizeof y);
   for (int j = 0; j < 3; j++) {
     tse_sim_config s = quiet();
     s.substep = setting(substeps[j]);
     s.speed = setting(3); /* slow: truncation well above float's rounding */
-    start(&c, &s);
-    for (int k = 0; k < 10; k++) {
-      const tse_sim_input u = driver(0.01, 100 * k, 0.02 * k);
-      step(&u, &y[j]);
-    }
+    start(car(), s);
+    for (int k = 0; k < 10; k++) step(driver(0.01, 100 * k, 0.02 * k), &y[j]);
   }
   TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
   TEST_ASSERT_TRUE(y[0].vel_x != y[2].vel_x);
@@ -242,19 +233,17 @@ static void test_time_step_is_divided_into_the_fewest_substeps(void)
 /* A time step that is a difference of two times may be 10 ms and a bit in the last place: still ten substeps. */
 static void test_rounding_of_the_time_step_costs_no_substep(void)
 {
-  const tse_config c = car();
   tse_sim_output y[2];
   for (int ms = 1; ms <= 100; ms++) {
     for (int j = 0; j < 2; j++) {
-      const tse_sim_input u0 = driver(0, 0, 0);
       tse_sim_input u1 = driver(0, 1000, 0.1);
       u1.dt = neighbour(number(real(ms * 0.001)), INFINITY);
       tse_sim_config s = quiet();
       s.substep = setting(0.001 + j * 5e-9); /* 0.0005 % longer */
       s.speed = setting(3);
-      start(&c, &s);
-      step(&u0, &y[j]);
-      step(&u1, &y[j]);
+      start(car(), s);
+      step(driver(0, 0, 0), &y[j]);
+      step(u1, &y[j]);
     }
     TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
   }
@@ -264,17 +253,16 @@ static void test_rounding_of_the_time_step_costs_no_substep(void)
  * rounding, whatever the tyres do: what they take from the wheels is what they give to the car. */
 static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(void)
 {
-  const tse_config c = table_car();
   tse_sim_config s = table_sim(10);
   tse_sim_output first, y;
   memset(&first, 0, sizeof first); /* a compiler does not see that the loop sets it */
   double impulse = 0, last = 0;
   s.spread_cx_front = setting(0.2);
-  start(&c, &s);
+  start(table_car(), s);
   for (int k = 0; k <= 400; k++) {
     const tse_sim_input u = driver(0.01, 400 * sin(0.05 * k) + 100, 0);
     const double torque = number(u.wheel_torque_front);
-    step(&u, &y);
+    step(u, &y);
     if (k == 0) first = y;
     else impulse += 0.005 * (torque + last) * (1 / 0.33 + 1 / 0.31);
     last = torque;
@@ -289,16 +277,14 @@ static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(vo
 /* The accelerometer's accel_x, accel_y, summed, give the change of velocity: specific force is tyre force over mass. */
 static void test_logged_accelerations_add_up_to_the_change_of_velocity(void)
 {
-  const tse_config c = car();
   const tse_sim_config s = quiet();
   double dvx = 0, dvy = 0;
   tse_sim_output first, last, y;
   memset(&first, 0, sizeof first);
   memset(&last, 0, sizeof last);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k <= 2000; k++) {
-    const tse_sim_input u = driver(0.001, 300 + 300 * sin(0.005 * k), 0.03 * sin(0.004 * k));
-    step(&u, &y);
+    step(driver(0.001, 300 + 300 * sin(0.005 * k), 0.03 * sin(0.004 * k)), &y);
     if (k == 0) first = y;
     else {
       dvx += 0.0005 * (number(y.accel_x) + number(y.vel_y) * number(y.yaw_rate) +
@@ -315,13 +301,10 @@ static void test_logged_accelerations_add_up_to_the_change_of_velocity(void)
 
 static void test_car_starts_rolling_freely_at_its_speed_and_keeps_it(void)
 {
-  const tse_config c = table_car();
-  const tse_sim_config s = table_sim(16.5);
   tse_sim_output y;
-  start(&c, &s);
+  start(table_car(), table_sim(16.5));
   for (int k = 0; k < 300; k++) {
-    const tse_sim_input u = driver(0.01, 0, 0);
-    step(&u, &y);
+    step(driver(0.01, 0, 0), &y);
     expect_near(16.5, number(y.vel_x), BY_FORMAT(1e-12, 1e-4), "vel_x", k);
     expect_near(16.5 / 0.33, number(y.wheel_speed_front), BY_FORMAT(1e-10, 1e-3), "front wheel", k);
     expect_near(16.5 / 0.31, number(y.wheel_speed_rear), BY_FORMAT(1e-10, 1e-3), "rear wheel", k);
@@ -330,15 +313,14 @@ static void test_car_starts_rolling_freely_at_its_speed_and_keeps_it(void)
 
 static void test_brakes_hold_a_standing_car_against_less_torque_than_theirs(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
   s.speed = setting(0);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k < 500; k++) {
     tse_sim_input u = driver(0.01, k < 100 ? 0 : 500, 0.3);
     u.brake_torque_front = u.brake_torque_rear = real(1000);
-    step(&u, &y);
+    step(u, &y);
     if (k < 100) {
       TEST_ASSERT_TRUE(!(y.vel_x != TSE_R(0)) && !(y.wheel_speed_front != TSE_R(0)) && !(y.yaw_rate != TSE_R(0)));
     }
@@ -350,16 +332,15 @@ static void test_brakes_hold_a_standing_car_against_less_torque_than_theirs(void
 
 static void test_braked_car_stops_and_does_not_roll_back(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
   double slowest = 1;
   s.speed = setting(5);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k < 400; k++) {
     tse_sim_input u = driver(0.01, 0, 0.1);
     u.brake_torque_front = u.brake_torque_rear = real(1500);
-    step(&u, &y);
+    step(u, &y);
     slowest = fmin(slowest, number(y.vel_x));
   }
   TEST_ASSERT_TRUE(slowest > -1e-3);
@@ -369,14 +350,11 @@ static void test_braked_car_stops_and_does_not_roll_back(void)
 
 static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
 {
-  const tse_config c = car();
-  const tse_sim_config s = quiet();
   tse_sim_output left[100], right;
   for (int side = 0; side < 2; side++) {
-    start(&c, &s);
+    start(car(), quiet());
     for (int k = 0; k < 100; k++) {
-      const tse_sim_input u = driver(0.01, 300, (side == 0 ? 0.05 : -0.05) * sin(0.1 * k));
-      step(&u, side == 0 ? &left[k] : &right);
+      step(driver(0.01, 300, (side == 0 ? 0.05 : -0.05) * sin(0.1 * k)), side == 0 ? &left[k] : &right);
       if (side == 0) continue;
       const tse_real mirrored[2] = { -right.vel_y, -right.accel_y };
       expect_mirrored(left[k].vel_x, right.vel_x, "vel_x");
@@ -415,19 +393,18 @@ static void closed_form(const tse_sim_output *y, double steer, double mu, double
 static void test_saturated_forces_are_those_of_the_brush_model(void)
 {
   const double mus[] = { 0.1, 0.4, 1.0, 2.0 };
-  const tse_config c = car();
   double least = 10, most = 0;
   for (int i = 0; i < ROWS(mus); i++)
     for (int j = 0; j < 4; j++) {
       tse_sim_config s = quiet();
       s.friction = setting(mus[i]), s.vel_y = setting(0.02 * j * j);
-      start(&c, &s);
+      start(car(), s);
       for (int k = 0; k < 60; k++) {
         tse_sim_input u = driver(0.01, k < 30 ? 20 * k : 0, 0.01 * j);
         tse_sim_output y;
         double a[2], lin[2], z;
         u.brake_torque_front = u.brake_torque_rear = real(k < 30 ? 0 : 100 * (k - 30));
-        step(&u, &y);
+        step(u, &y);
         closed_form(&y, number(u.steer_angle), mus[i], a, lin, &z);
         expect_near(a[0], number(y.accel_x), BY_FORMAT(1e-11, 1e-3), "accel_x", k);
         expect_near(a[1], number(y.accel_y), BY_FORMAT(1e-11, 1e-3), "accel_y", k);
@@ -441,16 +418,15 @@ static void test_saturated_forces_are_those_of_the_brush_model(void)
 /* Straight ahead, the front axle driven alone: F (1 - z + z^2/3). */
 static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
   double a[2], lin[2], z, rear;
   s.friction = setting(1);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k < 50; k++) {
     tse_sim_input u = driver(0.01, 0, 0);
     u.wheel_torque_front = real(10 * k);
-    step(&u, &y);
+    step(u, &y);
   }
   closed_form(&y, 0, 1, a, lin, &z);
   TEST_ASSERT_TRUE(z > 0.03 && z < 0.06);
@@ -464,12 +440,11 @@ static void test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit(vo
 {
   const tse_config c = car();
   const tse_params p = prepared(c);
-  const tse_sim_config s = quiet();
-  start(&c, &s);
+  start(c, quiet());
   for (int k = 0; k < 300; k++) {
     tse_sim_input u = driver(0.01, 3000 * sin(0.1 * k), 0.2 * sin(0.07 * k));
     tse_sim_output y;
-    step(&u, &y);
+    step(u, &y);
     const inputs in = { u.steer_angle, r_mul(p.radius_front, y.wheel_speed_front), r_mul(p.radius_rear, y.wheel_speed_rear) };
     const accels a = vehicle_accels(&p, vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)),
                                     vehicle_slips(&p, y.vel_x, y.vel_y, y.yaw_rate, in), u.steer_angle);
@@ -481,21 +456,20 @@ static void test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit(vo
 /* The friction of the road is that of the settings until the input names another one. */
 static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
 {
-  const tse_config c = car();
   tse_sim other;
   for (int named = 0; named < 2; named++) {
     tse_sim_config s = quiet(), t = quiet();
     s.friction = setting(0.9);
     t.friction = setting(named ? 0.2 : 0.9);
-    start(&c, &t);
+    start(car(), t);
     other = sim;
-    start(&c, &s);
+    start(car(), s);
     for (int k = 0; k < 200; k++) {
       tse_sim_input u = driver(0.01, 900 * sin(0.1 * k), 0.03 * sin(0.07 * k));
       tse_sim_output y, z;
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&other, &u, &z));
       u.road_friction = real(named ? number(t.friction) : 0);
-      step(&u, &y);
+      step(u, &y);
       TEST_ASSERT_EQUAL_MEMORY(&z, &y, sizeof y);
     }
   }
@@ -504,15 +478,13 @@ static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
 /* A road that turns to ice: the row at which it does feels it first. */
 static void test_friction_may_change_from_row_to_row(void)
 {
-  const tse_config c = car();
-  const tse_sim_config s = quiet();
-  start(&c, &s);
+  start(car(), quiet());
   for (int k = 0; k < 120; k++) {
     tse_sim_input u = driver(0.01, 0, 0.02);
     tse_sim_output y;
     double a[2], lin[2], z;
     u.road_friction = real(k < 60 ? 0 : 0.2);
-    step(&u, &y);
+    step(u, &y);
     closed_form(&y, number(u.steer_angle), 0.2, a, lin, &z);
     expect_near(k < 60 ? lin[1] : a[1], number(y.accel_y), BY_FORMAT(1e-11, 1e-3), "accel_y", k);
     if (k == 60) TEST_ASSERT_TRUE(a[1] < 0.9 * lin[1]);
@@ -528,10 +500,10 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
     tse_sim_config s = quiet();
     tse_sim_input last = driver(0.01, 0, 0);
     c.steering_lag_time = setting(lag ? 0.05 : 0);
-    start(&c, &s);
+    start(c, s);
     ramped = sim;
     s.hold_inputs = 1;
-    start(&c, &s);
+    start(c, s);
     for (int k = 0; k < 200; k++) {
       tse_sim_input u = driver(k % 7 ? 0.01 : 0.025, 700 * sin(0.3 * k), 0.02 * cos(0.2 * k)), end = u;
       tse_sim_output y, z;
@@ -543,7 +515,7 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
       } else {
         end = u;
       }
-      step(&u, &y);
+      step(u, &y);
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&ramped, &end, &z));
       ramped.last = u; /* the jump */
       TEST_ASSERT_EQUAL_MEMORY(&z.vel_x, &y.vel_x, 3 * sizeof(tse_real));
@@ -562,12 +534,11 @@ static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
   s.hold_inputs = 1;
   for (int effect = 0; effect < 2; effect++) {
     c.steering_offset_angle = setting(effect ? 0.001 : 0);
-    start(&c, &s);
+    start(c, s);
     for (int k = 0; k < 3; k++) {
       const double steer = (k == 2 ? 0.02 : 0) - (effect ? 0.001 : 0);
-      tse_sim_input u = driver(0.01, 0, steer);
       tse_sim_output y;
-      step(&u, &y);
+      step(driver(0.01, 0, steer), &y);
       expect_near(k == 2 ? 0.02 * 1.2e5 / 1900 : 0, number(y.accel_y), BY_FORMAT(1e-9, 1e-3), "accel_y", k);
     }
   }
@@ -578,18 +549,17 @@ static void test_locked_axles_decelerate_with_friction_times_their_load(void)
 {
   const double torques[] = { 6000, 2e4, 1e5 };
   const double rolling = 2.4 / 0.33 / 0.33 / 1900;
-  const tse_config c = car();
   for (int i = 0; i < ROWS(torques); i++)
     for (int both = 0; both < 2; both++) {
       tse_sim_config s = quiet();
       s.friction = setting(0.8), s.speed = setting(30);
-      start(&c, &s);
+      start(car(), s);
       for (int k = 0; k < 250; k++) {
         tse_sim_input u = driver(0.01, 0, 0);
         tse_sim_output y;
         if (k > 0) u.brake_torque_front = real(torques[i]);
         if (k > 0 && both) u.brake_torque_rear = real(torques[i]);
-        step(&u, &y);
+        step(u, &y);
         TEST_ASSERT_TRUE(number(y.wheel_speed_front) >= 0 && number(y.wheel_speed_rear) >= 0);
         if (k < 100) continue;
         const double a = both ? 0.8 * 9.81 : 0.8 * 9.81 * 1.5 / 2.75 / (1 + rolling);
@@ -601,16 +571,15 @@ static void test_locked_axles_decelerate_with_friction_times_their_load(void)
 
 static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_again(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
   double fastest = 0;
   s.friction = setting(0.3), s.speed = setting(0);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k < 1500; k++) {
     tse_sim_input u = driver(0.01, 0, 0);
     u.wheel_torque_front = real(k < 200 ? 2000 : 0);
-    step(&u, &y);
+    step(u, &y);
     fastest = fmax(fastest, number(y.wheel_speed_front));
     if (k > 50 && k < 200)
       expect_near(0.3 * 9.81 * 1.5 / 2.75 / (1 + 2.4 / 0.33 / 0.33 / 1900), number(y.accel_x), 2e-3, "accel_x", k);
@@ -621,14 +590,12 @@ static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_a
 
 static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
   s.friction = setting(0.5), s.speed = setting(20), s.vel_y = setting(10);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k < 300; k++) {
-    const tse_sim_input u = driver(0.01, 0, 0);
-    step(&u, &y);
+    step(driver(0.01, 0, 0), &y);
     if (k == 0) {
       expect_near(10, number(y.vel_y), 0, "vel_y at the start", 0);
       expect_near(-0.5 * 9.81, number(y.accel_y), BY_FORMAT(1e-12, 1e-5), "both axles slide", 0);
@@ -645,7 +612,6 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
   enum { COUNT = 400,
          COMPARED = 80 };
   static double path[2][COMPARED][3];
-  const tse_config c = car();
   double off = 0;
   for (int seed = 1; seed <= 40; seed++) {
     const double mu = 0.05 + 0.05 * (seed % 20), speed = seed % 3 * 15;
@@ -657,7 +623,7 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
       s.friction = setting(mu);
       s.substep = setting(fine ? 0.0001 : 0.001);
       s.speed = setting(speed);
-      start(&c, &s);
+      start(car(), s);
       for (int k = 0; k < COUNT; k++) {
         if (k % 20 == 0) {
           u.steer_angle = real(next_between(&words, -0.3, 0.3));
@@ -666,7 +632,7 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
           u.brake_torque_front = real(fmax(0, next_between(&words, -2e4, 2e4)));
           u.brake_torque_rear = real(fmax(0, next_between(&words, -1e5, 1e5)));
         }
-        step(&u, &y);
+        step(u, &y);
         const double v[3] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate) };
         if (v[0] > 0) TEST_ASSERT_TRUE(number(y.wheel_speed_front) > -1e-3 && number(y.wheel_speed_rear) > -1e-3);
         TEST_ASSERT_TRUE(hypot(v[0], v[1]) < speed + mu * 9.81 * 4 + 0.1 && fabs(v[2]) < 6);
@@ -685,14 +651,14 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
 /* One row a millisecond in one substep; what is asked for, in sample_of[0..]: */
 enum { DRAWN,
        NOISE };
-static void record(const tse_config *c, const tse_sim_config *s, double road, int what)
+static void record(tse_config c, tse_sim_config s, double road, int what)
 {
   start(c, s);
   for (int k = 0; k < SAMPLES; k++) {
     tse_sim_input u = driver(0.001, 100, 0.01);
     tse_sim_output y;
     u.road_level = real(road);
-    step(&u, &y);
+    step(u, &y);
     if (what == DRAWN) {
       for (int a = 0; a < 3; a++) sample_of[a][k] = number(y.drawn[a]);
     } else {
@@ -728,13 +694,12 @@ static void expect_white(double *x, const char *what) { expect_uncorrelated(x, x
 
 static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   const double mean[3] = { 0.8, 1.1, 0.9 }, spread[3] = { 0.05, 0.02, 0.15 };
   s.true_cx_front = setting(mean[0]), s.true_cy_front = setting(mean[1]), s.true_cy_rear = setting(mean[2]);
   s.spread_cx_front = setting(spread[0]), s.spread_cy_front = setting(spread[1]);
   s.spread_cy_rear = setting(spread[2]);
-  record(&c, &s, 0.5, DRAWN);
+  record(car(), s, 0.5, DRAWN);
   for (int a = 0; a < 3; a++) {
     expect_moments(sample_of[a], SAMPLES, 0.5 * mean[a], 0.5 * mean[a] * spread[a], "drawn stiffness");
     expect_white(sample_of[a], "from row to row");
@@ -746,12 +711,11 @@ static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(voi
 /* 3 sigma below the mean at the largest spread of 30 %: 0.135 % of the draws are cut at a tenth of the mean. */
 static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   int cut = 0;
   s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0.3);
   s.true_cx_front = setting(2);
-  record(&c, &s, 1.0, DRAWN);
+  record(car(), s, 1.0, DRAWN);
   for (int k = 0; k < SAMPLES; k++) {
     TEST_ASSERT_TRUE(sample_of[0][k] >= 0.2 * (1 - 1e-6) && sample_of[1][k] >= 0.1 * (1 - 1e-6));
     cut += sample_of[0][k] < 0.2 * (1 + 1e-6);
@@ -762,16 +726,15 @@ static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
 
 static void test_mean_stiffness_is_the_setting_times_the_road(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   const double mean[3] = { 0.75, 1.25, 0.875 }, road[] = { 1, 0.5, 10, 0.02 };
   s.true_cx_front = setting(mean[0]), s.true_cy_front = setting(mean[1]), s.true_cy_rear = setting(mean[2]);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k < ROWS(road); k++) {
     tse_sim_input u = driver(0.01, 0, 0);
     tse_sim_output y;
     u.road_level = real(road[k]);
-    step(&u, &y);
+    step(u, &y);
     for (int a = 0; a < 3; a++) {
       expect_near(mean[a] * road[k], number(y.stiffness[a]), BY_FORMAT(1e-14, 1e-6), "mean", a);
       expect_near(mean[a] * road[k], number(y.drawn[a]), BY_FORMAT(1e-14, 1e-6), "drawn without spread", a);
@@ -782,14 +745,13 @@ static void test_mean_stiffness_is_the_setting_times_the_road(void)
 /* The accelerometer feels the stiffness drawn for its own row: at fixed slip the deviations are proportional. */
 static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0.2);
-  start(&c, &s);
+  start(car(), s);
   for (int k = 0; k < 200; k++) {
     const tse_sim_input u = driver(0.01, 300, 0.03);
     tse_sim_output y;
-    step(&u, &y);
+    step(u, &y);
     const inputs in = { u.steer_angle, real(0.33 * number(y.wheel_speed_front)), real(0.33 * number(y.wheel_speed_rear)) };
     const double vx = number(y.vel_x), vy = number(y.vel_y), r = number(y.yaw_rate), delta = number(u.steer_angle);
     const double over_front = fmax(fabs(vx), number(in.v_front)), over_rear = fmax(fabs(vx), number(in.v_rear));
@@ -810,7 +772,7 @@ static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
   c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2), c.yaw_rate_sd = setting(0.004);
   s.noise = setting(3), s.steer_angle_sd = setting(0.002), s.wheel_speed_sd = setting(0.5);
   s.spread_cx_front = s.spread_cy_front = setting(0.05);
-  record(&c, &s, 1.0, NOISE);
+  record(c, s, 1.0, NOISE);
   for (int a = 0; a < 8; a++)
     for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "channels and stiffness");
   for (int a = 0; a < 6; a++) {
@@ -822,13 +784,11 @@ static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
 
 static void test_without_noise_the_log_is_the_truth(void)
 {
-  const tse_config c = car();
-  const tse_sim_config s = quiet();
-  start(&c, &s);
+  start(car(), quiet());
   for (int k = 0; k < 50; k++) {
     const tse_sim_input u = driver(0.01, 300, 0.03);
     tse_sim_output y;
-    step(&u, &y);
+    step(u, &y);
     const tse_real logged[7] = { y.row.dt, y.row.steer_angle, y.row.wheel_speed_front, y.row.wheel_speed_rear,
                                  y.row.accel_x, y.row.accel_y, y.row.yaw_rate };
     const tse_real dt = k > 0 ? u.dt : TSE_R(0); /* nothing lies before the first row */
@@ -841,16 +801,12 @@ static void test_without_noise_the_log_is_the_truth(void)
 
 static void test_constant_biases_are_added_to_the_log(void)
 {
-  const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
   s.true_bias_accel_x = setting(0.25), s.true_bias_accel_y = setting(-0.5);
   s.true_bias_yaw_rate = setting(0.0625);
-  start(&c, &s);
-  for (int k = 0; k < 20; k++) {
-    const tse_sim_input u = driver(0.01, 300, 0.03);
-    step(&u, &y);
-  }
+  start(car(), s);
+  for (int k = 0; k < 20; k++) step(driver(0.01, 300, 0.03), &y);
   const double bias[3] = { 0.25, -0.5, 0.0625 };
   const double logged[3] = { number(y.row.accel_x), number(y.row.accel_y), number(y.row.yaw_rate) };
   const double truth[3] = { number(y.accel_x), number(y.accel_y), number(y.yaw_rate) };
@@ -877,11 +833,11 @@ static void test_variance_of_the_bias_grows_with_time(void)
   for (int i = 0; i < CARS; i++) {
     double t = 0;
     s.seed = i;
-    start(&c, &s);
+    start(c, s);
     for (int k = 0; k <= 40; k++) {
       const tse_sim_input u = driver(k % 2 ? 0.005 : 0.03, 0, 0);
       tse_sim_output y;
-      step(&u, &y);
+      step(u, &y);
       if (k > 0) t += number(u.dt);
       for (int j = 0; j < 3; j++)
         if (k == rows[j]) {
@@ -914,14 +870,11 @@ static void test_same_seed_gives_the_same_bits_and_another_does_not(void)
   enum { COUNT = 100 };
   static tse_sim_output first[COUNT], again[COUNT], other[COUNT];
   tse_sim_output *const runs[3] = { first, again, other };
-  const tse_config c = car();
   for (int j = 0; j < 3; j++) {
-    const tse_sim_config s = noisy(j < 2 ? 5 : 6);
-    start(&c, &s);
+    start(car(), noisy(j < 2 ? 5 : 6));
     for (int k = 0; k < COUNT; k++) {
-      const tse_sim_input u = driver(0.01, 300, 0.03);
       memset(&runs[j][k], 0x11 * (j + 1), sizeof runs[j][k]); /* padding included: the output is the same bytes */
-      step(&u, &runs[j][k]);
+      step(driver(0.01, 300, 0.03), &runs[j][k]);
     }
   }
   TEST_ASSERT_EQUAL_MEMORY(first, again, sizeof first);
@@ -940,8 +893,8 @@ static void test_estimators_seed_plays_no_part(void)
   tse_sim_output y[2];
   for (int j = 0; j < 2; j++) {
     c.seed = 5 + j;
-    start(&c, &s);
-    step(&u, &y[j]);
+    start(c, s);
+    step(u, &y[j]);
     TEST_ASSERT_TRUE(sim.params.seed[1] != prepared(c).seed[1]);
   }
   TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
@@ -949,16 +902,14 @@ static void test_estimators_seed_plays_no_part(void)
 
 static void test_copy_of_the_simulator_continues_with_the_same_bits(void)
 {
-  const tse_config c = car();
-  const tse_sim_config s = noisy(5);
   const tse_sim_input u = driver(0.01, 300, 0.03);
   tse_sim_output a, b;
-  start(&c, &s);
-  for (int k = 0; k < 20; k++) step(&u, &a);
+  start(car(), noisy(5));
+  for (int k = 0; k < 20; k++) step(u, &a);
   before = sim;
-  for (int k = 0; k < 20; k++) step(&u, &a);
+  for (int k = 0; k < 20; k++) step(u, &a);
   sim = before;
-  for (int k = 0; k < 20; k++) step(&u, &b);
+  for (int k = 0; k < 20; k++) step(u, &b);
   TEST_ASSERT_EQUAL_MEMORY(&a, &b, sizeof a);
 }
 
@@ -997,15 +948,10 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
     { offsetof(tse_sim_input, brake_torque_rear), 0, 1e5, "brake_torque_rear" },
     { offsetof(tse_sim_input, road_level), 0.02, 10, "road_level" },
   };
-  const tse_config c = car();
-  const tse_sim_config s = noisy(1);
   tse_sim_output y;
   for (int rows = 0; rows < 2; rows++) { /* the first row, and a later one */
-    start(&c, &s);
-    for (int k = 0; k < 3 * rows; k++) {
-      const tse_sim_input u = driver(0.01, 300, 0.03);
-      step(&u, &y);
-    }
+    start(car(), noisy(1));
+    for (int k = 0; k < 3 * rows; k++) step(driver(0.01, 300, 0.03), &y);
     for (int i = 0; i < ROWS(field); i++) {
       const tse_real bad[5] = { neighbour(field[i].lo, -INFINITY), neighbour(field[i].hi, INFINITY), real((double)NAN),
                                 real((double)INFINITY), real((double)-INFINITY) };
@@ -1032,29 +978,27 @@ static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
   tse_sim_output y;
   c.mass = setting(50), c.cornering_stiffness_rear = setting(4e6), c.accel_y_sd = setting(5);
   c.rear_roll_steer_gain = setting(0.5), c.rear_roll_steer_roll = setting(0.03);
-  start(&c, &s);
+  start(c, s);
   tse_sim_input u = driver(0.01, 0, -1.2);
   expect_refused(&u, TSE_E_INPUT, "no car at the start");
   c = car();
   s.speed = setting(70);
-  start(&c, &s);
+  start(c, s);
   u = driver(1.0, 1e5, 0); /* 163 m/s2: after six rows nearly as fast as anything on tyres may be */
-  for (int k = 0; k < 6; k++) step(&u, &y);
+  for (int k = 0; k < 6; k++) step(u, &y);
   TEST_ASSERT_TRUE(number(y.vel_x) > 850 && number(y.vel_x) <= 1000);
   for (int k = 0; k < 2; k++) expect_refused(&u, TSE_E_INPUT, "no car");
   u = driver(0.01, 0, 0);
-  step(&u, &y); /* and on without the torque */
+  step(u, &y); /* and on without the torque */
 }
 
 /* Whatever of it is no number, or more than a car can do. */
 static void test_what_is_no_car_before_a_row_is_none_after_it(void)
 {
-  const tse_config c = car();
-  const tse_sim_config s = noisy(1);
   const tse_sim_input u = driver(0.01, 300, 0.03);
   tse_sim_output y;
-  start(&c, &s);
-  for (int k = 0; k < 10; k++) step(&u, &y);
+  start(car(), noisy(1));
+  for (int k = 0; k < 10; k++) step(u, &y);
   const tse_sim good = sim;
   tse_real *const part[] = { &sim.x[0], &sim.x[1], &sim.x[2], &sim.x[3], &sim.x[4], &sim.bias[0], &sim.bias[1],
                              &sim.bias[2], &sim.effects.lag[0], &sim.effects.lag[3], &sim.steer };
@@ -1069,22 +1013,20 @@ static void test_what_is_no_car_before_a_row_is_none_after_it(void)
     expect_refused(&u, TSE_E_INPUT, "more than a car can do");
     sim = good;
   }
-  step(&u, &y);
+  step(u, &y);
 }
 
 static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_first_row(void)
 {
   const double bad[] = { 0, -0.01, 1.0001, INFINITY, -INFINITY, NAN };
-  const tse_config c = car();
-  const tse_sim_config s = noisy(1);
   tse_sim_input u = driver(0.01, 300, 0.03);
   tse_sim_output y;
-  start(&c, &s);
+  start(car(), noisy(1));
   for (int j = 0; j < ROWS(bad); j++) {
     u.dt = real(bad[j]);
     expect_accepted(&u, "first row");
   }
-  step(&u, &y);
+  step(u, &y);
   for (int j = 0; j < ROWS(bad); j++) {
     u.dt = real(bad[j]);
     expect_refused(&u, TSE_E_TIME, "later row");
@@ -1097,12 +1039,9 @@ static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_firs
 
 static void test_first_row_logs_the_start_without_advancing(void)
 {
-  const tse_config c = car();
-  const tse_sim_config s = quiet();
-  const tse_sim_input u = driver(1.0, 1e5, 0);
   tse_sim_output y;
-  start(&c, &s);
-  step(&u, &y);
+  start(car(), quiet());
+  step(driver(1.0, 1e5, 0), &y);
   expect_near(20, number(y.vel_x), 0, "vel_x", 0);
 }
 
@@ -1112,7 +1051,7 @@ static void test_null_arguments_are_refused(void)
   const tse_sim_config s = quiet();
   const tse_sim_input u = driver(0.01, 0, 0);
   tse_sim_output y;
-  start(&c, &s);
+  start(c, s);
   before = sim;
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_step(NULL, &u, &y));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_step(&sim, NULL, &y));
