@@ -6,8 +6,6 @@
 A file and not something made while Python runs: type checkers and editors read it, too.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import textwrap

@@ -9,8 +9,6 @@ Instructions are those that qemu executes: with -icount shift=6 each takes 64 ns
 of a known length checks it in every run. So they are the same in each run and on each host. They are no clock cycles.
 """
 
-from __future__ import annotations
-
 import argparse
 import bisect
 import collections

@@ -10,8 +10,6 @@ What validators and other clients say of the FMUs: tests/fmu/importers.py.
 That README's numbers are those of scripts/results: tests/test_readme.py. Pages take the tables in by `python -m docsite.fill`.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import shutil

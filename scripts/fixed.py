@@ -8,8 +8,6 @@ Six minutes for 20 runs on one free core, nearly all of it the form with particl
 diverged, is as in every study (tselab montecarlo).
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

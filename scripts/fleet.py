@@ -7,8 +7,6 @@ writes scripts/results/fleet.md. Logs are made in a temporary folder. 24 logs of
 That a cluster gives the same table, and loses no log with a worker: tests/lab/test_fleet.py. An hour of log: scripts/long_logs.py.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

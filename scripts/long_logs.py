@@ -8,8 +8,6 @@ steering wheel at 20 Hz, the inertial sensor at 100 Hz, each later than it was t
 the writers of short logs in tests/lab. One format at a time, in a temporary folder.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import subprocess

@@ -5,8 +5,6 @@ A program is tse.c of scripts/amalgamate.py, one main, one port, and the recorde
 qemu-system-arm, other processors by qemu-user; what is not installed is left out, with the reason.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import re

@@ -1,7 +1,5 @@
 """What a command takes: scripts/fleet.py, scripts/long_logs.py, tests/gap/scale.py."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -8,8 +8,6 @@ each part. Nothing is written where the name is taken or a value makes no sense;
 Needs Python only.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import subprocess

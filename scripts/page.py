@@ -11,8 +11,6 @@ opens. What it takes of npm (docs/page/package.json: a reader of Parquet, one of
 licences stand in the page. The same sources and compiler give the same bytes.
 """
 
-from __future__ import annotations
-
 import argparse
 import base64
 import hashlib

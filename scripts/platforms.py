@@ -13,8 +13,6 @@ when a build that would lose bits compiles. Tools: `scripts/setup.sh machines` s
 build/platforms.json: a run that was interrupted goes on.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

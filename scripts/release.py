@@ -8,8 +8,6 @@ The same commit and the same tools (scripts/lock-release.txt) give the same byte
 folder of its own, archives carry the commit's time and no owner, and every library is compiled by the same compiler, zig's.
 """
 
-from __future__ import annotations
-
 import argparse
 import gzip
 import hashlib

@@ -4,8 +4,6 @@ What the release is made of: its files with their hashes, third-party sources in
 it runs, in the versions of scripts/lock.txt, with who needs whom. The C library needs the C standard library alone.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 import uuid

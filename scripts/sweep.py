@@ -8,8 +8,6 @@ library in use. A result counts as changed when the 95 % interval of the ratio o
 DIR: what `tests.cars.study --keep DIR` and `tests.cars.events --calibrated DIR` have left.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

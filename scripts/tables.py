@@ -7,8 +7,6 @@ scripts/tables.py --check    change nothing; fails, and names the files, where s
 A file says where: between `/* table: NAME */` and `/* end of table */` stands what the function NAME below makes of a table.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

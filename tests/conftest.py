@@ -1,7 +1,5 @@
 """Which tests share a process when several run at once (scripts/test.sh; pytest-xdist). In one process nothing is changed."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

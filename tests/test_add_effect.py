@@ -1,8 +1,6 @@
 """What a change touches: a new effect, threshold and output, each put into a copy of the sources, in the files that CONTRIBUTING
 names and no other; scripts/tables.py writes the rest, and the library that is built of it has what is new."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

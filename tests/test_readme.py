@@ -1,7 +1,5 @@
 """README is short, states what scripts/results holds, and its programs run on the log that it simulates."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

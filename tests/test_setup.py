@@ -1,7 +1,5 @@
 """scripts/locked.sh: nothing is installed without its hash because something failed."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Headers that are written from src/tables are committed as they would be written; numbers of the filter have two homes."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

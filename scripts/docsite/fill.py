@@ -7,8 +7,6 @@ A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with `<!-
 function of docsite.tables, docsite.tables or of this module. Text between the two comments is replaced.
 """
 
-from __future__ import annotations
-
 import enum
 import functools
 import inspect

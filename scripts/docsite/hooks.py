@@ -3,8 +3,6 @@
 The site is README, docs/pages and what they lead to, at the same paths as in git, so links need no change.
 """
 
-from __future__ import annotations
-
 import html
 import re
 import sys

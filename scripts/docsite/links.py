@@ -1,7 +1,5 @@
 """Links and anchors of Markdown, as a forge shows it."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import urllib.parse

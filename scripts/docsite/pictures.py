@@ -5,8 +5,6 @@
 All curves are logs and estimates of the simulator and the filter of this checkout, seed 1. The sketch of the car is drawn by hand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Troubleshooting by symptom: what the tools print. Each case is run when docsite.fill writes the page."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Pages and tables that are made from the tables of the library, which are those of src/tables."""
 
-from __future__ import annotations
-
 import functools
 import math
 import re

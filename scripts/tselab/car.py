@@ -1,7 +1,5 @@
 """`tselab vehicle`, `formula`, `settings`: the files and settings of a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """The command line: options in, modules called, messages out. One module of tselab a command, loaded when it is needed."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import os

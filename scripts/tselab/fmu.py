@@ -1,7 +1,5 @@
 """The commands `tselab fmu ...`."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 import zipfile
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Building the FMUs of this checkout: natively by CMake, for other platforms from the sources that each FMU carries."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import platform as machine

@@ -1,7 +1,5 @@
 """What options of several commands share."""
 
-from __future__ import annotations
-
 import os
 import sys
 import textwrap

@@ -1,7 +1,5 @@
 """`tselab montecarlo`, `paper`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

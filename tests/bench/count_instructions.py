@@ -4,8 +4,6 @@ A wall clock cannot tell on a shared machine; a count can. The limit is wide eno
 too tight for a learning pass that no longer becomes vector code (2000 and more).
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 """Write logs: python -m tests.cars --road mountain --minutes 10 --cars 5 --seed 1 --out DIR, from the root of the
 repository."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

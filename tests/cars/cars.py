@@ -28,8 +28,6 @@ What "the true stiffness" is of a car whose tyres are not linear, is defined her
                         rear axle of a single track. No sensor tells tyres from suspension that gives in with the same force.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

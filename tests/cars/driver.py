@@ -8,8 +8,6 @@ what the road asks for, feet that change pedals in no time less than a quarter o
 control by axle.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.signal import lfilter
 

@@ -8,8 +8,6 @@ is more than 20 % off, of the rows that have a truth. Beside it: after how long 
 SURE times likelier for the same filter when it knows at the change how much each stiffness changes.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

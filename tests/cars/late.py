@@ -6,8 +6,6 @@ Mountain drives of the cars that `tests.cars.study --keep DIR` has calibrated, o
 before instead of 0.02 s, or all come 0.1 s apart with 2 % jitter.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from itertools import product

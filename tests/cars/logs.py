@@ -1,7 +1,5 @@
 """Cars, roads, drivers and sensors together: logs with their truth, as arrays or as files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path

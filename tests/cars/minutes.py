@@ -5,8 +5,6 @@
 DIR: that of `python -m tests.cars.study --keep DIR`.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

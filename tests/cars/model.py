@@ -16,8 +16,6 @@ The step is semi-implicit: velocities first, then positions with them, slips of 
 grows with speed to beyond 1/step; brakes and rolling resistance as friction that can hold a wheel and never turns it back.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -6,8 +6,6 @@ and real logs. The manoeuvres of the simulator (uncalibrated.py) are too short o
 DIR is what `python -m tests.cars.study --keep DIR` has driven and calibrated. The vehicle file of `cars.py` is all that is known.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable

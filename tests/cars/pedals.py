@@ -7,8 +7,6 @@ by 5 .. 20 N m of noise, and late by up to 60 ms. *Not said*: the vehicle file d
 other axle is driven on demand.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -7,8 +7,6 @@ vehicle file as it was, and, where two logs are of one car, with the other's cal
 compared is the lateral velocity, where it was measured, and one answer with the other.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import sys

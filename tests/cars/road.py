@@ -4,8 +4,6 @@ Roads are given over their length on a grid of 1 m; arrays are (points, cars). C
 uphill; bank positive where the left side is higher (it turns the car about +x).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -7,8 +7,6 @@ differences between channels show in a log: an age below the delay of its own fi
 ahead, and is allowed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

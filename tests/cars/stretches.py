@@ -6,8 +6,6 @@ DIR: what `tests.cars.study --keep DIR` has left, and `tests.cars.events --calib
 median of the secants of its rows (study.truth_of); the stretch is that which the filter reports, right or not.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator

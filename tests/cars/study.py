@@ -5,8 +5,6 @@
 The vehicle file of `cars.py` is all that is known. Truth: axle force over slip of the row, median over two seconds.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

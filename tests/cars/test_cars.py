@@ -1,7 +1,5 @@
 """The generator of ordinary cars against physics worked out another way, and its logs against their truth."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

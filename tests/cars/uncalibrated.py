@@ -7,8 +7,6 @@ its class's; or it is the car of the default settings, whose yaw inertia is not 
 which the simulator is told.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from concurrent.futures import ProcessPoolExecutor

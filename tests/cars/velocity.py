@@ -7,8 +7,6 @@ is then the same INS: its noise and its mounting are in both. Of a driven car th
 0.1 s late behind the gyro, with noise of 0.1 m/s and 0.5 deg; an INS in every row with noise of 0.03 m/s.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """What the tests of the two files share."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The two files of scripts/amalgamate.py are the library: alone, without a warning, the same numbers, no name more."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

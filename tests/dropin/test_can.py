@@ -1,7 +1,5 @@
 """scripts/dropin/can, the example of a control loop, in every number format; on a microcontroller: tests/embedded."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path

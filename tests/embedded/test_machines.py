@@ -1,7 +1,5 @@
 """The filter on other machines: the same bits, within its budgets, and in a control loop that a timer and a bus drive."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

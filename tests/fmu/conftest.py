@@ -1,7 +1,5 @@
 """Fixtures of the tests of the FMUs; what they share else is in fmu_support.py, because there is another conftest."""
 
-from __future__ import annotations
-
 import pytest
 from fmu_support import ESTIMATOR, MODELS, VEHICLE, Unit, unit
 

@@ -6,8 +6,6 @@ The run: steps of 1/128 s, so that time is exact however a client counts it, wit
 process of its own: one that crashes is a finding, no more. What is not installed is said, and no finding.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import re

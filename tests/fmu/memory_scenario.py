@@ -1,8 +1,6 @@
 """What test_fmu_memory.py runs under sanitizers or valgrind: everything an importer does, several times over.
 python memory_scenario.py BUILD_FOLDER [ROWS]"""
 
-from __future__ import annotations
-
 import sys
 
 from fmpy.fmi1 import FMICallException

@@ -3,8 +3,6 @@
 .venv/bin/python tests/fmu/pictures.py
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from docsite.pictures import small

@@ -1,7 +1,5 @@
 """The FMUs of FMI 3.0: what they say is what those of 2.0 say, and more; what they compute has the same bits, everywhere."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree

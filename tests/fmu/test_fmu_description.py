@@ -1,7 +1,5 @@
 """modelDescription.xml against the tables of the core; scripts/results/fmu_variables.md has the GUID, a hash of all of it."""
 
-from __future__ import annotations
-
 import hashlib
 import html
 import importlib.util

@@ -1,7 +1,5 @@
 """FMPy's own ways: simulate_fmu() as a user calls it, and compiling what is in sources/; other validators and clients."""
 
-from __future__ import annotations
-
 import functools
 import os
 import pickle

@@ -1,7 +1,5 @@
 """No memory error and no leak across the boundary, as sanitizers and valgrind see it in the importer's own process."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

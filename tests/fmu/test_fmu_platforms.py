@@ -1,8 +1,6 @@
 """The same replay on linux64, aarch64-linux (qemu) and win64 (wine), by FMI 2.0 and 3.0: the same bits, and each goes on from the
 others' states."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The same log through the C library and through the FMU gives the same bits in every output."""
 
-from __future__ import annotations
-
 import functools
 import threading
 from dataclasses import dataclass

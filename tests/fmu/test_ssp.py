@@ -1,8 +1,6 @@
 """The system that connects both FMUs: its description, and that an importer of systems gets out of it what two FMUs stepped by hand
 give."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

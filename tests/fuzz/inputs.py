@@ -6,8 +6,6 @@
 A line is a target, a name, the bytes in hexadecimal, with a space between. The name is `corpus` for what a search starts from; any
 other says what once broke something, and `pack` leaves it."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from pathlib import Path

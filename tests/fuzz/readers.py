@@ -5,8 +5,6 @@ be used) or refused (2), a refusal in a few lines without a traceback or a warni
 are changed at random. What breaks something is kept in build/fuzz/found/TARGET; with a name that says what was wrong it belongs
 into tests/fuzz/inputs.hex (inputs.py), which the tests go through."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import functools

@@ -1,8 +1,6 @@
 """A few hundred inputs of each fuzz target, the same ones each time; scripts/fuzz.sh --runs 1000000 on demand. The readers of
 files have tests of their own."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

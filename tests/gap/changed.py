@@ -4,8 +4,6 @@ with changed("gap.infer.space.EPISODE", 60.0):
     run(...)
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Iterator

@@ -7,8 +7,6 @@ The cars are those of the generator, of a seed that no other study has. Error: r
 over true stiffness. The table goes to scripts/results/gap-loop.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -14,8 +14,6 @@ The package's axes are those of SAE (z down, y right: a left wheel runs faster f
 ISO 8855 (z up, y left). Here all is SAE until `sensors` turns it round; a `Program` is what a driver wants, so it is ISO.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import json

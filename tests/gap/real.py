@@ -6,8 +6,6 @@ The first two thirds of each log are fitted, the last third is held out. Nobody 
 the sentence, and whether the gap of the held-out third shrinks. Written to scripts/results/gap-real.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

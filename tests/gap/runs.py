@@ -1,7 +1,5 @@
 """What the studies share: many runs in processes of their own, with progress, that can be stopped."""
 
-from __future__ import annotations
-
 import multiprocessing
 import sys
 from collections.abc import Callable, Sequence

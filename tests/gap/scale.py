@@ -7,8 +7,6 @@ as ten minutes; and twenty of 90 s, two of every manoeuvre. The table goes to sc
 durations, or of one case, is printed and not written, unless --out says where.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

@@ -7,8 +7,6 @@ workflow has become since is not looked at: --again starts anew. The table of --
 scripts/results/gap.md. That of another part (--only, fewer seeds or sizes) is printed and not written, unless --out says where.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

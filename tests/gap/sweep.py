@@ -7,8 +7,6 @@ of low grip) shows what a constant does to names that are not there. What is don
 scripts/results/gap-sweep.md when all constants were asked, also of a run that was interrupted.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

@@ -1,8 +1,6 @@
 """The generator of hidden effects against physics worked out another way: closed forms, conserved quantities, the single track
 as a frequency response, and a fit of the baseline model to clean logs."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

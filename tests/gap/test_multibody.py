@@ -1,7 +1,5 @@
 """The multi-body car that the workflow is judged on drives as its own equations say, and its truth is the car's."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("vehiclemodels", reason="the package commonroad-vehicle-models is not installed")

@@ -1,7 +1,5 @@
 """The measurement of long logs: the logs it makes, and what it counts of a process. The runs take minutes: scale.py itself."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A seeded part of the study: the whole workflow on logs of the independent generator, and how the study judges."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Shared by the tselab tests: running the command as a user does, and one simulated drive."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """A Dask cluster of processes of this machine, for tests."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

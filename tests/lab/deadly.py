@@ -1,8 +1,6 @@
 """Work for a process of the fleet that costs it the life. A module of its own: the process imports the module of a function that it
 is given, and could not import that of a test, which needs this folder's conftest where another folder's may be found first."""
 
-from __future__ import annotations
-
 import os
 import signal
 

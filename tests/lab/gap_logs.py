@@ -1,8 +1,6 @@
 """Small logs of a car that has an effect, made with the replay of the library: steering and wheel speeds of the planning
 manoeuvres, and what the sensors would read, with their noise and biases. Seeded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

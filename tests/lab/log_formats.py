@@ -1,8 +1,6 @@
 """One drive as measuring systems log it: eight formats and more, four wheels in km/h, the steering wheel in degrees, names of their
 own, three rates, latencies. Written with the libraries that others write such logs with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The Python API: the numbers of the command and of the C library, and refusals that name what is wrong."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 import math

@@ -1,7 +1,5 @@
 """Python does what the command does: the same numbers, and every result says itself in words, as a table, picture and page."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import json

@@ -1,7 +1,5 @@
 """Every kind of bad input: exit code 2, one short message that names the place, no traceback, no output touched."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command `tselab calibrate`: on logs of another simulator (tests/gap/generator), and what goes wrong."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The command itself: help, versions, lists, demo, study, internal errors."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Parameter uncertainty (src/tables/uncertainty.toml): a parameter off by its sd moves stiffnesses by what it adds to theirs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

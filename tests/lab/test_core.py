@@ -1,7 +1,5 @@
 """The binding: layouts from the library's own tables, settings checked, filter state copied."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The catalogue of effects in Python: read from the library, in vehicle files, in the replay of a log."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

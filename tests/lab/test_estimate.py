@@ -1,7 +1,5 @@
 """tselab estimate from the shell, on good input."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """The examples of scripts/examples run, and do what they say."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

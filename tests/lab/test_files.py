@@ -1,7 +1,5 @@
 """What is written is written whole or not at all, also where a disk is full; and nothing is written over an input."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import io

@@ -1,7 +1,5 @@
 """tselab fleet: many logs of many cars, in any state, one table and one page; killed and started again; on a cluster."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """tselab fmu build: what is built is reproducible and loads elsewhere."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shutil

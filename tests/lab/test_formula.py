@@ -1,7 +1,5 @@
 """A formula of the user: from text to a program, numbers over a log, C; and whatever is refused on the way."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import struct

@@ -1,8 +1,6 @@
 """A formula for what the catalogue does not have: the linearisation against the replay, what is found against what was hidden, and
 what the user gets."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which stretches of long logs say most: against the best of all choices, and on a log that is straight but for a minute."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from itertools import combinations

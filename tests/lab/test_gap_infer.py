@@ -1,7 +1,5 @@
 """The inference of the gap workflow against what is computed another way: dense covariances, quadrature, counted cases."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path

@@ -1,8 +1,6 @@
 """The gap workflow on logs whose channels are late: a vehicle file that says so, and a drive so gentle that it
 cannot tell delays apart."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """tselab gap as a user runs it: the verdict, the files it leaves, and that they are what they say."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import re

@@ -1,7 +1,5 @@
 """tselab gap check, plan; the optional columns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """The loop closes: what the improved vehicle file says of how well the car is known, and what the estimator makes of it."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Where: a disturbance that enters at a known place is found there. The residuals are made by scipy's matrix exponential of a
 linear single-track model of its own, not by the filter that looks for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

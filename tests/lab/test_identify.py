@@ -1,8 +1,6 @@
 """The engine of calibration: the discrepancy against a dense covariance, slopes and latencies against their definitions, and what
 the search finds of a car that its own simulator made."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

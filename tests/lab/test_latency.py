@@ -1,7 +1,5 @@
 """Channels that are logged late by known times: told to the filter, they cost nothing; and what `tselab estimate` says of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

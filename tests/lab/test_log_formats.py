@@ -1,7 +1,5 @@
 """One drive in every format: one command each, and the estimates are those of the clean CSV."""
 
-from __future__ import annotations
-
 import sqlite3
 from importlib.util import find_spec
 from pathlib import Path

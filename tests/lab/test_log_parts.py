@@ -1,7 +1,5 @@
 """A log is read in parts: what is said of it, and what comes out, does not depend on where the parts end."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

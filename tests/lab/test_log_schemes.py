@@ -1,8 +1,6 @@
 """Naming schemes: what the signals of a car are called, in which units, with which signs, among which others. Drawn from a seed;
 no word of it is from tselab."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 """Monte-Carlo studies: what the scores mean, that runs are kept and foreign ones refused, that every way of running gives
 the same numbers, and a small seeded part of each study."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

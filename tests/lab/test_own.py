@@ -1,8 +1,6 @@
 """A car that nobody has calibrated is calibrated on its own log: what that finds, keeps, and leaves to the class. The car is one of
 tests/cars, of 14 degrees of freedom."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

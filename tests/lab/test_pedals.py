@@ -1,7 +1,5 @@
 """Brake switch and wheel torques from the log to the filter: src/tables/sensors.toml, tse.impl.logs.log, config, units, logs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

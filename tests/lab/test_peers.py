@@ -1,7 +1,5 @@
 """The extended Kalman filters that tse is compared with: beside least squares over a whole window, and on what a log may hold."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, replace
 from types import SimpleNamespace

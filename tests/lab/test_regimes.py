@@ -1,7 +1,5 @@
 """The studies of regimes: what counts as a change, what is driven, what the tables say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

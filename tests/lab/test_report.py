@@ -1,7 +1,5 @@
 """The report: one file, nothing from outside, all that was promised in it."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 from pathlib import Path

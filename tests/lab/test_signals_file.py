@@ -1,8 +1,6 @@
 """signals.toml and logs that are wrong: each ends in a sentence that names the place and the remedy, or goes on and says what is
 missing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

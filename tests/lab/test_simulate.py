@@ -1,7 +1,5 @@
 """The simulator from the shell: formats, and properties of the truth worked out by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

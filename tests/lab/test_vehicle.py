@@ -1,7 +1,5 @@
 """Vehicle files and the rules that fill them in."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

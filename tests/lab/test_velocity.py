@@ -1,7 +1,5 @@
 """A measured velocity: columns of a log, rows of tse.Filter, settings that would be without effect; without one, no bit changes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

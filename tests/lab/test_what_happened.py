@@ -1,7 +1,5 @@
 """What happened on a drive, told from made-up tables: changes, spells, stretches, and what is said of them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

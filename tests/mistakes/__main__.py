@@ -1,7 +1,5 @@
 """Make scripts/results/mistakes.md:   .venv/bin/python -m tests.mistakes"""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

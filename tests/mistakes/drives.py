@@ -1,7 +1,5 @@
 """Two drives that turn, gain speed and brake, and the mistakes that logs are made with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

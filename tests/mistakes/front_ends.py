@@ -1,7 +1,5 @@
 """The six ways into the library: each takes a drive with a log, and returns what is said of its rows."""
 
-from __future__ import annotations
-
 import base64
 import functools
 import io

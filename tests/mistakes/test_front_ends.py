@@ -1,7 +1,5 @@
 """All six front ends: FMUs, command and page say what the library says."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

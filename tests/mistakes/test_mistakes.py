@@ -1,7 +1,5 @@
 """A log with a mistake is never valid and silent; scripts/results/mistakes.md has all front ends, and HEAVY tests try them all."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.mistakes.drives import MISTAKES, Drive, drives

@@ -1,7 +1,5 @@
 """The Python distribution as users get it: from a clean checkout, without this one, and without a network."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -6,8 +6,6 @@ covered must stand in coverage.toml: as unreachable, with the reason, or as open
 neither, or is covered by now, is a failure.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -5,8 +5,6 @@ and so is an explanation that no alarm needs. Infinite numbers and NaN are no al
 and what a real becomes that is made a whole number.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import re

@@ -5,8 +5,6 @@ tests/proof/mutation.py does it, until one fails; what survives is tried by the 
 Exit code 1: fewer than LEAST are found, or one cannot be put in.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

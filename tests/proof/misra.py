@@ -5,8 +5,6 @@ lines (a pattern), and why. A hit of a mandatory or required rule outside of the
 needs.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import shutil

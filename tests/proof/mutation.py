@@ -7,8 +7,6 @@ file's own tests with sanitizers, as preset dev compiles them: a loop that runs 
 survives that stands in the report by file and line; one that no test could find stands in mutation.toml with the reason.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

@@ -1,7 +1,5 @@
 """The faults that are put in by hand still stand where faults.toml says; the run itself takes half an hour."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The short parts of scripts/proof.sh; skipped where a tool is not installed."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The words of the field, not of the house: README, pages, messages, help, comments and names of code."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The Markdown that git holds is whole as a forge shows it: links, anchors and pictures are there, tables are current."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

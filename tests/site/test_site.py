@@ -1,8 +1,6 @@
 """The site builds without a warning and without the net, references are complete, and what pages show as code runs, compiles, or
 says why not."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

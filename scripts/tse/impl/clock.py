@@ -1,7 +1,5 @@
 """Clocks of logs: duplicates, late entries, jumps. Nothing is refused: what can be put right is, and said."""
 
-from __future__ import annotations
-
 import numpy as np
 
 LATE_ROWS, LATE_TIME = (8, 0.5)  # an entry that is out of order belongs before so many, and so many seconds, at most: a buffer's

@@ -1,7 +1,5 @@
 """The settings of a run: defaults, then the vehicle file, then the log's sampling, then --config, then options."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Write files completely or not at all, seal what a later run goes on from, read TOML with errors that name the file."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import functools

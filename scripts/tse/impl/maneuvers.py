@@ -4,8 +4,6 @@ A manoeuvre gives steering and either torques (open loop, as in the paper) or a 
 then follows with drive and brake torque (simulate.py).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -14,8 +14,6 @@ Rule for the bias of an accelerometer: start sd from the size of the slow misfit
 over 1 s. Grade, bank and mounting drift through it. Gyro: a fixed start sd.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

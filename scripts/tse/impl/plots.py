@@ -1,8 +1,6 @@
 """The report's interactive figures, one function a section: plain dictionaries as plotly draws them, for its classes check every
 number of every line and take a hundred times as long to be made."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,8 +1,6 @@
 """What happened on a drive, from the columns of EST.csv that say so: changes of what tyres and road give, faults of a channel,
 wheels that slide; and the stretches of road between the changes. A table without these columns has no events and is one stretch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

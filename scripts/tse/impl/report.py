@@ -1,7 +1,5 @@
 """The report: one HTML file that needs nothing else, readable offline."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,7 +1,5 @@
 """What a run found, for programs: rows of a table, a JSON document, an exit code that says how much can be used."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

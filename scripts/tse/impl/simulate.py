@@ -1,7 +1,5 @@
 """Driving a manoeuvre in the simulator: a log as a car would write it, and the truth."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 

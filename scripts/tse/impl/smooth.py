@@ -3,8 +3,6 @@
 The filter knows at a row what came before it; the smoother adds what came after, up to the end of the stretch. What lies beyond
 a change is not used: its report may name the wrong axle."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The library's tables as text for people."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from tse.impl.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library

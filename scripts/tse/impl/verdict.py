@@ -1,7 +1,5 @@
 """One plain sentence per stiffness: what the log says about it. Used by the terminal and the report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """A case of a study, and one drive of it: simulated once per seed, read by every estimator."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What can be run on a drive, by name."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -9,8 +9,6 @@ Process and measurement noise are dependent; a state eps_k takes that into accou
 Numbers in brackets are those of src/EQUATIONS.md; (1)-(4) are written anew in numpy, derivatives are complex steps.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 

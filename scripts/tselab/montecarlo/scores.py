@@ -7,8 +7,6 @@ src/paper/row.c, which has to use estimates), and from its variance over the las
 could have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The studies: every case of every study, in one place."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Rows become tables: one line per case and estimator, with intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Write cases: python -m tests.gap.generator --effect body_roll --seed 3 --out DIR, from the root of the repository."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The car: every number of the model, with all physical effects off. An effect changes some of them (effects.py)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 GRAVITY = 9.81

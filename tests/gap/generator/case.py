@@ -1,7 +1,5 @@
 """Cases: a car with something hidden in it, its logs, the vehicle file as its engineer knows it, and the truth."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@
 parameter of the catalogue's form that fits this model's own component best, and `apply` sizes the component until it is `value`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

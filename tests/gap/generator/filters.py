@@ -1,7 +1,5 @@
 """Linear and other filters of signals at every step: (steps,) or (steps, signals)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .model import STEP

@@ -3,8 +3,6 @@
 Steering is open loop and computed from the nominal car, so that a manoeuvre is the same whatever is hidden in the car.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

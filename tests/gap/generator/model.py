@@ -5,8 +5,6 @@ modes u, normalised: in a steady turn u_roll is the lateral and u_pitch the long
 With `exact` = 0 the kinematics are those of small angles, 1: trigonometric, with the wheels' own velocities and steering angles.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """What is logged of a motion: the IMU on the body, wheel speeds, steering angle, and the optional channels."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .car import GRAVITY, SENSORS, SPEED_NOISE, STEER_NOISE, TORQUE_NOISE

@@ -1,7 +1,5 @@
 """Run the filter over a log."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tse.impl.core import Config, Filter

@@ -1,7 +1,5 @@
 """What a calibration found, number by number, in words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What a calibration leaves: the calibrated vehicle file, its formula if it has one, and all numbers as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

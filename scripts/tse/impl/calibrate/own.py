@@ -5,8 +5,6 @@ which model discrepancy makes little of: they add hardly anything. Longitudinal 
 class: one short log says too little of either.
 """
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json

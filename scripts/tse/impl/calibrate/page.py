@@ -1,7 +1,5 @@
 """The page of a calibration: what was found, how well it shows, and what the car's model says with and without it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a calibration leaves."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from tse.impl.calibrate.findings import Finding, Group

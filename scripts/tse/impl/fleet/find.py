@@ -1,7 +1,5 @@
 """Which logs there are, of which car each is, and when it was driven."""
 
-from __future__ import annotations
-
 import difflib
 import fnmatch
 import glob

@@ -1,7 +1,5 @@
 """What is done of a fleet, a file for each log, so that the same command goes on where it was stopped; and the table of all."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import functools

@@ -1,7 +1,5 @@
 """The overview of a fleet: one HTML file that links to the report of each log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 """All logs of a fleet: several cars at once, the drives of one car one after the other, for each starts from what the one before
 taught. In processes of this machine or on a Dask cluster; the numbers are the same."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 from collections import deque

@@ -1,8 +1,6 @@
 """One log: from files and options to vehicle, log and settings; then one run of the estimator, as `tselab estimate` makes it and
 `tselab fleet` with each of many."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """One log of a fleet: what a process, here or elsewhere, takes, does and returns."""
 
-from __future__ import annotations
-
 import tempfile
 import traceback
 from collections.abc import Mapping

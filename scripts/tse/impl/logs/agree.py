@@ -1,8 +1,6 @@
 """Do the channels of a log agree with each other? What physics wants of them, under every unit that may have been taken for
 another: where a wrong unit, sign or axis explains the log better than none, the run says so, with the factor."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The guesses themselves, each with the figures that speak for it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Read a log: a CSV with the names of the library, a frame, or any format of readers.py. tse.impl.rows checks what comes."""
 
-from __future__ import annotations
-
 import csv
 import re
 import shlex

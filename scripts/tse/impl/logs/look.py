@@ -1,7 +1,5 @@
 """What is known of a log while its signals are guessed, and the guesses."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,8 +1,6 @@
 """Channels of the library from the signals of a log: found by name, in SI units, with signs, ratio and latency put right. Each
 keeps its own time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

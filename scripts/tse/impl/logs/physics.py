@@ -3,8 +3,6 @@ axle and the yaw rate, the steering angle and the curvature. Figures from these,
 
 Arrays are (rows,) on one even raster; NaN: missing."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A proposal in words, as a table, and as signals.toml."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From channels with times of their own to rows: band-limited, held values recognised, gaps kept."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise

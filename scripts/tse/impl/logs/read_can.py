@@ -1,7 +1,5 @@
 """Logs of a CAN bus by python-can: BLF, ASC, TRC, candump; their frames by the databases."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import csv

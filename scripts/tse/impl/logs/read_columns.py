@@ -1,7 +1,5 @@
 """Parquet and Feather by pyarrow."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """MATLAB files: version 5 by scipy, 7.3 (and plain HDF5) by h5py."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """MCAP: ROS 1 and 2 messages, JSON and protobuf, by the schemas in the file."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """MDF 3 and 4 by asammdf; frames of a bus in them by the databases."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import sys

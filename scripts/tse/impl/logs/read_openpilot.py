@@ -1,7 +1,5 @@
 """openpilot's rlog and qlog, by the schema in the Python package openpilot-logging."""
 
-from __future__ import annotations
-
 import bz2
 import importlib.util
 from pathlib import Path

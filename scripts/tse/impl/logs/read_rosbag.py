@@ -1,7 +1,5 @@
 """ROS 1 bags and the folders of ROS 2 bags by rosbags."""
 
-from __future__ import annotations
-
 import bz2
 import io
 import struct

@@ -1,7 +1,5 @@
 """Text tables, CSV of any dialect: delimiter, decimal comma, encoding, a preamble, a row of units, dates."""
 
-from __future__ import annotations
-
 import csv
 import functools
 import re

@@ -1,7 +1,5 @@
 """Readers, one per family of formats: a path in, a Recording out. Which: by what the file begins with, then by its suffix."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path

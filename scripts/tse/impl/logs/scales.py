@@ -1,7 +1,5 @@
 """Which units all channels have together: physics weighs every set of those that are often mixed up."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

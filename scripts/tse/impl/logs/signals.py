@@ -1,7 +1,5 @@
 """signals.toml: which signal of a log is which channel, in which unit, with which sign, ratio and latency. Read and checked."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields

@@ -1,7 +1,5 @@
 """Tables: columns that share one time. Which column that is, and in which unit it counts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

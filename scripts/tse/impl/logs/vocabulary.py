@@ -1,8 +1,6 @@
 """What signals are called: words of makers, of ISO 8855, openpilot and ROS, in English, German, French, Spanish and Italian. A
 score per role: 3 the very words, 2 likely, 1 possible; below 0: something else that sounds alike."""
 
-from __future__ import annotations
-
 import functools
 import re
 
