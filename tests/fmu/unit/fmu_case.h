@@ -169,6 +169,23 @@ static inline int boolean_of(fmi2Component c, const char *name)
   return value;
 }
 
+/* ---- phases, and what a refusal says of each; `fmi`: how the functions' names begin */
+
+enum { BEFORE = 1,
+       INIT = 2,
+       STEPS = 4,
+       ENDED = 8,
+       EVER = 15 };
+typedef struct named_phase {
+  int phase;
+  const char *words;
+} named_phase;
+#define PHASES(fmi)                                                                                  \
+  {                                                                                                  \
+    { BEFORE, "before initialization" }, { INIT, "in initialization mode" }, { STEPS, "while stepping" }, \
+    { ENDED, "after " fmi "Terminate" }                                                              \
+  }
+
 /* ---- a run: inputs of step k are a function of k */
 
 static inline void set_inputs(fmi2Component c, int k)
