@@ -4,7 +4,6 @@
 #define DRIVEN_H
 
 #include "unit_support.h"
-#include "tse/simulate.h"
 
 typedef struct drive {
   tse_sim sim;
@@ -27,9 +26,8 @@ static inline void set_off(drive *d, const tse_config *c, double speed)
 
 static inline tse_input next_row(drive *d)
 {
-  tse_sim_input u;
+  tse_sim_input u = blank_sim_input();
   tse_sim_output y;
-  memset(&u, 0, sizeof u);
   u.dt = real(d->dt);
   u.steer_angle = real(fmod(d->t, 4.0) < 2.0 ? d->steer : -d->steer);
   u.wheel_torque_front = real(fmod(d->t, 5.0) < 2.5 ? d->torque : -d->torque);
@@ -41,8 +39,7 @@ static inline tse_input next_row(drive *d)
 
 static inline tse_output run(const tse_params *p, tse_filter_paper *filter, drive *d, int rows)
 {
-  tse_output y;
-  memset(&y, 0, sizeof y);
+  tse_output y = blank_output();
   for (int i = 0; i < rows; i++) {
     const tse_input u = next_row(d);
     TEST_ASSERT_TRUE(tse_step(p, &filter->filter, &u, &y) >= 0);

@@ -6,7 +6,6 @@
 
 #include "model/effects.h"
 #include "tse/replay.h"
-#include "tse/simulate.h"
 
 enum { LOG_MOST = 20000 };
 
@@ -65,24 +64,6 @@ static inline void straight(const tse_config *c, double speed, double dt, int ro
     log_front[i] = real(speed / number(c->wheel_radius_front));
     log_rear[i] = real(speed / number(c->wheel_radius_rear));
   }
-}
-
-/* That of (1)-(4), to which a test adds its effects. */
-static inline tse_config default_car(void)
-{
-  tse_config c = config_by(tse_config_default);
-  c.exact_kinematics_share = setting(0);
-  return c;
-}
-
-static inline tse_sim_config still_sim(double speed) /* no noise, no spread */
-{
-  tse_sim_config s;
-  tse_sim_config_default(&s);
-  s.noise = setting(0);
-  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0);
-  s.speed = setting(speed);
-  return s;
 }
 
 #endif

@@ -101,10 +101,9 @@ static inline tse_input truth_row(truth *w, double dt)
   tse_short M[MOTION][COLUMNS];
   tse_real z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
   forces f;
-  tse_input u;
+  tse_input u = blank_row();
   double left = dt, reading[TSE_SENSORS];
   steering last;
-  memset(&u, 0, sizeof u);
   memset(&last, 0, sizeof last);
   while (left > 1e-9) { /* in steps of a row, as long as the filter is not asked */
     const double h = fmin(left, 0.01), from = w->steer;

@@ -12,6 +12,7 @@
 #include "estimator/stages.h"
 #include "tse/convert.h"
 #include "tse/describe.h"
+#include "tse/simulate.h"
 #include "unity.h"
 
 void setUp(void);
@@ -268,6 +269,35 @@ static inline tse_config config_by(void (*make)(tse_config *))
   make(&c);
   return c;
 }
+
+/* The default car with the kinematics of (1)-(4), the oracle of most tests, to which a test adds its effects. */
+static inline tse_config default_car(void)
+{
+  tse_config c = config_by(tse_config_default);
+  c.exact_kinematics_share = setting(0);
+  return c;
+}
+
+static inline tse_sim_config still_sim(double speed) /* no noise, no spread */
+{
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.noise = s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0);
+  s.speed = setting(speed);
+  return s;
+}
+
+/* Rows and outputs of zeros, padding included. */
+#define BLANK(type, name)                               \
+  static inline type name(void)                         \
+  {                                                     \
+    type zeros;                                         \
+    memset(&zeros, 0, sizeof zeros);                    \
+    return zeros;                                       \
+  }
+BLANK(tse_input, blank_row)
+BLANK(tse_sim_input, blank_sim_input)
+BLANK(tse_output, blank_output)
 
 /* Parameters from settings that must be right. */
 static inline tse_params prepared(tse_config c)

@@ -53,8 +53,7 @@ static tse_input noisy_row(int k)
 {
   static const double sd[6] = { 0, 0.01, 0.01, 0.15, 0.15, 0.0035 };
   uint32_t seed = 77u + 7919u * (uint32_t)k;
-  tse_input u;
-  memset(&u, 0, sizeof u);
+  tse_input u = blank_row();
   u.dt = real(0.01);
   for (int c = 0; c < 6; c++) {
     const double noise = 2 * (next_uniform(&seed) + next_uniform(&seed) + next_uniform(&seed) - 1.5);

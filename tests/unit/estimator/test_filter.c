@@ -20,10 +20,9 @@ static int form;
 static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
 {
   tse_config c = config_by(tse_config_default);
-  tse_input u;
+  tse_input u = blank_row();
   const tse_params p = prepared(c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f.filter));
-  memset(&u, 0, sizeof u);
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
   for (int k = 0; k < 300; k++) {
     u.dt = real(k % 3 ? 0.01 : BY_FORMAT(5e-324, 2e-45));

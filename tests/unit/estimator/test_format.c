@@ -55,11 +55,10 @@ static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
 {
   static tse_filter one;
   tse_params p;
-  tse_input u;
+  tse_input u = blank_row();
   tse_output y;
   p = prepared(config_by(tse_config_default));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &one, sizeof one));
-  memset(&u, 0, sizeof u);
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);
   for (int i = 0; i < 50; i++) TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) >= 0);
   one.k.p.d[0] = one.k.p.d[7] = FIXED_MOST;

@@ -20,8 +20,7 @@ static void start_filter(void)
 
 static tse_input good_row(void)
 {
-  tse_input u;
-  memset(&u, 0, sizeof u);
+  tse_input u = blank_row();
   u.dt = real(0.015625), u.steer_angle = real(0.125), u.wheel_speed_front = real(80);
   u.wheel_speed_rear = real(40), u.accel_x = real(0.5), u.accel_y = real(-2), u.yaw_rate = real(0.0625);
   return u;

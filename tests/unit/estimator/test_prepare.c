@@ -603,9 +603,8 @@ static void test_stiffness_in_newtons_is_nominal_times_relative(void)
 {
   const tse_config c = other_config();
   const double nominal[3] = { 110000, 70000, 85000 };
-  tse_output y;
+  tse_output y = blank_output();
   tse_setting mean[3], sd[3], spread[3];
-  memset(&y, 0, sizeof y);
   for (int i = 0; i < 3; i++) {
     y.stiffness[i] = real(0.5 + 0.25 * i), y.stiffness_sd[i] = real(0.125 + 0.0625 * i);
     y.stiffness_spread[i] = real(0.03125 * (i + 1));

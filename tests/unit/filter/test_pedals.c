@@ -12,8 +12,7 @@ static tse_config a_car(int driven, double grade_sd)
 
 static tse_input a_row(void)
 {
-  tse_input u;
-  memset(&u, 0, sizeof u);
+  tse_input u = blank_row();
   u.dt = real(0.01), u.wheel_speed_front = real(60), u.wheel_speed_rear = real(60.5);
   return u;
 }

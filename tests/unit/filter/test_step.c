@@ -356,11 +356,10 @@ static void test_a_frozen_gyro_says_no_bias_at_standstill(void)
 /* The prior that a restart leaves is nothing that tyres may be back at. */
 static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
 {
-  tse_output y;
+  tse_output y = blank_output();
   start(a_car(), 20, 0.3, 1);
   (void)drive(3000);
   for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
-  memset(&y, 0, sizeof y);
   for (int n = 0; n < 1000 && y.change_kind != TSE_CHANGE_ROAD; n++) {
     f.k.change_kind = TSE_CHANGE_RESTART, f.k.change_age = TSE_R(0);
     for (int i = 0; i < 4; i++) f.k.change_from[i] = f.k.change_from_var[i] = TSE_R(0);
@@ -569,8 +568,7 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
   for (int kind = 0; kind < 3; kind++) {
     start(a_car(), 20, 0.5, 6);
     (void)drive(1000);
-    tse_input u;
-    memset(&u, 0, sizeof u);
+    tse_input u = blank_row();
     u.dt = real(0.01);
     if (kind == 1) u.wheel_speed_front = u.wheel_speed_rear = real(-8);
     if (kind == 2) u.wheel_speed_front = u.wheel_speed_rear = real(20);
@@ -668,8 +666,7 @@ static void test_readings_at_their_ends_leave_numbers(void)
     tse_output y;
     reset(&p);
     for (int n = 0; n < 400; n++) {
-      tse_input u;
-      memset(&u, 0, sizeof u);
+      tse_input u = blank_row();
       u.dt = real(next_uniform(&seed) < 0.05 ? 0.25 : 0.01);
       u.steer_angle = real(0.69 * (next_uniform(&seed) < 0.5 ? -1 : 1));
       u.wheel_speed_front = real(next_uniform(&seed) < 0.5 ? 10 : 400);

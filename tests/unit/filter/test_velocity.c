@@ -463,8 +463,7 @@ static const uint32_t ins = TSE_GIVEN_ins_vel_x | TSE_GIVEN_ins_vel_y, gnss = TS
 
 static tse_output stepped(const tse_params *p, tse_filter *to, const tse_input *u)
 {
-  tse_output y;
-  memset(&y, 0, sizeof y);
+  tse_output y = blank_output();
   TEST_ASSERT_TRUE(tse_step(p, to, u, &y) >= 0);
   expect_estimates_are_numbers(&y, "a row");
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(p, to, sizeof *to));
@@ -621,8 +620,7 @@ static void test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm(voi
 static void test_a_frozen_velocity_is_none(void)
 {
   begin(1);
-  tse_input last;
-  memset(&last, 0, sizeof last);
+  tse_input last = blank_row();
   for (int n = 0; n < 800; n++) {
     tse_input u = measured_row(ins | gnss), none = u;
     if (n > 400) {
@@ -754,11 +752,10 @@ static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(vo
 {
   static tse_filter_paper paper;
   tse_config config = config_by(tse_config_paper);
-  tse_input u;
+  tse_input u = blank_row();
   config.particles = 60;
   const tse_params p = prepared(config);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &paper.filter, sizeof paper));
-  memset(&u, 0, sizeof u);
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);
   TEST_ASSERT_TRUE(tse_step(&p, &paper.filter, &u, NULL) >= 0);
   u.given = TSE_GIVEN_ins_vel_x;

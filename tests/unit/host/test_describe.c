@@ -148,8 +148,7 @@ static double at(const void *object, tse_struct which, const char *name)
 
 static void test_output_names_lead_to_their_members(void)
 {
-  tse_output y;
-  memset(&y, 0, sizeof y);
+  tse_output y = blank_output();
   static const struct {
     const char *name, *sd, *secant, *spread, *seen, *valid;
     int index;

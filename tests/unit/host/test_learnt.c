@@ -357,9 +357,8 @@ static void test_what_is_wrong_with_the_frame_is_said(void)
 /* The first row, without measurement: what comes out is where the filter starts. */
 static tse_output first_row(const tse_params *p)
 {
-  tse_input u;
+  tse_input u = blank_row();
   tse_output y;
-  memset(&u, 0, sizeof u);
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
   u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate;
   TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(p, &f.filter, &u, &y));
@@ -369,9 +368,8 @@ static tse_output first_row(const tse_params *p)
 /* After this first row: numbers, inside the bounds. */
 static void expect_a_start_of_numbers(const tse_params *p, int32_t form)
 {
-  tse_input u;
+  tse_input u = blank_row();
   tse_output y;
-  memset(&u, 0, sizeof u);
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
   for (int i = 0; i < 3; i++) {
     u.dt = real(0.01);
@@ -450,8 +448,7 @@ static void test_calls_out_of_order_are_refused_and_change_nothing(void)
   d.seed = 77;
   const tse_params p = prepared(c), q = prepared(d);
   uint8_t out[TSE_LEARNT_BYTES], untouched[TSE_LEARNT_BYTES];
-  tse_input u;
-  memset(&u, 0, sizeof u);
+  tse_input u = blank_row();
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
   memset(out, 0x5a, sizeof out);
   memcpy(untouched, out, sizeof out);
@@ -757,9 +754,8 @@ static void test_before_the_first_step_what_was_learnt_is_reported(void)
     tse_config c = open_settings();
     c.form = form, c.steer_angle_latency = setting(0.05);
     const tse_params p = prepared(c);
-    tse_input u;
+    tse_input u = blank_row();
     tse_output y;
-    memset(&u, 0, sizeof u);
     u.dt = real(0.01);
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
     TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, tse_step(&p, &f.filter, &u, &y));

@@ -72,7 +72,7 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   static tse_sim a, b;
   tse_config plain = default_car(), shaped = plain;
   tse_sim_config s;
-  tse_sim_input u;
+  tse_sim_input u = blank_sim_input();
   tse_sim_output y, z;
   EACH_PARAMETER(e)
   if (e->strength != 1) put_parameter(&shaped, e, 0.5 * e->def + 0.5 * e->hi);
@@ -80,7 +80,6 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   s.friction = setting(1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&a, &plain, &s, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&b, &shaped, &s, NULL));
-  memset(&u, 0, sizeof u);
   u.road_level = real(1), u.dt = real(0.01);
   for (int i = 0; i < 500; i++) {
     u.steer_angle = real(0.05 * sin(0.1 * i)), u.wheel_torque_front = real(800 * sin(0.03 * i));
@@ -98,10 +97,9 @@ static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
   tse_sim_output y[2];
   for (int k = 0; k < 2; k++) {
     tse_config c = default_car();
-    tse_sim_input u;
+    tse_sim_input u = blank_sim_input();
     c.steering_ratio_change = setting(k ? 0.25 : 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim[k], &c, &s, NULL));
-    memset(&u, 0, sizeof u);
     u.dt = real(0.01), u.road_level = real(1);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim[k], &u, &y[k]));
     u.steer_angle = real(k ? 0.008 : 0.01);

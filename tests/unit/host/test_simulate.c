@@ -5,7 +5,6 @@
 #include <stdlib.h>
 
 #include "model/state.h"
-#include "tse/simulate.h"
 
 #include "unit_support.h"
 
@@ -16,29 +15,13 @@ static double sample_of[8][SAMPLES];
 
 static tse_sim_input driver(double dt, double torque, double steer)
 {
-  tse_sim_input u;
-  memset(&u, 0, sizeof u);
+  tse_sim_input u = blank_sim_input();
   u.dt = real(dt), u.steer_angle = real(steer), u.wheel_torque_front = u.wheel_torque_rear = real(torque);
   u.road_level = real(1);
   return u;
 }
 
-static tse_sim_config quiet(void) /* no noise, no spread */
-{
-  tse_sim_config s;
-  tse_sim_config_default(&s);
-  s.noise = setting(0);
-  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0);
-  return s;
-}
-
-/* That of (1)-(4), the oracle of most tests; with exact kinematics the simulator is that of tests/unit/model/test_same_car.c. */
-static tse_config car(void)
-{
-  tse_config c = config_by(tse_config_default);
-  c.exact_kinematics_share = setting(0);
-  return c;
-}
+static tse_sim_config quiet(void) { return still_sim(20); }
 
 static void start(tse_config c, tse_sim_config s)
 {
@@ -60,7 +43,7 @@ static const double simulated_speed[] = { 20.0, 2.5, 0.0 };
 static tse_config table_car(void)
 {
   const double *const t = simulated_car;
-  tse_config c = car();
+  tse_config c = default_car();
   c.mass = setting(t[0]), c.yaw_inertia = setting(t[1]), c.lf = setting(t[2]), c.lr = setting(t[3]);
   c.longitudinal_stiffness_front = setting(t[4]), c.longitudinal_stiffness_rear = setting(t[5]);
   c.cornering_stiffness_front = setting(t[6]), c.cornering_stiffness_rear = setting(t[7]);
@@ -149,11 +132,10 @@ static void table_run(int j, double substep, double *state, double *accel)
   *state = *accel = 0;
   if (!(simulated[j][SIMULATED_ROWS - 1][0] != 0)) reference_run(j);
   for (int k = 0; k < SIMULATED_ROWS; k++) {
-    tse_sim_input u;
+    tse_sim_input u = blank_sim_input();
     tse_sim_output y;
     double row[7];
     driver_row(j, k, row);
-    memset(&u, 0, sizeof u);
     u.dt = real(row[0]), u.steer_angle = real(row[1]), u.wheel_torque_front = real(row[2]);
     u.wheel_torque_rear = real(row[3]), u.brake_torque_front = real(row[4]), u.brake_torque_rear = real(row[5]);
     u.road_level = real(row[6]);
@@ -201,7 +183,7 @@ static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
     tse_sim_config s = quiet();
     tse_sim_output y;
     s.substep = setting(0.005), s.speed = setting(speeds[i]);
-    start(car(), s);
+    start(default_car(), s);
     for (int k = 0; k < 1000; k++) {
       step(driver(0.01, k < 50 ? 300 : 0, k < 50 ? 0.02 : 0), &y);
       TEST_ASSERT_TRUE(fabs(number(y.vel_x) - speeds[i]) < 1.0 && fabs(number(y.vel_y)) < 6 && fabs(number(y.yaw_rate)) < 1);
@@ -223,7 +205,7 @@ static void test_time_step_is_divided_into_the_fewest_substeps(void)
     tse_sim_config s = quiet();
     s.substep = setting(substeps[j]);
     s.speed = setting(3); /* slow: truncation well above float's rounding */
-    start(car(), s);
+    start(default_car(), s);
     for (int k = 0; k < 10; k++) step(driver(0.01, 100 * k, 0.02 * k), &y[j]);
   }
   TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
@@ -241,7 +223,7 @@ static void test_rounding_of_the_time_step_costs_no_substep(void)
       tse_sim_config s = quiet();
       s.substep = setting(0.001 + j * 5e-9); /* 0.0005 % longer */
       s.speed = setting(3);
-      start(car(), s);
+      start(default_car(), s);
       step(driver(0, 0, 0), &y[j]);
       step(u1, &y[j]);
     }
@@ -282,7 +264,7 @@ static void test_logged_accelerations_add_up_to_the_change_of_velocity(void)
   tse_sim_output first, last, y;
   memset(&first, 0, sizeof first);
   memset(&last, 0, sizeof last);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k <= 2000; k++) {
     step(driver(0.001, 300 + 300 * sin(0.005 * k), 0.03 * sin(0.004 * k)), &y);
     if (k == 0) first = y;
@@ -316,7 +298,7 @@ static void test_brakes_hold_a_standing_car_against_less_torque_than_theirs(void
   tse_sim_config s = quiet();
   tse_sim_output y;
   s.speed = setting(0);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < 500; k++) {
     tse_sim_input u = driver(0.01, k < 100 ? 0 : 500, 0.3);
     u.brake_torque_front = u.brake_torque_rear = real(1000);
@@ -336,7 +318,7 @@ static void test_braked_car_stops_and_does_not_roll_back(void)
   tse_sim_output y;
   double slowest = 1;
   s.speed = setting(5);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < 400; k++) {
     tse_sim_input u = driver(0.01, 0, 0.1);
     u.brake_torque_front = u.brake_torque_rear = real(1500);
@@ -352,7 +334,7 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
 {
   tse_sim_output left[100], right;
   for (int side = 0; side < 2; side++) {
-    start(car(), quiet());
+    start(default_car(), quiet());
     for (int k = 0; k < 100; k++) {
       step(driver(0.01, 300, (side == 0 ? 0.05 : -0.05) * sin(0.1 * k)), side == 0 ? &left[k] : &right);
       if (side == 0) continue;
@@ -398,7 +380,7 @@ static void test_saturated_forces_are_those_of_the_brush_model(void)
     for (int j = 0; j < 4; j++) {
       tse_sim_config s = quiet();
       s.friction = setting(mus[i]), s.vel_y = setting(0.02 * j * j);
-      start(car(), s);
+      start(default_car(), s);
       for (int k = 0; k < 60; k++) {
         tse_sim_input u = driver(0.01, k < 30 ? 20 * k : 0, 0.01 * j);
         tse_sim_output y;
@@ -422,7 +404,7 @@ static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void
   tse_sim_output y;
   double a[2], lin[2], z, rear;
   s.friction = setting(1);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < 50; k++) {
     tse_sim_input u = driver(0.01, 0, 0);
     u.wheel_torque_front = real(10 * k);
@@ -438,7 +420,7 @@ static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void
 
 static void test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit(void)
 {
-  const tse_config c = car();
+  const tse_config c = default_car();
   const tse_params p = prepared(c);
   start(c, quiet());
   for (int k = 0; k < 300; k++) {
@@ -461,9 +443,9 @@ static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
     tse_sim_config s = quiet(), t = quiet();
     s.friction = setting(0.9);
     t.friction = setting(named ? 0.2 : 0.9);
-    start(car(), t);
+    start(default_car(), t);
     other = sim;
-    start(car(), s);
+    start(default_car(), s);
     for (int k = 0; k < 200; k++) {
       tse_sim_input u = driver(0.01, 900 * sin(0.1 * k), 0.03 * sin(0.07 * k));
       tse_sim_output y, z;
@@ -478,7 +460,7 @@ static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
 /* A road that turns to ice: the row at which it does feels it first. */
 static void test_friction_may_change_from_row_to_row(void)
 {
-  start(car(), quiet());
+  start(default_car(), quiet());
   for (int k = 0; k < 120; k++) {
     tse_sim_input u = driver(0.01, 0, 0.02);
     tse_sim_output y;
@@ -496,7 +478,7 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
 {
   tse_sim ramped;
   for (int lag = 0; lag < 2; lag++) {
-    tse_config c = car();
+    tse_config c = default_car();
     tse_sim_config s = quiet();
     tse_sim_input last = driver(0.01, 0, 0);
     c.steering_lag_time = setting(lag ? 0.05 : 0);
@@ -529,7 +511,7 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
 /* A car that rolls straight feels a step of the steering in the row that logs it, and not before. */
 static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
 {
-  tse_config c = car();
+  tse_config c = default_car();
   tse_sim_config s = quiet();
   s.hold_inputs = 1;
   for (int effect = 0; effect < 2; effect++) {
@@ -553,7 +535,7 @@ static void test_locked_axles_decelerate_with_friction_times_their_load(void)
     for (int both = 0; both < 2; both++) {
       tse_sim_config s = quiet();
       s.friction = setting(0.8), s.speed = setting(30);
-      start(car(), s);
+      start(default_car(), s);
       for (int k = 0; k < 250; k++) {
         tse_sim_input u = driver(0.01, 0, 0);
         tse_sim_output y;
@@ -575,7 +557,7 @@ static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_a
   tse_sim_output y;
   double fastest = 0;
   s.friction = setting(0.3), s.speed = setting(0);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < 1500; k++) {
     tse_sim_input u = driver(0.01, 0, 0);
     u.wheel_torque_front = real(k < 200 ? 2000 : 0);
@@ -593,7 +575,7 @@ static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
   tse_sim_config s = quiet();
   tse_sim_output y;
   s.friction = setting(0.5), s.speed = setting(20), s.vel_y = setting(10);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < 300; k++) {
     step(driver(0.01, 0, 0), &y);
     if (k == 0) {
@@ -623,7 +605,7 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
       s.friction = setting(mu);
       s.substep = setting(fine ? 0.0001 : 0.001);
       s.speed = setting(speed);
-      start(car(), s);
+      start(default_car(), s);
       for (int k = 0; k < COUNT; k++) {
         if (k % 20 == 0) {
           u.steer_angle = real(next_between(&words, -0.3, 0.3));
@@ -699,7 +681,7 @@ static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(voi
   s.true_cx_front = setting(mean[0]), s.true_cy_front = setting(mean[1]), s.true_cy_rear = setting(mean[2]);
   s.spread_cx_front = setting(spread[0]), s.spread_cy_front = setting(spread[1]);
   s.spread_cy_rear = setting(spread[2]);
-  record(car(), s, 0.5, DRAWN);
+  record(default_car(), s, 0.5, DRAWN);
   for (int a = 0; a < 3; a++) {
     expect_moments(sample_of[a], SAMPLES, 0.5 * mean[a], 0.5 * mean[a] * spread[a], "drawn stiffness");
     expect_white(sample_of[a], "from row to row");
@@ -715,7 +697,7 @@ static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
   int cut = 0;
   s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0.3);
   s.true_cx_front = setting(2);
-  record(car(), s, 1.0, DRAWN);
+  record(default_car(), s, 1.0, DRAWN);
   for (int k = 0; k < SAMPLES; k++) {
     TEST_ASSERT_TRUE(sample_of[0][k] >= 0.2 * (1 - 1e-6) && sample_of[1][k] >= 0.1 * (1 - 1e-6));
     cut += sample_of[0][k] < 0.2 * (1 + 1e-6);
@@ -729,7 +711,7 @@ static void test_mean_stiffness_is_the_setting_times_the_road(void)
   tse_sim_config s = quiet();
   const double mean[3] = { 0.75, 1.25, 0.875 }, road[] = { 1, 0.5, 10, 0.02 };
   s.true_cx_front = setting(mean[0]), s.true_cy_front = setting(mean[1]), s.true_cy_rear = setting(mean[2]);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < ROWS(road); k++) {
     tse_sim_input u = driver(0.01, 0, 0);
     tse_sim_output y;
@@ -747,7 +729,7 @@ static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
 {
   tse_sim_config s = quiet();
   s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0.2);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < 200; k++) {
     const tse_sim_input u = driver(0.01, 300, 0.03);
     tse_sim_output y;
@@ -766,7 +748,7 @@ static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
 
 static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
 {
-  tse_config c = car();
+  tse_config c = default_car();
   tse_sim_config s = quiet();
   const double sd[6] = { 3 * 0.1, 3 * 0.2, 3 * 0.004, 0.002, 0.5, 0.5 };
   c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2), c.yaw_rate_sd = setting(0.004);
@@ -784,7 +766,7 @@ static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
 
 static void test_without_noise_the_log_is_the_truth(void)
 {
-  start(car(), quiet());
+  start(default_car(), quiet());
   for (int k = 0; k < 50; k++) {
     const tse_sim_input u = driver(0.01, 300, 0.03);
     tse_sim_output y;
@@ -805,7 +787,7 @@ static void test_constant_biases_are_added_to_the_log(void)
   tse_sim_output y;
   s.true_bias_accel_x = setting(0.25), s.true_bias_accel_y = setting(-0.5);
   s.true_bias_yaw_rate = setting(0.0625);
-  start(car(), s);
+  start(default_car(), s);
   for (int k = 0; k < 20; k++) step(driver(0.01, 300, 0.03), &y);
   const double bias[3] = { 0.25, -0.5, 0.0625 };
   const double logged[3] = { number(y.row.accel_x), number(y.row.accel_y), number(y.row.yaw_rate) };
@@ -823,7 +805,7 @@ static void test_variance_of_the_bias_grows_with_time(void)
   enum { CARS = 3000 };
   const int rows[3] = { 4, 20, 40 };
   const double walk[3] = { 3 * 0.01, 3 * 0.03, 3 * 0.0005 };
-  tse_config c = car();
+  tse_config c = default_car();
   tse_sim_config s = quiet();
   c.accel_x_bias_walk = setting(0.01), c.accel_y_bias_walk = setting(0.03);
   c.yaw_rate_bias_walk = setting(0.0005);
@@ -871,7 +853,7 @@ static void test_same_seed_gives_the_same_bits_and_another_does_not(void)
   static tse_sim_output first[COUNT], again[COUNT], other[COUNT];
   tse_sim_output *const runs[3] = { first, again, other };
   for (int j = 0; j < 3; j++) {
-    start(car(), noisy(j < 2 ? 5 : 6));
+    start(default_car(), noisy(j < 2 ? 5 : 6));
     for (int k = 0; k < COUNT; k++) {
       memset(&runs[j][k], 0x11 * (j + 1), sizeof runs[j][k]); /* padding included: the output is the same bytes */
       step(driver(0.01, 300, 0.03), &runs[j][k]);
@@ -887,7 +869,7 @@ static void test_same_seed_gives_the_same_bits_and_another_does_not(void)
 /* The estimator's seed must not move the truth, and the same number must not give both the same words. */
 static void test_estimators_seed_plays_no_part(void)
 {
-  tse_config c = car();
+  tse_config c = default_car();
   const tse_sim_config s = noisy(5);
   const tse_sim_input u = driver(0.01, 300, 0.03);
   tse_sim_output y[2];
@@ -904,7 +886,7 @@ static void test_copy_of_the_simulator_continues_with_the_same_bits(void)
 {
   const tse_sim_input u = driver(0.01, 300, 0.03);
   tse_sim_output a, b;
-  start(car(), noisy(5));
+  start(default_car(), noisy(5));
   for (int k = 0; k < 20; k++) step(u, &a);
   before = sim;
   for (int k = 0; k < 20; k++) step(u, &a);
@@ -950,7 +932,7 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
   };
   tse_sim_output y;
   for (int rows = 0; rows < 2; rows++) { /* the first row, and a later one */
-    start(car(), noisy(1));
+    start(default_car(), noisy(1));
     for (int k = 0; k < 3 * rows; k++) step(driver(0.01, 300, 0.03), &y);
     for (int i = 0; i < ROWS(field); i++) {
       const tse_real bad[5] = { neighbour(field[i].lo, -INFINITY), neighbour(field[i].hi, INFINITY), real((double)NAN),
@@ -973,7 +955,7 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
 /* Everything inside its range, and no car: a light one on stiff tyres whose rear axle steers into its own roll, 1200 times over. */
 static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
 {
-  tse_config c = car();
+  tse_config c = default_car();
   tse_sim_config s = quiet();
   tse_sim_output y;
   c.mass = setting(50), c.cornering_stiffness_rear = setting(4e6), c.accel_y_sd = setting(5);
@@ -981,7 +963,7 @@ static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
   start(c, s);
   tse_sim_input u = driver(0.01, 0, -1.2);
   expect_refused(&u, TSE_E_INPUT, "no car at the start");
-  c = car();
+  c = default_car();
   s.speed = setting(70);
   start(c, s);
   u = driver(1.0, 1e5, 0); /* 163 m/s2: after six rows nearly as fast as anything on tyres may be */
@@ -997,7 +979,7 @@ static void test_what_is_no_car_before_a_row_is_none_after_it(void)
 {
   const tse_sim_input u = driver(0.01, 300, 0.03);
   tse_sim_output y;
-  start(car(), noisy(1));
+  start(default_car(), noisy(1));
   for (int k = 0; k < 10; k++) step(u, &y);
   const tse_sim good = sim;
   tse_real *const part[] = { &sim.x[0], &sim.x[1], &sim.x[2], &sim.x[3], &sim.x[4], &sim.bias[0], &sim.bias[1],
@@ -1021,7 +1003,7 @@ static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_firs
   const double bad[] = { 0, -0.01, 1.0001, INFINITY, -INFINITY, NAN };
   tse_sim_input u = driver(0.01, 300, 0.03);
   tse_sim_output y;
-  start(car(), noisy(1));
+  start(default_car(), noisy(1));
   for (int j = 0; j < ROWS(bad); j++) {
     u.dt = real(bad[j]);
     expect_accepted(&u, "first row");
@@ -1040,14 +1022,14 @@ static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_firs
 static void test_first_row_logs_the_start_without_advancing(void)
 {
   tse_sim_output y;
-  start(car(), quiet());
+  start(default_car(), quiet());
   step(driver(1.0, 1e5, 0), &y);
   expect_near(20, number(y.vel_x), 0, "vel_x", 0);
 }
 
 static void test_null_arguments_are_refused(void)
 {
-  const tse_config c = car();
+  const tse_config c = default_car();
   const tse_sim_config s = quiet();
   const tse_sim_input u = driver(0.01, 0, 0);
   tse_sim_output y;
@@ -1066,7 +1048,7 @@ static void test_null_arguments_are_refused(void)
 
 static void expect_config_refused(const tse_sim_config *s, const char *name)
 {
-  const tse_config c = car();
+  const tse_config c = default_car();
   const char *wrong = "", *again = "";
   memset(&sim, 0xa5, sizeof sim);
   before = sim;
@@ -1105,7 +1087,7 @@ static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyo
 
 static void test_wrong_setting_of_the_vehicle_is_named_and_the_simulator_unchanged(void)
 {
-  tse_config c = car();
+  tse_config c = default_car();
   const tse_sim_config s = quiet();
   const char *wrong = "";
   c.yaw_inertia = setting(-1);

@@ -26,8 +26,7 @@ static void drive(int32_t form, int late)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, bytes_of_form(form)));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
   for (int k = 0; k < 400; k++) {
-    tse_input u;
-    memset(&u, 0, sizeof u);
+    tse_input u = blank_row();
     u.dt = real(0.01), u.steer_angle = real(0.02 * sin(0.13 * k));
     u.wheel_speed_front = real(60 + 0.3 * sin(0.2 * k)), u.wheel_speed_rear = real(60);
     u.accel_y = real(1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k));
@@ -49,9 +48,8 @@ static void test_a_filter_that_was_stepped_is_sound_at_every_row(void)
 /* A row of anything that is inside its range, or is missing; sometimes a pause. */
 static tse_input wild_row(uint32_t *seed)
 {
-  tse_input u;
+  tse_input u = blank_row();
   const double amplitude = next_uniform(seed) < 0.05 ? 1 : 0.1, speed = next_between(seed, -10, 70);
-  memset(&u, 0, sizeof u);
   u.dt = real(next_uniform(seed) < 0.03 ? next_between(seed, 0.1, 3600) : 0.01);
   u.steer_angle = real(1.2 * amplitude * next_between(seed, -1, 1));
   u.wheel_speed_front = real(speed + next_between(seed, -300, 300) * amplitude);
@@ -419,12 +417,11 @@ static void test_a_filter_may_be_larger_than_its_form_needs_and_not_smaller(void
 
 static void simulated(void)
 {
-  tse_sim_input u;
+  tse_sim_input u = blank_sim_input();
   tse_sim_output y;
   tse_config_default(&c);
   tse_sim_config_default(&s);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
-  memset(&u, 0, sizeof u);
   u.dt = real(0.01), u.road_level = real(1);
   for (int k = 0; k < 200; k++) {
     u.steer_angle = real(0.02 * sin(0.1 * k));

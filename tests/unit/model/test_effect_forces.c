@@ -29,7 +29,7 @@ static void expect_cornering(const tse_config *c, double v, double d, steady s, 
 {
   static tse_sim sim;
   const tse_sim_config quiet = still_sim(v);
-  tse_sim_input u;
+  tse_sim_input u = blank_sim_input();
   tse_sim_output y;
   const int rows = 600;
   straight(c, v, 0.01, rows);
@@ -38,7 +38,6 @@ static void expect_cornering(const tse_config *c, double v, double d, steady s, 
   expect_near(s.r, number(got_r[rows - 1]), share * fabs(s.r), what, 0);
   expect_near(s.ay, number(got_y[rows - 1]), share * fabs(s.ay), what, 1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &quiet, NULL));
-  memset(&u, 0, sizeof u);
   u.dt = real(0.01), u.steer_angle = real(d), u.road_level = real(1);
   for (int i = 0; i < rows; i++) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
   expect_near(s.r, number(y.row.yaw_rate), share * fabs(s.r), what, 2);
@@ -347,10 +346,9 @@ static double coasted(const tse_config *c)
 {
   static tse_sim sim;
   const tse_sim_config quiet = still_sim(30);
-  tse_sim_input u;
+  tse_sim_input u = blank_sim_input();
   tse_sim_output y;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &quiet, NULL));
-  memset(&u, 0, sizeof u);
   u.dt = real(0.01), u.road_level = real(1);
   for (int i = 0; i <= 2000; i++) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
   return number(y.vel_x);

@@ -127,11 +127,10 @@ static void simulate_log(const tse_config *c, double v, int rows)
 {
   static tse_sim sim;
   tse_sim_config s = still_sim(v);
-  tse_sim_input u;
+  tse_sim_input u = blank_sim_input();
   tse_sim_output y;
   s.substep = setting(DT);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &s, NULL));
-  memset(&u, 0, sizeof u);
   u.dt = real(DT), u.road_level = real(1);
   for (int i = 0; i < rows; i++) {
     u.steer_angle = log_steer[i];

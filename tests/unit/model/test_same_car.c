@@ -27,8 +27,7 @@ typedef struct drive {
 /* Slalom that quickens to 2 Hz and tightens; `pedals`: throttle and brake as well. */
 static tse_sim_input driver_at(double t, double h, double steer, int pedals)
 {
-  tse_sim_input u;
-  memset(&u, 0, sizeof u);
+  tse_sim_input u = blank_sim_input();
   u.dt = real(h), u.road_level = real(1);
   u.steer_angle = real(steer * (0.3 + 0.1 * t) * sin(2 * 3.141592653589793 * (0.2 + 0.11 * t) * t));
   const double torque = pedals ? 900 * sin(1.7 * t) : 150;

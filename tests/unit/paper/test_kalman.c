@@ -24,8 +24,7 @@ static tse_config settings(void) /* the car is that of the defaults, car_table[0
 
 static tse_input row(double steer, const double y[3], int mask)
 {
-  tse_input u;
-  memset(&u, 0, sizeof u);
+  tse_input u = blank_row();
   u.dt = real(0.01), u.steer_angle = real(steer), u.wheel_speed_front = u.wheel_speed_rear = real(omega);
   u.accel_x = mask & 1 ? real(y[0]) : real((double)NAN);
   u.accel_y = mask & 2 ? real(y[1]) : real((double)NAN);

@@ -26,8 +26,7 @@ static tse_config some_settings(int32_t particles)
 
 static tse_input still_row(double gyro)
 {
-  tse_input u;
-  memset(&u, 0, sizeof u);
+  tse_input u = blank_row();
   u.dt = real(0.01), u.yaw_rate = real(gyro);
   return u;
 }
@@ -416,8 +415,7 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
     if (i % 64 == 0) wildness = (int)(next_word(&state) >> 8) % 5 * 3; /* 0 never .. 12 nearly always */
     v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
     steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
-    tse_input u;
-    memset(&u, 0, sizeof u);
+    tse_input u = blank_row();
     u.dt = real(fuzzed(&state, 0.01, 0.2, wildness / 4));
     u.steer_angle = real(fuzzed(&state, steer, 1.3, wildness));
     u.wheel_speed_front = real(fuzzed(&state, v / 0.33, 420.0, wildness));
@@ -549,11 +547,10 @@ static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spre
       tse_config c = config_by(tse_config_robust);
       c.forgetting = setting(0.99);
       tse_params own = prepared(c);
-      tse_output est;
+      tse_output est = blank_output();
       sample y;
       int32_t excited[3];
       memset(&f, 0, sizeof f);
-      memset(&est, 0, sizeof est);
       memset(&y, 0, sizeof y);
       y.dt = own.sample_time;
       y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
