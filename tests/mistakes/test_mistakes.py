@@ -1,11 +1,13 @@
-"""A log with a mistake is never valid and silent; scripts/results/mistakes.md has all front ends, and HEAVY tests try them all."""
+"""A log with a mistake is never valid and silent, through any front end (table: scripts/results/mistakes.md)."""
+
+import shutil
 
 import pytest
 
 from tests.mistakes.drives import MISTAKES, Drive, drives
-from tests.mistakes.front_ends import FRONT_ENDS
+from tests.mistakes.front_ends import FRONT_ENDS, page_maker
 
-ROWS = ("C", "Python")  # of rows, and of a whole log
+ROWS = ("C", "Python")  # of rows, and of a whole log; the others take long (HEAVY, tests/conftest.py)
 
 
 @pytest.fixture(scope="module")
@@ -13,19 +15,32 @@ def both() -> list[Drive]:
     return drives()
 
 
-@pytest.mark.parametrize("front_end", ROWS)
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_never_valid_and_silent(mistake: str, front_end: str, both: list[Drive]) -> None:
+def expect_said(mistake: str | None, front_end: str, both: list[Drive]) -> None:
     for drive in both:
-        assert not FRONT_ENDS[front_end](drive, MISTAKES[mistake](drive)).silent, drive.name
+        said = FRONT_ENDS[front_end](drive, MISTAKES[mistake](drive) if mistake else drive.log)
+        if mistake:
+            assert not said.silent, drive.name
+        else:  # the car that is known exactly is valid: mistakes are not missed by default
+            assert said.silent == drive.known and not said.against.any() and said.words == (), drive.name
 
 
 @pytest.mark.parametrize("front_end", ROWS)
-def test_nothing_is_said_against_a_log_without_one(front_end: str, both: list[Drive]) -> None:
-    for drive in both:
-        said = FRONT_ENDS[front_end](drive, drive.log)
-        assert not said.against.any() and said.words == (), drive.name
-        assert said.silent == drive.known  # the car that is known exactly is valid: the mistakes above are not missed by default
+@pytest.mark.parametrize("mistake", [None, *MISTAKES])
+def test_a_mistake_is_never_valid_and_silent(mistake: str | None, front_end: str, both: list[Drive]) -> None:
+    expect_said(mistake, front_end, both)
+
+
+@pytest.mark.parametrize("front_end", [f for f in FRONT_ENDS if f not in ROWS])
+@pytest.mark.parametrize("mistake", [None, *MISTAKES])
+def test_the_other_front_ends_say_what_the_library_says(mistake: str | None, front_end: str, both: list[Drive]) -> None:
+    if front_end == "page":
+        if not shutil.which("node"):
+            pytest.skip("node is not installed")
+        try:
+            page_maker.compilers()
+        except page_maker.Failed as error:
+            pytest.skip(str(error))
+    expect_said(mistake, front_end, both)
 
 
 @pytest.mark.parametrize(

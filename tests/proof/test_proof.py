@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import coverage
 import eva
+import faults
 import misra
 import mutation
 
@@ -55,6 +56,19 @@ def test_faults_without_a_test_are_still_in_the_source():
         file, rest = fault.split(" | ", 1)
         line = rest.rsplit(" | ", 1)[0]
         assert line in (mutation.SRC / file).read_text(), fault
+
+
+def test_every_fault_of_the_table_can_be_put_in_and_is_of_the_filter_or_its_model():
+    """The run itself takes half an hour."""
+    found = faults.faults()
+    assert len(found) == 30 and len({what for what, _ in found}) == 30
+    assert {f.file.split("/")[0] for _, f in found} == {"filter", "model"}
+    assert all(f.old != f.new for _, f in found)
+
+
+def test_the_table_names_every_fault():
+    text = faults.REPORT.read_text(encoding="utf-8")
+    assert all(f"| {what} |" in text for what, _ in faults.faults())
 
 
 @pytest.mark.skipif(
