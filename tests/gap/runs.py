@@ -1,11 +1,32 @@
-"""What the studies share: many runs in processes of their own, with progress, that can be stopped."""
+"""What studies and tests share: a constant of tse that is another for a while, and many runs in processes of their own.
 
+with changed("gap.infer.space.EPISODE", 60.0):
+    run(...)
+"""
+
+import importlib
 import multiprocessing
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from tqdm import tqdm
+
+
+@contextmanager
+def changed(name: str, value: Any) -> Iterator[None]:
+    """Set one constant in its module and in every module that imports it, in this process and in those forked from within."""
+    module, _, key = name.rpartition(".")
+    before = getattr(importlib.import_module(f"tse.impl.{module}"), key)
+    mine = [m for n, m in sys.modules.items() if n.startswith("tse.") and vars(m).get(key) is before]
+    for m in mine:
+        setattr(m, key, value)
+    try:
+        yield
+    finally:
+        for m in mine:
+            setattr(m, key, before)
 
 
 def in_processes(job: Callable[[Any], Any], asked: Sequence[Any], jobs: int, unit: str) -> list[Any] | None:

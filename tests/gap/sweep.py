@@ -17,8 +17,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from tests.gap.changed import changed
-from tests.gap.runs import in_processes
+from tests.gap.runs import changed, in_processes
 from tests.gap.study import same
 
 ROOT = Path(__file__).resolve().parents[2]

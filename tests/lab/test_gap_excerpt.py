@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gap_logs import car, write_log
-from tests.gap.changed import changed
+from tests.gap.runs import changed
 from tse.impl.core import Config, Replay
 from tse.impl.estimate import write_table
 from tse.impl.gap.catalogue import catalogue

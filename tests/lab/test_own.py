@@ -13,7 +13,7 @@ import tse
 from conftest import Result, tselab, tselab_here
 from tests.cars import make_cars, make_logs
 from tests.cars.study import TRUTH, truth_of
-from tests.gap.changed import changed
+from tests.gap.runs import changed
 from tse.impl.calibrate import own, workflow
 from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
