@@ -349,14 +349,8 @@ def cli_page() -> str:
     text = ["# Command line", "", "What `tselab COMMAND --help` says.", ""]
 
     def walk(command: click.Command, path: list[str], parent: click.Context | None) -> None:
-        ctx = click.Context(
-            command,
-            info_name=path[-1],
-            parent=parent,
-            max_content_width=100,
-            terminal_width=100,
-            help_option_names=["-h", "--help"],
-        )
+        ctx = click.Context(command, info_name=path[-1], parent=parent, max_content_width=100, terminal_width=100,
+                            help_option_names=["-h", "--help"])  # fmt: skip
         said = command.get_help(ctx).replace("```", "'''")
         text.extend([f"{'#' * min(len(path) + 1, 3)} {' '.join(path)}", "", "```text", said, "```", ""])
         if isinstance(command, click.Group):

@@ -22,13 +22,8 @@ from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 # A yaw damping that sets in beyond a yaw rate: as a stability control does.
-HIDDEN = parse(
-    "damper",
-    "hidden",
-    "yaw_moment",
-    "k*(yaw_rate - max(-w, min(w, yaw_rate)))",
-    [Number("k", -3.0, "1/s"), Number("w", 0.1, "rad/s")],
-)
+HIDDEN = parse("damper", "hidden", "yaw_moment", "k*(yaw_rate - max(-w, min(w, yaw_rate)))",
+               [Number("k", -3.0, "1/s"), Number("w", 0.1, "rad/s")])  # fmt: skip
 
 
 def problem(folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int) -> Problem:

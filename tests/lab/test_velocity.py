@@ -19,14 +19,8 @@ from tse.impl.rows import average
 from tse.impl.vehicle import make_vehicle
 
 ROWS, DT = 4000, 0.01
-CAR: dict[str, Any] = {
-    "mass": 1900.0,
-    "lf": 1.25,
-    "lr": 1.5,
-    "wheel_radius_front": 0.33,
-    "wheel_radius_rear": 0.33,
-    "driven_axle": "front",
-}
+CAR: dict[str, Any] = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33,
+                       "driven_axle": "front"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +53,8 @@ def gnss(drive: pd.DataFrame) -> pd.DataFrame:
 def test_the_library_names_the_velocities_behind_the_channels() -> None:
     assert [f.name for f in library().channels][-1] == "yaw_rate"
     assert [f.name for f in library().optional] == [
-        "ins_vel_x",
-        "ins_vel_y",
-        "gnss_speed",
-        "gnss_course",
-        "brake",
-        "wheel_torque_front",
-        "wheel_torque_rear",
-    ]
+        "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course", "brake", "wheel_torque_front", "wheel_torque_rear"
+    ]  # fmt: skip
 
 
 def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) -> None:

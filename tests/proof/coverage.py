@@ -168,14 +168,8 @@ def page(
         outcomes = [o for (f, *_), pair in branches.items() if f == file for o in pair]
         pairs = [o for (f, *_), seen in decisions.items() if f == file for o in seen]
         excused = [(k, n) for k, n in found.items() if k[0] == file and k in known]
-        row = Counter(
-            lines=lines["count"],
-            covered=lines["covered"],
-            outcomes=len(outcomes),
-            taken=sum(outcomes),
-            pairs=len(pairs),
-            independent=sum(pairs),
-        )
+        row = Counter(lines=lines["count"], covered=lines["covered"], outcomes=len(outcomes), taken=sum(outcomes), pairs=len(pairs),
+                      independent=sum(pairs))  # fmt: skip
         row["no_branch"] = sum(n for k, n in excused if k[3] != "never decides alone")
         row["no_pair"] = sum(n for k, n in excused if k[3] == "never decides alone")
         total.update(row)

@@ -163,12 +163,7 @@ def build(
     for start, value in sorted(road or []):
         level[t >= start - 1e-9] = value
     zero = np.zeros(n)
-    return Maneuver(
-        time=t,
-        speed=speed,
-        steer_angle=histories["steer_angle"],
-        wheel_torque_front=histories.get("wheel_torque_front", zero),
-        wheel_torque_rear=histories.get("wheel_torque_rear", zero),
-        road_level=level,
-        target_speed=histories.get("target_speed"),
-    )
+    return Maneuver(time=t, speed=speed, steer_angle=histories["steer_angle"],
+                    wheel_torque_front=histories.get("wheel_torque_front", zero),
+                    wheel_torque_rear=histories.get("wheel_torque_rear", zero), road_level=level,
+                    target_speed=histories.get("target_speed"))  # fmt: skip

@@ -166,12 +166,9 @@ class Data:
             for p in REGIMES:
                 self._lines.setdefault(p, []).append(columns[p][unusual].astype(np.float32))
         for key in STIFFNESS:
-            band = zip(
-                columns[key][at] / 1000,
-                1.96 * columns[f"{key}_sd"][at] / 1000,
-                getattr(block[f"{key}_reason"], "array", block[f"{key}_reason"])[at],
-                strict=True,
-            )
+            band = zip(columns[key][at] / 1000, 1.96 * columns[f"{key}_sd"][at] / 1000,
+                       getattr(block[f"{key}_reason"], "array", block[f"{key}_reason"])[at],
+                       strict=True)  # fmt: skip
             self._hover[key] += [f"{m:.1f} ± {s:.1f} {UNITS[key]}, {r}" for m, s, r in band]
         self.rows += count
 

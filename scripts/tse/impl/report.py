@@ -57,20 +57,10 @@ def write_report(
          plots.health_figure(data)),
         ("Other reference columns", "Columns of the log that start with ref_ and match no estimate.", plots.others_figure(data)),
     ]  # fmt: skip
-    write_page(
-        path,
-        "report.html.j2",
-        sections,
-        title=log.path.name,
-        vehicle=vehicle,
-        findings=found,
-        spread=config.form != 0,
-        most=MOST_CARDS,
-        events=events(changes, spells),
-        facts=run_facts(est, log, vehicle, config, data.stride),
-        changed=[(config.fields[name], value) for name, value in config.changed().items()],
-        notes=notes,
-    )
+    write_page(path, "report.html.j2", sections, title=log.path.name, vehicle=vehicle, findings=found, spread=config.form != 0,
+               most=MOST_CARDS, events=events(changes, spells), facts=run_facts(est, log, vehicle, config, data.stride),
+               changed=[(config.fields[name], value) for name, value in config.changed().items()],
+               notes=notes)  # fmt: skip
 
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:

@@ -22,18 +22,10 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
          "sensors); nothing of a held-out log is fitted. Before: the car as the vehicle file tells it, its stiffness fitted.",
          misfit(result.proofs)),
     ]  # fmt: skip
-    write_page(
-        path,
-        "calibrate.html.j2",
-        sections,
-        title="Calibrated" if result.fit.converged else "Calibrated, but the search has not converged",
-        converged=result.fit.converged,
-        vehicle=result.vehicle.name,
-        words=words,
-        notes=result.notes,
-        groups=result.groups,
-        facts=_facts(result),
-    )
+    write_page(path, "calibrate.html.j2", sections,
+               title="Calibrated" if result.fit.converged else "Calibrated, but the search has not converged",
+               converged=result.fit.converged, vehicle=result.vehicle.name, words=words, notes=result.notes, groups=result.groups,
+               facts=_facts(result))  # fmt: skip
 
 
 def _facts(result: Result) -> list[tuple[str, str]]:

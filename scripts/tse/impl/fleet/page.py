@@ -74,22 +74,11 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
     for c in drawn:
         sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness, over nominal.", trend(c, table)))
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
-    write_page(
-        path,
-        "fleet.html.j2",
-        sections,
-        title=title,
-        cars=all_cars,
-        errors=[d for d in done if d.outcome.error],
-        counts={word: codes.count(code) for code, word in CODES.items()},
-        done=done,
-        most=MOST_LOGS,
-        usable=CODES,
-        names=NAMES,
-        table=TABLE,
-        moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
-        said=_said(table),
-    )
+    write_page(path, "fleet.html.j2", sections, title=title, cars=all_cars, errors=[d for d in done if d.outcome.error],
+               counts={word: codes.count(code) for code, word in CODES.items()},
+               done=done, most=MOST_LOGS, usable=CODES, names=NAMES, table=TABLE,
+               moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
+               said=_said(table))  # fmt: skip
 
 
 def _said(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
