@@ -186,23 +186,46 @@ typedef struct named_phase {
     { ENDED, "after " fmi "Terminate" }                                                              \
   }
 
+/* Values by name, of any type; a table that ends with NULL. SET(c, { "vehicle.mass", 1700 }, { "ramp", 0 }) */
+typedef struct named {
+  const char *name;
+  double value;
+} named;
+static inline void put_all(fmi2Component c, const named *n)
+{
+  for (; n->name; n++) {
+    const char kind = fmu_variables[ref(n->name)].kind;
+    OK(kind == 'r' ? put_real(c, n->name, n->value) : kind == 'b' ? put_boolean(c, n->name, n->value != 0)
+                                                                  : put_integer(c, n->name, (int)n->value));
+  }
+}
+#define SET(c, ...) put_all(c, (const named[]){ __VA_ARGS__, { NULL, 0 } })
+
 /* ---- a run: inputs of step k are a function of k */
+
+static inline void begin(fmi2Component c)
+{
+  OK(fmi2EnterInitializationMode(c));
+  OK(fmi2ExitInitializationMode(c));
+}
+
+/* Frees the instance that was made last. */
+static inline void drop(fmi2Component c)
+{
+  fmi2FreeInstance(c);
+  made_count--;
+}
 
 static inline void set_inputs(fmi2Component c, int k)
 {
 #if defined(CASE_ESTIMATOR)
   const double speed = 20.0 / 0.33 + 0.4 * sin(0.05 * k);
-  OK(put_real(c, "steer_angle", 0.02 * sin(0.13 * k)));
-  OK(put_real(c, "wheel_speed_front", speed + 0.2 * sin(0.21 * k)));
-  OK(put_real(c, "wheel_speed_rear", speed));
-  OK(put_real(c, "accel_x", 0.7 * cos(0.05 * k) + 0.1 * sin(7.1 * k)));
-  OK(put_real(c, "accel_y", 1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k)));
-  OK(put_real(c, "yaw_rate", 0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k)));
+  SET(c, { "steer_angle", 0.02 * sin(0.13 * k) }, { "wheel_speed_front", speed + 0.2 * sin(0.21 * k) },
+      { "wheel_speed_rear", speed }, { "accel_x", 0.7 * cos(0.05 * k) + 0.1 * sin(7.1 * k) },
+      { "accel_y", 1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k) }, { "yaw_rate", 0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k) });
 #else
-  OK(put_real(c, "steer_angle", 0.02 * sin(0.13 * k)));
-  OK(put_real(c, "wheel_torque_front", 700.0 * cos(0.09 * k)));
-  OK(put_real(c, "brake_torque_rear", 100.0 + 50.0 * sin(0.2 * k)));
-  OK(put_real(c, "road_level", k < 20 ? 1.0 : 0.8));
+  SET(c, { "steer_angle", 0.02 * sin(0.13 * k) }, { "wheel_torque_front", 700.0 * cos(0.09 * k) },
+      { "brake_torque_rear", 100.0 + 50.0 * sin(0.2 * k) }, { "road_level", k < 20 ? 1.0 : 0.8 });
 #endif
 }
 
@@ -212,8 +235,7 @@ static inline void initialized(fmi2Component c)
   OK(put_integer(c, "filter.particles", 60)); /* no multiple of eight: padding takes part */
 #endif
   OK(fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0));
-  OK(fmi2EnterInitializationMode(c));
-  OK(fmi2ExitInitializationMode(c));
+  begin(c);
 }
 
 static inline void stepped(fmi2Component c, int first, int last)
@@ -280,6 +302,12 @@ static inline void expect_unchanged(fmi2Component c, saved_bytes *before, const 
     before->at = NULL;
   }
   TEST_ASSERT_TRUE_MESSAGE(same, what);
+}
+
+static inline void expect_unchanged_and_free(fmi2Component c, saved_bytes *before, const char *what)
+{
+  expect_unchanged(c, before, what);
+  free(before->at);
 }
 
 #endif

@@ -108,8 +108,7 @@ static void test_a_call_is_done_in_its_phases_and_refused_by_name_in_all_others(
         expect_unchanged(c, &before, what);
       }
       free(before.at);
-      fmi2FreeInstance(c);
-      made_count--;
+      drop(c);
     }
 }
 
@@ -117,8 +116,7 @@ static void test_a_component_that_is_none_is_an_error_and_touches_nothing(void)
 {
   char elsewhere[64] = { 0 };
   fmi2Component const freed = instantiated();
-  fmi2FreeInstance(freed);
-  made_count--;
+  drop(freed);
   fmi2Component const none[] = { NULL, freed, elsewhere, (char *)freed + 8 };
   for (int i = 0; i < COUNT(none); i++) {
     fmi2Component const c = none[i];
@@ -221,8 +219,7 @@ static void test_a_freed_place_gives_a_new_instance_not_the_old_one(void)
 {
   fmi2Component const old = stepping();
   stepped(old, 0, 3);
-  fmi2FreeInstance(old);
-  made_count--;
+  drop(old);
   fmi2Component const c = instantiated_as("fresh"), d = instantiated_as("fresh");
   TEST_ASSERT_EQUAL_PTR(old, c);
   expect_same_and_free(bytes_of(c), bytes_of(d), "a place used before and one that was not");
@@ -285,8 +282,7 @@ static void test_a_missing_argument_is_named(void)
   REFUSED(fmi2DeSerializeFMUstate(c, NULL, 1, &state), "serializedState is NULL");
   REFUSED(fmi2DeSerializeFMUstate(c, &byte, 1, NULL), "FMUstate is NULL");
   OK(fmi2FreeFMUstate(c, NULL)); /* as free(NULL) */
-  expect_unchanged(c, &before, "after refusals");
-  free(before.at);
+  expect_unchanged_and_free(c, &before, "after refusals");
 }
 
 static void test_nothing_to_do_needs_no_arguments(void)
@@ -313,8 +309,7 @@ static void test_the_experiment_must_have_numbers_in_order(void)
   REFUSED(fmi2SetupExperiment(c, fmi2False, 0, 1.0, fmi2True, (double)NAN), "stopTime");
   OK(fmi2SetupExperiment(c, fmi2True, 1e-6, 1.0, fmi2False, 0.5)); /* a stop time that is not given does not count */
   OK(fmi2SetupExperiment(c, fmi2False, (double)NAN, -3.0, fmi2True, -3.0));
-  OK(fmi2EnterInitializationMode(c));
-  OK(fmi2ExitInitializationMode(c));
+  begin(c);
   fmi2Real time = 0;
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
   TEST_ASSERT_TRUE(time == -3.0);
@@ -366,8 +361,7 @@ static void test_times_far_from_zero_are_compared_with_what_they_can_hold(void)
   const double start = 1.7e9; /* seconds since 1970: neighbours are 2.4e-7 apart */
   fmi2Component const c = instantiated();
   OK(fmi2SetupExperiment(c, fmi2False, 0, start, fmi2False, 0));
-  OK(fmi2EnterInitializationMode(c));
-  OK(fmi2ExitInitializationMode(c));
+  begin(c);
   for (int k = 0; k < 20; k++) {
     set_inputs(c, k);
     OK(fmi2DoStep(c, start + k * STEP, STEP, fmi2True));
@@ -390,8 +384,7 @@ static void test_what_is_asked_about_steps(void)
   OK(fmi2SetupExperiment(c, fmi2False, 0, 5.0, fmi2False, 0));
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
   TEST_ASSERT_TRUE(time == 5.0);
-  OK(fmi2EnterInitializationMode(c));
-  OK(fmi2ExitInitializationMode(c));
+  begin(c);
   set_inputs(c, 0);
   OK(fmi2DoStep(c, 5.0, 0.02, fmi2True));
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
@@ -443,8 +436,7 @@ static void test_the_logger_gets_environment_name_status_and_category(void)
   REFUSED(call_step(b), "fmi2DoStep");
   TEST_ASSERT_EQUAL_PTR(&other, lines[2].environment);
   TEST_ASSERT_EQUAL_STRING("second", lines[2].name);
-  OK(fmi2EnterInitializationMode(b));
-  OK(fmi2ExitInitializationMode(b));
+  begin(b);
   TEST_ASSERT_EQUAL_STRING("initialized", last_line());
   stepped(b, 0, 1);
   OK(fmi2Terminate(b));
@@ -456,8 +448,7 @@ static int events_of_a_round(fmi2Component c) /* and one error */
 {
   const int n = said;
   OK(fmi2Reset(c));
-  OK(fmi2EnterInitializationMode(c));
-  OK(fmi2ExitInitializationMode(c));
+  begin(c);
   TEST_ASSERT_EQUAL_INT(fmi2Error, fmi2EnterInitializationMode(c));
   OK(fmi2Terminate(c));
   return said - n;

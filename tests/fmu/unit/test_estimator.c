@@ -17,8 +17,7 @@ static void put_row(fmi2Component c, const tse_input *u)
     (void)snprintf(name, sizeof name, "%s.%s", k < TSE_VELOCITIES ? "velocity" : "pedals", given[k].name);
     OK(put_real(c, name, (&u->ins_vel_x)[k]));
   }
-  OK(put_integer(c, "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES)));
-  OK(put_integer(c, "pedals.given", (int)(u->given >> TSE_VELOCITIES)));
+  SET(c, { "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES) }, { "pedals.given", (int)(u->given >> TSE_VELOCITIES) });
 }
 
 /* A velocity in every tenth row, of the wheels, and the pedals in rows that come and go; what is not given may be anything. */
@@ -133,9 +132,7 @@ static void test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step
   tse_config config = small_config();
   config.mass = 1800, config.seed = 5;
   fmi2Component const c = instantiated();
-  OK(put_boolean(c, "vehicle.calibrated", fmi2True));
-  OK(put_real(c, "vehicle.mass", 1800));
-  OK(put_integer(c, "filter.seed", 5));
+  SET(c, { "vehicle.calibrated", 1 }, { "vehicle.mass", 1800 }, { "filter.seed", 5 });
   drive_beside(c, &config);
 }
 
@@ -145,12 +142,8 @@ static void test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step(v
   config.mass = 1800, config.velocity_latency = TSE_S(0.05), config.velocity_lever_x = TSE_S(-0.5);
   config.driven_axle = 1, config.wheel_torque_least = TSE_S(50);
   fmi2Component const c = instantiated();
-  OK(put_boolean(c, "vehicle.calibrated", fmi2True));
-  OK(put_real(c, "vehicle.mass", 1800));
-  OK(put_real(c, "velocity.velocity_latency", 0.05));
-  OK(put_real(c, "velocity.velocity_lever_x", -0.5));
-  OK(put_integer(c, "filter.driven_axle", 1));
-  OK(put_real(c, "pedals.wheel_torque_least", 50));
+  SET(c, { "vehicle.calibrated", 1 }, { "vehicle.mass", 1800 }, { "velocity.velocity_latency", 0.05 },
+      { "velocity.velocity_lever_x", -0.5 }, { "filter.driven_axle", 1 }, { "pedals.wheel_torque_least", 50 });
   drive_measured(c, &config, 1);
 }
 
@@ -163,10 +156,8 @@ static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(
   config.cg_sd = 0, config.initial_cy_front = 0.9;
   fmi2Component const c = instantiated();
   OK(put_real(c, "uncertainty.cg_sd", 0.0)); /* in any order */
-  OK(put_real(c, "vehicle.cornering_stiffness_rear", 140000));
-  OK(put_real(c, "vehicle.lf", 1.2));
-  OK(put_real(c, "vehicle.mass", 1650));
-  OK(put_real(c, "filter.initial_cy_front", 0.9));
+  SET(c, { "vehicle.cornering_stiffness_rear", 140000 }, { "vehicle.lf", 1.2 }, { "vehicle.mass", 1650 },
+      { "filter.initial_cy_front", 0.9 });
   drive_beside(c, &config);
 }
 
@@ -227,10 +218,8 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   expect_config(&plain, &got);
-  OK(put_boolean(c, "vehicle.calibrated", fmi2False));
-  OK(put_real(c, "uncertainty.mass_sd", 0.0));
-  OK(put_real(c, "vehicle.cornering_stiffness_front", 9e4));
-  OK(put_integer(c, "filter.driven_axle", 2));
+  SET(c, { "vehicle.calibrated", 0 }, { "uncertainty.mass_sd", 0.0 }, { "vehicle.cornering_stiffness_front", 9e4 },
+      { "filter.driven_axle", 2 });
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   ordinary = plain;
@@ -242,8 +231,7 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
   OK(fmi2ExitInitializationMode(c));
   OK(fmi2Terminate(c));
   OK(fmi2Reset(c)); /* forgets what was set */
-  OK(fmi2EnterInitializationMode(c));
-  OK(fmi2ExitInitializationMode(c));
+  begin(c);
   ordinary = plain;
   tse_config_uncalibrated(&ordinary);
   got = used_by(c);
@@ -260,9 +248,7 @@ static void test_an_importer_that_sets_every_parameter_to_its_start_has_set_none
   ordinary.yaw_inertia = 2500, ordinary.cg_sd = TSE_S(0.01);
   fmi2Component const c = instantiated();
   set_every_parameter_to_its_start(c);
-  OK(put_real(c, "vehicle.mass", 1650));
-  OK(put_real(c, "vehicle.yaw_inertia", 2500));
-  OK(put_real(c, "uncertainty.cg_sd", 0.01));
+  SET(c, { "vehicle.mass", 1650 }, { "vehicle.yaw_inertia", 2500 }, { "uncertainty.cg_sd", 0.01 });
   initialized(c);
   got = used_by(c);
   ordinary.particles = 60;
@@ -272,14 +258,11 @@ static void test_an_importer_that_sets_every_parameter_to_its_start_has_set_none
 static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
 {
   fmi2Component const c = instantiated();
-  OK(put_real(c, "vehicle.mass", 50.0));
-  OK(put_real(c, "vehicle.lf", 0.1));
-  OK(put_real(c, "vehicle.lr", 10.0));
+  SET(c, { "vehicle.mass", 50.0 }, { "vehicle.lf", 0.1 }, { "vehicle.lr", 10.0 });
   OK(fmi2EnterInitializationMode(c));
   saved_bytes before = bytes_of(c);
   REFUSED(fmi2ExitInitializationMode(c), "vehicle.longitudinal_stiffness_rear", "vehicle.calibrated is false");
-  expect_unchanged(c, &before, "after a refused start");
-  free(before.at);
+  expect_unchanged_and_free(c, &before, "after a refused start");
   OK(put_boolean(c, "vehicle.calibrated", fmi2True));
   OK(fmi2ExitInitializationMode(c));
 }
@@ -288,13 +271,9 @@ static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
 static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
 {
   fmi2Component const c = instantiated();
-  OK(put_boolean(c, "vehicle.calibrated", fmi2True));
-  OK(put_real(c, "filter.initial_cx_front", 0.8));
-  OK(put_real(c, "filter.initial_cy_front", 0.9));
-  OK(put_real(c, "filter.initial_cy_rear", 1.1));
-  OK(put_real(c, "filter.initial_cy_rear_sd", 0.25));
-  OK(put_real(c, "filter.grip", 0.9));
-  OK(put_real(c, "filter.grip_sd", 0.2));
+  SET(c, { "vehicle.calibrated", 1 }, { "filter.initial_cx_front", 0.8 }, { "filter.initial_cy_front", 0.9 },
+      { "filter.initial_cy_rear", 1.1 }, { "filter.initial_cy_rear_sd", 0.25 }, { "filter.grip", 0.9 },
+      { "filter.grip_sd", 0.2 });
   OK(fmi2EnterInitializationMode(c));
   TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.8, real_of(c, "estimate.relative.cx_front"));
   TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.9, real_of(c, "estimate.relative.cy_front"));
@@ -357,8 +336,7 @@ static void test_a_failing_sensor_is_a_warning_said_once(void)
     OK(put_real(c, faults[f].name, faults[f].value));
     TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 38 * STEP, STEP, fmi2True));
     TEST_ASSERT_EQUAL_INT_MESSAGE(2, said, "a fault that comes back is said again");
-    fmi2FreeInstance(c);
-    made_count--;
+    drop(c);
   }
 }
 
@@ -393,8 +371,7 @@ static void test_of_several_missing_channels_the_first_is_named(void)
 {
   fmi2Component const c = stepping();
   set_inputs(c, 0);
-  OK(put_real(c, "accel_y", (double)NAN));
-  OK(put_real(c, "yaw_rate", 7.0));
+  SET(c, { "accel_y", (double)NAN }, { "yaw_rate", 7.0 });
   TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 0.0, STEP, fmi2True));
   TEST_ASSERT_EQUAL_INT(1, said);
   TEST_ASSERT_NOT_NULL(strstr(last_line(), "accel_y is missing"));
@@ -413,8 +390,7 @@ static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
       OK(fmi2Reset(c));
     } else if (run == 2) {
       fmi2Component const old = c;
-      fmi2FreeInstance(c);
-      made_count--;
+      drop(c);
       c = instantiated();
       TEST_ASSERT_EQUAL_PTR(old, c);
     }
@@ -431,8 +407,7 @@ static void test_the_ends_of_a_range_belong_to_it(void)
       set_inputs(c, 0);
       OK(put_real(c, channels[i].name, k ? channels[i].hi : channels[i].lo));
       OK(fmi2DoStep(c, 0.0, STEP, fmi2True));
-      fmi2FreeInstance(c);
-      made_count--;
+      drop(c);
     }
 }
 
@@ -480,11 +455,8 @@ static void test_a_fault_that_lasts_is_said_once_whatever_the_car_does_meanwhile
   fmi2Component const c = stepping();
   for (int k = 0; k < 200; k++) {
     const double speed = 7.0 + 3.0 * cos(0.05 * k); /* rad/s: above and below hold_speed, 2 m/s */
-    OK(put_real(c, "wheel_speed_front", speed + 0.001 * (k % 7)));
-    OK(put_real(c, "wheel_speed_rear", speed + 0.001 * (k % 5)));
-    OK(put_real(c, "accel_y", (double)NAN));
-    OK(put_real(c, "accel_x", 0.1 * sin(7.0 * k)));
-    OK(put_real(c, "yaw_rate", 0.003 * sin(9.0 * k)));
+    SET(c, { "wheel_speed_front", speed + 0.001 * (k % 7) }, { "wheel_speed_rear", speed + 0.001 * (k % 5) },
+        { "accel_y", (double)NAN }, { "accel_x", 0.1 * sin(7.0 * k) }, { "yaw_rate", 0.003 * sin(9.0 * k) });
     TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, k * STEP, STEP, fmi2True));
   }
   int about = 0;
@@ -499,8 +471,7 @@ static void test_a_gap_is_bridged_or_restarts_and_a_longer_one_than_an_hour_is_r
   set_inputs(c, 3);
   saved_bytes before = bytes_of(c);
   REFUSED(fmi2DoStep(c, 3 * STEP, 3601.0, fmi2True), "communicationStepSize", "3601", "longer than 3600 s");
-  expect_unchanged(c, &before, "after a refused step");
-  free(before.at);
+  expect_unchanged_and_free(c, &before, "after a refused step");
   OK(fmi2DoStep(c, 3 * STEP, 3599.0, fmi2True)); /* the sample of 0.03 s */
   set_inputs(c, 4);
   TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 3 * STEP + 3599.0, STEP, fmi2True)); /* the next is not refused for it */

@@ -134,8 +134,7 @@ static void stepped3(fmi3Instance c, int first, int last)
     copy_inputs(source, c);
     OK3(step3(c, k));
   }
-  fmi2FreeInstance(source);
-  made_count--;
+  drop(source);
 }
 
 typedef struct bytes3 {

@@ -79,8 +79,7 @@ static void test_a_state_is_overwritten_in_place_and_freed_once(void)
   REFUSED(fmi2FreeFMUstate(c, &again), "fmi2FreeFMUstate", "not a state");
   again = byte;
   REFUSED(fmi2SetFMUstate(c, again), "not a state");
-  expect_unchanged(c, &before, "after refusals");
-  free(before.at);
+  expect_unchanged_and_free(c, &before, "after refusals");
 }
 
 static void test_the_pool_of_states_says_when_it_is_exhausted_and_is_whole_after_freeing(void)
@@ -113,8 +112,7 @@ static void test_freeing_an_instance_frees_its_states_and_no_others(void)
     fmi2FMUstate state = NULL, second = NULL;
     OK(fmi2GetFMUstate(c, &state));
     OK(fmi2GetFMUstate(c, &second));
-    fmi2FreeInstance(c);
-    made_count--;
+    drop(c);
     REFUSED(fmi2SetFMUstate(keeper, state), "not a state");
   }
   OK(fmi2SetFMUstate(keeper, kept));

@@ -33,8 +33,7 @@ static void test_starts_are_there_from_the_start_and_after_a_reset(void)
                                             : boolean_of(c, v->name);
       TEST_ASSERT_TRUE_MESSAGE(value == v->start, v->name);
     }
-    OK(put_real(c, AN_INPUT, 3.0));
-    OK(put_real(c, ANOTHER_PARAMETER, 1234.0));
+    SET(c, { AN_INPUT, 3.0 }, { ANOTHER_PARAMETER, 1234.0 });
     initialized(c);
     stepped(c, 0, 2);
     OK(fmi2Reset(c));
@@ -102,8 +101,7 @@ static void test_of_several_values_none_is_set_when_one_is_refused(void)
   REFUSED(fmi2SetReal(c, unknown, 2, values), "unknown value reference 1000000");
   const fmi2ValueReference output[] = { ref(AN_INPUT), ref(AN_OUTPUT) };
   REFUSED(fmi2SetReal(c, output, 2, values), AN_OUTPUT);
-  expect_unchanged(c, &before, "after refusals");
-  free(before.at);
+  expect_unchanged_and_free(c, &before, "after refusals");
 
   const fmi2Real good[] = { 1.0, 1500.0, fmu_variables[ref(A_PARAMETER)].lo };
   fmi2Real got[3] = { 0 };
