@@ -23,7 +23,7 @@ static inline void dense_observe(const double *car, const double s[9], const dou
 
 static inline void dense_predict(dense_kalman *f, const double u0[3], const double u1[3], double dt)
 {
-  double F[9][9] = { { 0 } }, fp[9][9], a[9], b[9];
+  double F[9][9] = { { 0 } }, a[9], b[9];
   const double h = 1e-4, spread2 = f->spread * f->spread;
   for (int j = 0; j < 9; j++) {
     memcpy(a, f->mean, sizeof a);
@@ -35,17 +35,10 @@ static inline void dense_predict(dense_kalman *f, const double u0[3], const doub
   }
   track_move(f->car, f->mean, f->mean + 3, u0, u1, dt, 20);
   for (int i = 3; i < 6 && f->white; i++) f->mean[i] = 0;
-  for (int i = 0; i < 9; i++)
-    for (int j = 0; j < 9; j++) {
-      fp[i][j] = 0;
-      for (int k = 0; k < 9; k++) fp[i][j] += F[i][k] * f->cov[k][j];
-    }
-  for (int i = 0; i < 9; i++)
-    for (int j = 0; j < 9; j++) {
-      f->cov[i][j] = 0;
-      for (int k = 0; k < 9; k++) f->cov[i][j] += fp[i][k] * F[j][k];
-      for (int k = 3; k < 6 && i < 3 && j < 3 && !f->white; k++) f->cov[i][j] += spread2 * F[i][k] * F[j][k];
-    }
+  conjugate(9, F[0], f->cov[0], f->cov[0]);
+  for (int i = 0; i < 3 && !f->white; i++)
+    for (int j = 0; j < 3; j++)
+      for (int k = 3; k < 6; k++) f->cov[i][j] += spread2 * F[i][k] * F[j][k];
   for (int i = 0; i < 3; i++) {
     if (f->white) f->cov[3 + i][3 + i] += spread2;
     f->cov[6 + i][6 + i] += f->walk[i] * f->walk[i] * dt;

@@ -160,6 +160,20 @@ static inline void forward(double l[3][3], int n, const double *b, double *x)
   }
 }
 
+/* to = F P F', all n x n, row by row; `to` may be P. */
+static inline void conjugate(int n, const double *F, const double *P, double *to)
+{
+  static double half[64 * 64];
+  TEST_ASSERT_TRUE(n <= 64);
+  for (int pass = 0; pass < 2; pass++)
+    for (int i = 0; i < n; i++)
+      for (int j = 0; j < n; j++) {
+        double sum = 0;
+        for (int k = 0; k < n; k++) sum += pass ? half[n * i + k] * F[n * j + k] : F[n * i + k] * P[n * k + j];
+        (pass ? to : half)[n * i + j] = sum;
+      }
+}
+
 /* Every real output is a number: all of one type lie between whole numbers. */
 static inline int outputs_are_finite(const tse_output *y)
 {

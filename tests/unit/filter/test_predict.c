@@ -40,7 +40,7 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     const tse_params p = a_car();
     tse_short scaled[MOTION][COLUMNS];
     tse_real x[STATES], M[MOTION][COLUMNS];
-    double F[STATES][STATES], FP[STATES][STATES];
+    double F[STATES][STATES], moved[STATES][STATES];
     in_a_turn(&p, &k, &seed);
     const dense m = dense_of(&k.p);
     const tse_kalman before = k;
@@ -63,16 +63,11 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
       F[i][i] = number_of(k.doubt[most][i]) / number_of(before.doubt[most][i]);
       TEST_ASSERT_TRUE(F[i][i] > 0.9 && F[i][i] <= 1);
     }
-    for (int i = 0; i < STATES; i++)
-      for (int j = 0; j < STATES; j++) {
-        FP[i][j] = 0;
-        for (int l = 0; l < STATES; l++) FP[i][j] += F[i][l] * m.p[l][j];
-      }
+    conjugate(STATES, F[0], m.p[0], moved[0]);
     const dense after = dense_of(&k.p);
     for (int i = 0; i < STATES; i++)
       for (int j = 0; j < STATES; j++) {
-        double expected = 0;
-        for (int l = 0; l < STATES; l++) expected += FP[i][l] * F[j][l];
+        const double expected = moved[i][j];
         if (i == j) TEST_ASSERT_TRUE(after.p[i][i] > expected - 10 * close && after.p[i][i] < expected + 0.2); /* noise */
         else expect_near(expected, after.p[i][j], 100 * close, "covariance", 100 * i + j);
       }

@@ -90,7 +90,7 @@ static void test_time_is_f_p_f_and_noise(void)
     tse_ud p;
     tse_short M[MOTION][COLUMNS];
     tse_real noise[MOTION];
-    double F[STATES][STATES], FP[STATES][STATES];
+    double F[STATES][STATES];
     any_covariance(&p, &seed);
     const dense m = dense_of(&p);
     for (int i = 0; i < STATES; i++)
@@ -101,16 +101,8 @@ static void test_time_is_f_p_f_and_noise(void)
       for (int k = 0; k < STATES; k++) F[i][k] = number_of_slope(M[i][k]);
     }
     dense after;
-    for (int i = 0; i < STATES; i++)
-      for (int k = 0; k < STATES; k++) {
-        FP[i][k] = 0;
-        for (int j = 0; j < STATES; j++) FP[i][k] += F[i][j] * m.p[j][k];
-      }
-    for (int i = 0; i < STATES; i++)
-      for (int k = 0; k < STATES; k++) {
-        after.p[i][k] = i == k && i < MOTION ? number(noise[i]) : 0;
-        for (int j = 0; j < STATES; j++) after.p[i][k] += FP[i][j] * F[k][j];
-      }
+    conjugate(STATES, F[0], m.p[0], after.p[0]);
+    for (int i = 0; i < MOTION; i++) after.p[i][i] += number(noise[i]);
     ud_move(&p, M, noise);
     expect_dense(&after, &p, BY_NUMBER(1e-11, 1e-3, 4e-6), "after a row"); /* fixed: a step of a row, 2^-22, of 23 columns of variance 2 */
   }

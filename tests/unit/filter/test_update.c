@@ -41,22 +41,13 @@ static double spread_of(const schmidt *s, const double h[ALL], double ph[ALL])
 static void use_one(schmidt *s, const double h[ALL], double e, double r)
 {
   double ph[ALL], gain[ALL], A[ALL][ALL];
-  static double next[ALL][ALL], half[ALL][ALL];
   const double all = spread_of(s, h, ph) + r;
   for (int i = 0; i < ALL; i++) gain[i] = i < STATES ? ph[i] / all : 0;
   for (int i = 0; i < ALL; i++)
     for (int j = 0; j < ALL; j++) A[i][j] = (i == j) - gain[i] * h[j];
+  conjugate(ALL, A[0], s->p[0], s->p[0]);
   for (int i = 0; i < ALL; i++)
-    for (int j = 0; j < ALL; j++) {
-      half[i][j] = 0;
-      for (int k = 0; k < ALL; k++) half[i][j] += A[i][k] * s->p[k][j];
-    }
-  for (int i = 0; i < ALL; i++)
-    for (int j = 0; j < ALL; j++) {
-      next[i][j] = gain[i] * r * gain[j];
-      for (int k = 0; k < ALL; k++) next[i][j] += half[i][k] * A[j][k];
-    }
-  memcpy(s->p, next, sizeof next);
+    for (int j = 0; j < ALL; j++) s->p[i][j] += gain[i] * r * gain[j];
   for (int i = 0; i < STATES; i++) s->x[i] += gain[i] * e;
 }
 

@@ -58,18 +58,8 @@ static void any_full(tse_ud *p, uint32_t *seed)
 /* F m F' */
 static full moved(const full *m, double F[N][N])
 {
-  static double half[N][N];
   full to;
-  for (int i = 0; i < N; i++)
-    for (int j = 0; j < N; j++) {
-      half[i][j] = 0;
-      for (int k = 0; k < N; k++) half[i][j] += F[i][k] * m->p[k][j];
-    }
-  for (int i = 0; i < N; i++)
-    for (int j = 0; j < N; j++) {
-      to.p[i][j] = 0;
-      for (int k = 0; k < N; k++) to.p[i][j] += half[i][k] * F[j][k];
-    }
+  conjugate(N, F[0], m->p[0], to.p[0]);
   return to;
 }
 
@@ -286,7 +276,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
 {
   enum { D = TSE_DOUBTS,
          ALL = N + D };
-  static double P[ALL][ALL], A[ALL][ALL], half[ALL][ALL], next[ALL][ALL];
+  static double P[ALL][ALL], A[ALL][ALL], next[ALL][ALL];
   uint32_t seed = 6;
   for (int n = 0; n < 40; n++) {
     static tse_kalman k;
@@ -387,16 +377,9 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int i = 0; i < ALL; i++) gain[i] = i < N ? ph[i] / (var + r) : 0;
     for (int i = 0; i < ALL; i++)
       for (int j = 0; j < ALL; j++) A[i][j] = (i == j) - gain[i] * h[j];
+    conjugate(ALL, A[0], P[0], next[0]);
     for (int i = 0; i < ALL; i++)
-      for (int j = 0; j < ALL; j++) {
-        half[i][j] = 0;
-        for (int m = 0; m < ALL; m++) half[i][j] += A[i][m] * P[m][j];
-      }
-    for (int i = 0; i < ALL; i++)
-      for (int j = 0; j < ALL; j++) {
-        next[i][j] = gain[i] * r * gain[j];
-        for (int m = 0; m < ALL; m++) next[i][j] += half[i][m] * A[j][m];
-      }
+      for (int j = 0; j < ALL; j++) next[i][j] += gain[i] * r * gain[j];
 
     /* the filter's */
     double value = predicted + e;
