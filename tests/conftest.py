@@ -24,7 +24,9 @@ FIRST = [
 # What takes long, and seldom finds what the others do not: with --all (scripts/test.sh --all, as CI does), or when it is named
 HEAVY = {
     "tests/dropin/test_amalgamation.py", "tests/embedded/test_machines.py", "tests/fmu/test_fmu_platforms.py",
-    "tests/gap/test_study.py", "tests/lab/test_fmu_cli.py", "tests/lab/test_gap_latency.py",
+    "tests/lab/test_fmu_cli.py", "tests/lab/test_gap_latency.py",
+    *(f"tests/gap/test_study.py::test_a_{t}" for t in (
+        "clean_car_gets_no_name", "hidden_effect_is_named_with_its_size", "patch_of_low_grip_is_none_of_the_catalogue")),
     "tests/mistakes/test_mistakes.py::test_the_other_front_ends_say_what_the_library_says",
     *(f"tests/proof/test_proof.py::test_{t}" for t in (
         "no_required_misra_rule_is_broken_outside_the_deviations", "a_fault_is_found_and_one_that_changes_nothing_is_not",

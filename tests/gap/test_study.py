@@ -1,13 +1,20 @@
-"""A seeded part of the study: the whole workflow on logs of the independent generator, and how the study judges."""
+"""A seeded part of the study: the whole workflow on logs of the independent generator, and how the study judges; its long logs,
+whose runs take minutes (scale.py itself); its multi-body car, which drives as its own equations say."""
 
+import importlib
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
+from types import ModuleType
 
+import pandas as pd
 import pytest
 from generator import Spec, make_cases
 
-from tests.gap import study
+from tests.gap import scale, study
+from tse.impl.gap.catalogue import catalogue
 from tse.impl.gap.run.workflow import run
 
 MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
@@ -73,3 +80,78 @@ def test_an_interval_holds_a_size_or_does_not() -> None:
     case["named"][0]["parameters"]["gain"] = {"value": -0.009, "ci95": [-0.010, -0.007]}
     assert study.size_of(case) == (0.009, 0.007, 0.010, 0.008)
     assert study.size_of({**case, "named": []}) is None and math.isnan(study.size_error({**case, "named": []}))
+
+
+# ---- long logs
+
+
+def test_logs_are_as_many_and_as_long_as_the_table_says(tmp_path: Path) -> None:
+    scale.long_logs(tmp_path / "long", 12.0)
+    assert len(list((tmp_path / "long").glob("log_*.csv"))) == 6
+    assert len(list((tmp_path / "long").glob("hold_out_*.csv"))) == 2
+    scale.many_logs(tmp_path / "many", 6.0)
+    many = sorted((tmp_path / "many").glob("*.csv"))
+    assert len(many) == 20
+    for path in many:
+        step = pd.read_csv(path)["time"].diff().dropna()
+        assert step.min() > 0.0 and scale.minutes(path) == pytest.approx(0.1, rel=0.01)
+
+
+def test_memory_is_that_of_one_process() -> None:
+    """Not the largest of those before it. Asked in a small process: one that starts another gives it its own size as the least."""
+    code = (
+        "import sys; from measured import measured\n"
+        "for mb in (400, 1): print(*measured(sys.executable, '-c', f'x = bytearray({mb} << 20); raise SystemExit(10)', codes=[10]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=scale.ROOT, capture_output=True, text=True, check=True)
+    large, small = ([float(x) for x in line.split()] for line in done.stdout.splitlines())
+    assert large[0] == small[0] == 10
+    assert 0.4e9 < large[3] < 0.6e9 and small[3] < 0.1e9
+
+
+def test_a_row_of_the_table() -> None:
+    row = scale.Row("long", "6, and 2 held out", 30.0, 10.0, 123.4, 1.234, "named: body_roll")
+    assert scale.table([row], 2).splitlines()[-1] == "| long | 6, and 2 held out | 30.0 | 10.0 | 123 | 1.23 | named: body_roll |"
+
+
+# ---- the multi-body car
+
+
+@pytest.fixture(scope="module")
+def multibody() -> ModuleType:
+    pytest.importorskip("vehiclemodels", reason="the package commonroad-vehicle-models is not installed")
+    return importlib.import_module("tests.gap.multibody")
+
+
+def test_our_wheel_forces_are_those_of_the_package(multibody):
+    """check(): largest difference between its rates and forces summed here, relative; rounding only."""
+    car = multibody.parameters(2)
+    x = multibody.held(car, 20.0, 0.03, 2.0)
+    assert multibody.check(car, x) < 1e-9
+
+
+def test_a_steady_turn_rolls_by_the_gain_of_the_truth(multibody):
+    """Roll angle over lateral acceleration, driven against linearised: 5 %, for the turn is of 3 m/s2."""
+    car = multibody.parameters(2)
+    roll, _, _, force = multibody.outputs(car, multibody.held(car, 20.0, 0.02, 6.0))[:4]
+    assert 1.0 < abs(force) < 5.0
+    assert abs(roll / force) == pytest.approx(multibody.roll_gain(car), rel=0.05)
+
+
+def test_the_truth_has_every_effect_that_may_be_missing_and_no_other(multibody):
+    """Exact kinematics is the model: a table that expects its name would call a right verdict wrong."""
+    car = multibody.parameters(2)
+    ids = [e["id"] for e in multibody.truth(car)["effects"]]
+    assert sorted(ids) == sorted(catalogue())
+
+
+def test_the_table_says_sizes_beside_the_cars(multibody):
+    truth = {"effects": [{"id": "body_roll", "parameter": "gain", "value": 0.016}]}
+    effects = [
+        {"id": "body_roll", "parameters": {"gain": {"value": 0.015}}},
+        {"id": "mass", "parameters": {"change": {"value": 0.1}}},
+    ]
+    channels = ("accel_x", "accel_y", "yaw_rate")
+    gap = {"held_out": {"before": dict.fromkeys(channels, 4.0), "after": dict.fromkeys(channels, 1.0)}}
+    text = multibody.table({1: ({"effects": effects, "formula": None, "gap": gap}, truth)})
+    assert "body_roll 0.015 (0.016), mass 0.1 (not there)" in text and text.count("4.00 -> 1.00, -75 %") == 3
