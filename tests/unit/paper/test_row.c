@@ -3,6 +3,8 @@
 #include "driven.h"
 
 static tse_filter_paper f, other, before;
+static tse_params p;
+static drive d;
 
 /* Every test runs with each of these. */
 static const struct {
@@ -31,12 +33,13 @@ static tse_input still_row(double gyro)
   return u;
 }
 
-/* The filter after so many rows of a drive at 20 m/s; `before` is as it is then. */
-static void set_out(const tse_params *p, const tse_config *c, drive *d, int rows)
+/* The filter of these settings after so many rows of a drive at 20 m/s; `before` is as it is then. */
+static void set_out(tse_config c, int rows)
 {
-  set_off(d, c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(p, &f.filter, sizeof f));
-  (void)run(p, &f, d, rows);
+  p = prepared(c);
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, rows);
   memcpy(&before, &f, sizeof f);
 }
 
@@ -53,11 +56,8 @@ static void expect_same_statistics(const tse_filter_paper *was, const tse_filter
 
 static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
 {
-  const tse_config c = some_settings(50);
-  const tse_params p = prepared(c);
-  drive d;
   tse_output y;
-  set_out(&p, &c, &d, 0);
+  set_out(some_settings(50), 0);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &other.filter, sizeof other));
   for (int i = 0; i < 100; i++) {
     const tse_input u = next_row(&d);
@@ -82,13 +82,10 @@ static void lose(tse_input *u, int channel, int how)
 
 static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used(void)
 {
-  const tse_config c = some_settings(64);
-  const tse_params p = prepared(c);
   for (int channel = 0; channel < 3; channel++)
     for (int how = 0; how < 5; how++) {
-      drive d;
       tse_output y;
-      set_out(&p, &c, &d, 100);
+      set_out(some_settings(64), 100);
       tse_input u = next_row(&d);
       lose(&u, channel, how);
       TEST_ASSERT_EQUAL_INT(TSE_W_MISSING_CHANNEL, tse_step(&p, &f.filter, &u, &y));
@@ -106,11 +103,8 @@ static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others
 
 static void test_a_row_without_measurements_predicts_only(void)
 {
-  const tse_config c = some_settings(64);
-  const tse_params p = prepared(c);
-  drive d;
   tse_output y;
-  set_out(&p, &c, &d, 100);
+  set_out(some_settings(64), 100);
   for (int i = 0; i < 20; i++) {
     tse_input u = next_row(&d);
     u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate;
@@ -133,11 +127,9 @@ static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void
 {
   tse_config c = some_settings(64);
   c.max_gap = setting(0.1);
-  const tse_params p = prepared(c);
-  drive d;
   tse_output y, frozen;
   memset(&frozen, 0, sizeof frozen);
-  set_out(&p, &c, &d, 150);
+  set_out(c, 150);
   for (int i = 0; i < 30; i++) {
     tse_input u = next_row(&d);
     if (i % 2) u.steer_angle = real((double)NAN);
@@ -158,11 +150,8 @@ static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void
 
 static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
 {
-  const tse_config c = some_settings(64);
-  const tse_params p = prepared(c);
-  drive d;
   tse_output y;
-  set_out(&p, &c, &d, 150);
+  set_out(some_settings(64), 150);
   tse_input u = next_row(&d);
   u.dt = real(25.0), u.wheel_speed_front = u.wheel_speed_rear = real(10.0 / 0.33), u.yaw_rate = real(0.3);
   u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y;
@@ -188,12 +177,9 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
 static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 {
   static const double speed[] = { 0.0, 1.9, -1.9, -0.2, -5.0, -20.0 };
-  const tse_config c = some_settings(64);
-  const tse_params p = prepared(c);
   for (int k = 0; k < ROWS(speed); k++) {
-    drive d;
     tse_output y;
-    set_out(&p, &c, &d, 150);
+    set_out(some_settings(64), 150);
     for (int i = 0; i < 200; i++) {
       tse_input u = still_row(0.01);
       u.wheel_speed_front = u.wheel_speed_rear = real(speed[k] / 0.33);
@@ -211,10 +197,8 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 static void test_large_steering_angles_hold_the_statistics(void)
 {
   const tse_config c = some_settings(64);
-  const tse_params p = prepared(c);
-  drive d;
   tse_output y;
-  set_out(&p, &c, &d, 150);
+  set_out(c, 150);
   for (int side = -1; side <= 1; side += 2) {
     tse_input u = next_row(&d);
     u.wheel_speed_front = u.wheel_speed_rear = real(5.0 / 0.33);
@@ -231,7 +215,7 @@ static void test_large_steering_angles_hold_the_statistics(void)
 
 static void test_the_car_stands_still_when_its_wheels_do(void)
 {
-  const tse_params p = prepared(some_settings(64));
+  p = prepared(some_settings(64));
   tse_output y;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   for (int i = 0; i < 300; i++) {
@@ -251,9 +235,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
   static const double dt[] = { 0.01, 0.02, 0.005, 0.05 };
   tse_config c = some_settings(20);
   c.forgetting_change = setting(1); /* else innovations have their say, too: test_bias.c */
-  const tse_params p = prepared(c);
-  drive d;
-  set_out(&p, &c, &d, 50);
+  set_out(c, 50);
   for (int k = 0; k < ROWS(dt); k++) {
     const double lambda = pow(number(c.forgetting), dt[k] / 0.01);
     const double nu = (number(f.nu) + 1.0) * lambda, gamma = number(f.gamma) / (1.0 + number(f.gamma)) / pow(number(p.forgetting_mean), dt[k] / 0.01);
@@ -268,9 +250,8 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
 static void learn_from_seventy_percent(double dt, int32_t particles, double seconds, double mean[3])
 {
   tse_config c = some_settings(particles);
-  drive d;
   c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = setting(0.7);
-  const tse_params p = prepared(c);
+  p = prepared(c);
   const int rows = (int)(seconds / dt), last = rows / 2;
   set_off(&d, &c, 20.0);
   d.dt = dt;
@@ -309,10 +290,7 @@ static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void
 
 static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth(void)
 {
-  const tse_config c = some_settings(100);
-  const tse_params p = prepared(c);
-  drive d;
-  set_out(&p, &c, &d, 0);
+  set_out(some_settings(100), 0);
   for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
     d.steer = d.torque = 0.0;
     if (i / 6000 % 2 == 0) {
@@ -327,8 +305,7 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
 static void test_another_road_is_found_within_seconds(void)
 {
   const tse_config c = some_settings(300);
-  const tse_params p = prepared(c);
-  drive d;
+  p = prepared(c);
   double mean[3] = { 0 };
   set_off(&d, &c, 20.0);
   d.steer = 0.01, d.torque = 500.0;
@@ -344,9 +321,9 @@ static void test_another_road_is_found_within_seconds(void)
 }
 
 /* Rows with surplus noise, then an accelerometer that is off, then locked wheels. */
-static tse_input troubled_row(drive *d, int i, uint32_t *state)
+static tse_input troubled_row(int i, uint32_t *state)
 {
-  tse_input u = next_row(d);
+  tse_input u = next_row(&d);
   if (i >= 900) u.accel_x = u.accel_x + real(1.5);
   u.accel_y = u.accel_y + real(0.15 * 10.0 * (next_uniform(state) + next_uniform(state) + next_uniform(state) - 1.5));
   if (i >= 1000) u.wheel_speed_front = u.wheel_speed_rear = TSE_R(0);
@@ -355,15 +332,12 @@ static tse_input troubled_row(drive *d, int i, uint32_t *state)
 
 static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
 {
-  const tse_config c = some_settings(50);
-  const tse_params p = prepared(c);
   for (int taken = 895; taken < 1100; taken += 15) {
-    drive d;
     uint32_t state = 3;
     tse_output y, z;
-    set_out(&p, &c, &d, 0);
+    set_out(some_settings(50), 0);
     for (int i = 0; i < 1200; i++) {
-      const tse_input u = troubled_row(&d, i, &state);
+      const tse_input u = troubled_row(i, &state);
       TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
       if (i > taken) {
         TEST_ASSERT_TRUE(tse_step(&p, &other.filter, &u, &z) >= 0);
@@ -394,9 +368,9 @@ static double fuzzed(uint32_t *state, double plausible, double most, int wildnes
 }
 
 /* States of every particle, and so the estimate, are those of a car. */
-static void expect_bounded(const tse_params *p, const tse_output *y, int row)
+static void expect_bounded(const tse_output *y, int row)
 {
-  for (int32_t i = 0; i < padded(p->particles); i++)
+  for (int32_t i = 0; i < padded(p.particles); i++)
     if (!(fabs(number(f.p.x[0][i])) <= 200.0 && fabs(number(f.p.x[1][i])) <= 200.0 && fabs(number(f.p.x[2][i])) <= 20.0))
       expect_near(0.0, number(f.p.x[2][i]), 20.0, "a state beyond any car", row);
   TEST_ASSERT_TRUE(fabs(number(y->yaw_rate)) < 20.001 && fabs(number(y->vel_x)) < 200.01 && fabs(number(y->vel_y)) < 200.01);
@@ -405,7 +379,6 @@ static void expect_bounded(const tse_params *p, const tse_output *y, int row)
 /* Returned: 1; 0 where the number format of the build refuses these settings. */
 static int fuzz(const tse_config *c, int rows, uint32_t seed)
 {
-  tse_params p;
   if (!prepared_if_held(c, &p)) return 0;
   uint32_t state = seed;
   double v = 10.0, steer = 0.0;
@@ -442,7 +415,7 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
     }
     TEST_ASSERT_TRUE(number(y.n_eff) > 0.999 && number(y.n_eff) < 1.001 * c->particles);
     TEST_ASSERT_EQUAL_INT(status, y.status);
-    expect_bounded(&p, &y, i);
+    expect_bounded(&y, i);
   }
   TEST_ASSERT_TRUE(accepted > rows / 4);
   return 1;
@@ -504,11 +477,8 @@ static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
 {
   static const double pause[] = { 0.001, 0.5, 6.0, 60.0, 600.0, 3600.0 };
   for (int k = 0; k < ROWS(pause); k++) {
-    const tse_config c = some_settings(100);
-    const tse_params p = prepared(c);
-    drive d;
     tse_output y;
-    set_out(&p, &c, &d, 800);
+    set_out(some_settings(100), 800);
     tse_input u = next_row(&d);
     u.dt = real(pause[k]);
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
@@ -525,9 +495,7 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
 {
   for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
     const tse_config c = some_settings(64);
-    const tse_params p = prepared(c);
-    drive d;
-    set_out(&p, &c, &d, 100);
+    set_out(c, 100);
     for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
     for (int i = 0; i < 1000; i++) {
       const tse_output y = run(&p, &f, &d, 1);
