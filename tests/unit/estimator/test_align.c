@@ -69,6 +69,12 @@ static void start(const tse_config *c, tse_filter_paper *f)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f->filter, bytes_of_form(c->form)));
 }
 
+static void start_late(tse_config c, const double late[5])
+{
+  tell(&c, late);
+  start(&c, &late_one);
+}
+
 /* ------------------------------------------------------------------------------------------- whole rows */
 
 /* Each channel `rows[c]` rows late. Returned: how many rows were compared. */
@@ -85,8 +91,7 @@ static int compare_shifted(int32_t form, const int rows[6], double sample_time)
   c.sample_time = setting(sample_time);
   start(&c, &plain_one);
   const tse_params plain = p;
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(c, late);
   for (int k = 0; k < LOG; k++) {
     tse_input u, v = noisy_row(k - latest); /* what the filter without delays sees */
     tse_output y, x;
@@ -159,12 +164,10 @@ static double age_of(const double late[5], double sample_time)
 static void compare_interpolated(const double late[5], uint32_t seed)
 {
   static book b;
-  tse_config c = settings(0);
   const double latest = age_of(late, 0.01);
   double tau_before = -1;
   int steps = 0;
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(settings(0), late);
   b.rows = 0;
   double t = 0;
   for (int n = 0; n < 400; n++) {
@@ -201,11 +204,9 @@ static void test_accel_x_is_not_interpolated_in_even_rows(void)
 {
   static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 }, { 0, 0, 0, 0.0041, 0.0141 }, { 0, 0, 0, -0.005, 0 } };
   for (int i = 0; i < ROWS(cases); i++) {
-    tse_config c = settings(0);
     const double age = age_of(cases[i], 0.01);
     const int back = (int)floor((age - cases[i][3]) / 0.01 + 0.5);
-    tell(&c, cases[i]);
-    start(&c, &late_one);
+    start_late(settings(0), cases[i]);
     expect_near(age, number(p.latency), 1e-8, "age", i);
     for (int k = 0; k < 60; k++) {
       tse_input row, u = noisy_row(k), was = noisy_row(k - back);
@@ -231,10 +232,8 @@ static void test_a_value_missing_on_either_side_is_missing_and_on_neither_where_
 {
   static const double half[5] = { 0.005, 0, 0.005, 0.005, 0 }, whole[5] = { 0.01, 0, 0.01, 0, 0 };
   for (int whole_rows = 0; whole_rows < 2; whole_rows++) {
-    tse_config c = settings(0);
     tse_input u, row;
-    tell(&c, whole_rows ? whole : half);
-    start(&c, &late_one);
+    start_late(settings(0), whole_rows ? whole : half);
     for (int k = 0; k < 20; k++) {
       memset(&u, 0, sizeof u);
       u.dt = real(0.01);
@@ -251,10 +250,8 @@ static void test_a_value_missing_on_either_side_is_missing_and_on_neither_where_
 static void test_a_value_that_repeats_itself_does_so_when_interpolated(void)
 {
   static const double late[5] = { 0.0033, 0.0177, 0.0177, 0.0041, -0.0129 };
-  tse_config c = settings(0);
   tse_input u, row;
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(settings(0), late);
   memset(&u, 0, sizeof u);
   for (int k = 0; k < 200; k++) {
     u.dt = real(k % 3 ? 0.0091 : 0.0113);
@@ -274,8 +271,7 @@ static void test_until_all_channels_are_known_the_start_is_reported(void)
     uint8_t bytes[TSE_LEARNT_BYTES];
     tse_output y;
     c.initial_cy_front = setting(0.8);
-    tell(&c, late);
-    start(&c, &late_one);
+    start_late(c, late);
     for (int k = 0; k < 8; k++) {
       const tse_input u = noisy_row(k);
       const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
@@ -301,12 +297,10 @@ static void test_nothing_is_read_across_a_gap(void)
   static const double late[5] = { 0.035, 0, 0, 0, -0.01 };
   enum { GAP = 600 };
   for (int32_t form = 0; form <= 2; form += 2) {
-    tse_config c = settings(form);
     tse_output y;
     double waited = 0.04; /* whole rows */
     tse_real last = TSE_R(0);
-    tell(&c, late);
-    start(&c, &late_one);
+    start_late(settings(form), late);
     for (int k = 0; k < GAP + 20; k++) {
       tse_input u = noisy_row(k);
       u.missing = 0;
@@ -336,13 +330,11 @@ static void test_nothing_is_read_across_a_gap(void)
 static void test_a_step_takes_the_whole_time_since_the_last_one(void)
 {
   static const double late[5] = { 0.03, 0, 0, 0, 0 };
-  tse_config c = settings(0);
   tse_input u = noisy_row(0), row;
   double given = 0, taken = 0;
   uint32_t seed = 3;
   int steps = 0;
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(settings(0), late);
   for (int k = 0; k < 3000; k++) {
     u.dt = real(next_uniform(&seed) < 0.02 ? next_between(&seed, 0.1, 2) : next_between(&seed, 0.001, 0.03));
     const tse_status got = align_row(&p, &late_one.filter, &u, &row);
@@ -366,10 +358,8 @@ static void test_a_step_takes_the_whole_time_since_the_last_one(void)
 static void test_refused_rows_change_nothing(void)
 {
   static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
-  tse_config c = settings(0);
   const tse_real none = real((double)NAN), bad_dt[4] = { TSE_R(0), TSE_R(-0.01), TSE_R(3601), none };
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(settings(0), late);
   for (int k = 0; k < 60; k++) {
     const tse_input fine = noisy_row(k);
     tse_output y, before;
@@ -396,9 +386,7 @@ static void test_refused_rows_change_nothing(void)
 static void test_a_channel_that_is_no_number_is_missing(void)
 {
   static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
-  tse_config c = settings(0);
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(settings(0), late);
   memcpy(&plain_one, &late_one, sizeof plain_one);
   for (int k = 0; k < 100; k++) {
     const tse_input by_bit = noisy_row(k);
@@ -450,9 +438,7 @@ static void test_a_row_is_read_when_its_latest_channel_is_known(void)
 static void test_a_full_memory_goes_on(void)
 {
   static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
-  tse_config c = settings(0);
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(settings(0), late);
   for (int k = 0; k < 40; k++) {
     const tse_input u = noisy_row(k);
     TEST_ASSERT_TRUE(tse_step(&p, &late_one.filter, &u, NULL) >= 0);
@@ -495,12 +481,10 @@ static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
 static void test_rows_that_come_faster_than_set_are_left_out(void)
 {
   static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
-  tse_config c = settings(0);
   tse_input u, row;
   double t = 0, tau = -1, taken = 0;
   int steps = 0, longest = 0, since = 0;
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(settings(0), late);
   for (int k = 0; k < 4000; k++) {
     memset(&u, 0, sizeof u);
     u.dt = real(0.01 / 7);
@@ -533,8 +517,7 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
     const double reach = fmin(0.2, number(c.sample_time) * (TSE_LATENCY_ROWS - 5) / 2.01);
     double late[5];
     for (int k = 0; k < 5; k++) late[k] = next_uniform(&seed) < 0.3 ? 0 : next_between(&seed, -reach, reach);
-    tell(&c, late);
-    start(&c, &late_one);
+    start_late(c, late);
     for (int k = 0; k < 300; k++) {
       const double kind = next_uniform(&seed);
       tse_input u = noisy_row(k);
@@ -562,8 +545,7 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
   c.steering_delay_time = setting(0.02), c.imu_delay_time = setting(0.01);
   start(&c, &plain_one);
   const tse_params plain = p;
-  tell(&c, late);
-  start(&c, &late_one);
+  start_late(c, late);
   for (int k = 0; k < 300; k++) {
     tse_input u = noisy_row(k), v = noisy_row(k - 3);
     tse_output y, x;
