@@ -9,9 +9,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from tse.impl.core import Config, SimConfig, Simulator
 from tselab.cli import main
 
 COMMAND = [sys.executable, "-m", "tselab"]
@@ -45,6 +47,17 @@ def tselab_here(*args: object, cwd: Path | None = None) -> Result:
         sys.argv = argv
         os.chdir(folder)
     return Result(end.value.code, out.getvalue(), err.getvalue())
+
+
+def simulated(config: dict[str, float], sim: dict[str, float], dt: float, **driver: np.ndarray) -> np.ndarray:
+    """Rows of the simulator for what the driver does, on a road of level 1."""
+    simulator, rows = Simulator(Config(config), SimConfig(sim)), len(driver["steer_angle"])
+    inputs, outputs = simulator.inputs(rows), simulator.outputs(rows)
+    for name, values in {"dt": dt, "road_level": 1.0, **driver}.items():
+        inputs[name] = values
+    for i in range(rows):
+        simulator.step_into(inputs, outputs, i)
+    return outputs
 
 
 @dataclass

@@ -313,38 +313,34 @@ def _store(ros1: bool = False) -> object:
     return store
 
 
-def rosbag2(folder: Path, parts: list[Message]) -> Path:
-    """The folder of a ROS 2 bag."""
-    from rosbags.rosbag2 import Writer
-
-    store, path, opened = _store(), folder / "bag", {}
-    with Writer(path, version=9) as writer:
+def _bag(folder: Path, parts: list[Message], path: Path, store: object, made: object, serialized: Callable[..., bytes]) -> Path:
+    opened: dict[str, object] = {}
+    with made as writer:
 
         def write(topic: str, kind: str, t: float, message: object) -> None:
             if topic not in opened:
                 opened[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(opened[topic], round(1e9 * t), store.serialize_cdr(message, kind))
+            writer.write(opened[topic], round(1e9 * t), serialized(message, kind))
 
         _ros(store, parts, write)
     _ros_signals(folder)
     return path
+
+
+def rosbag2(folder: Path, parts: list[Message]) -> Path:
+    """The folder of a ROS 2 bag."""
+    from rosbags.rosbag2 import Writer
+
+    store, path = _store(), folder / "bag"
+    return _bag(folder, parts, path, store, Writer(path, version=9), store.serialize_cdr)
 
 
 def rosbag1(folder: Path, parts: list[Message]) -> Path:
     """A ROS 1 bag."""
     from rosbags.rosbag1 import Writer
 
-    store, path, opened = _store(ros1=True), folder / "drive.bag", {}
-    with Writer(path) as writer:
-
-        def write(topic: str, kind: str, t: float, message: object) -> None:
-            if topic not in opened:
-                opened[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(opened[topic], round(1e9 * t), store.serialize_ros1(message, kind))
-
-        _ros(store, parts, write)
-    _ros_signals(folder)
-    return path
+    store, path = _store(ros1=True), folder / "drive.bag"
+    return _bag(folder, parts, path, store, Writer(path), store.serialize_ros1)
 
 
 def mcap(folder: Path, parts: list[Message]) -> Path:

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig, Simulator
+from conftest import simulated
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter
 from tse.impl.verdict import of_uncertainty
 
 ROWS, DT = 6000, 0.01
@@ -19,15 +20,9 @@ ABSORBED = 0.006  # the same of what is a state, and found while driving
 
 def drive(car: dict[str, float]) -> np.ndarray:
     """A minute of steering sweeps and torque steps at 20 m/s."""
-    simulator = Simulator(Config(car), SimConfig({"seed": 3, "speed": 20.0}))
-    inputs, outputs = simulator.inputs(ROWS), simulator.outputs(ROWS)
     t = DT * np.arange(ROWS)
-    inputs["dt"], inputs["road_level"] = DT, 1.0
-    inputs["steer_angle"] = 0.03 * np.sin(2 * np.pi * 0.35 * t + 3 * np.sin(0.25 * t))
-    inputs["wheel_torque_front"] = 1000 * np.tanh(6 * np.sin(1.3 * t))
-    for i in range(ROWS):
-        simulator.step_into(inputs, outputs, i)
-    return outputs
+    steer, torque = 0.03 * np.sin(2 * np.pi * 0.35 * t + 3 * np.sin(0.25 * t)), 1000 * np.tanh(6 * np.sin(1.3 * t))
+    return simulated(car, {"seed": 3, "speed": 20.0}, DT, steer_angle=steer, wheel_torque_front=torque)
 
 
 @pytest.fixture(scope="module")

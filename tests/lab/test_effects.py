@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import RAN, tselab_here
+from conftest import RAN, simulated, tselab_here
 from tse.impl.core import REPLAY_LOG, STIFFNESS, Config, Filter, Replay, SettingError, SimConfig, Simulator, library
 from tse.impl.errors import UserError
 from tse.impl.vehicle import is_set, read_vehicle
@@ -166,15 +166,9 @@ IMU = ("accel_x", "accel_y", "yaw_rate")
 @pytest.fixture(scope="module")
 def driven() -> np.ndarray:
     """Rows of the simulator: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s, nothing late."""
-    simulator = Simulator(Config(), SimConfig({"seed": 3, "speed": 20.0}))
-    inputs, outputs = simulator.inputs(ROWS), simulator.outputs(ROWS)
     t = DT * np.arange(ROWS)
-    inputs["dt"], inputs["road_level"] = DT, 1.0
-    inputs["steer_angle"] = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t))
-    inputs["wheel_torque_front"] = 1000 * np.tanh(6 * np.sin(1.3 * t))
-    for i in range(ROWS):
-        simulator.step_into(inputs, outputs, i)
-    return outputs
+    steer, torque = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)), 1000 * np.tanh(6 * np.sin(1.3 * t))
+    return simulated({}, {"seed": 3, "speed": 20.0}, DT, steer_angle=steer, wheel_torque_front=torque)
 
 
 def logged(driven: np.ndarray, late: dict[str, float]) -> np.ndarray:

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import RAN, tselab_here
+from conftest import RAN, simulated, tselab_here
 from tse.impl import plots, regimes
-from tse.impl.core import STIFFNESS, Config, Filter, SimConfig, Simulator, library
+from tse.impl.core import STIFFNESS, Config, Filter, library
 from tse.impl.report import figures_of
 from tse.impl.vehicle import latency_settings
 
@@ -21,15 +21,10 @@ STRICT = {"steer_lag_sd": 0.0, "driven_axle": 1.0}  # nothing is found out that 
 def driven() -> np.ndarray:
     """Rows of the simulator at 1 ms, nothing late: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s."""
     n = 10
-    simulator = Simulator(Config({"sample_time": DT / n}), SimConfig({"seed": 3, "speed": 20.0, "noise": 0.0}))
-    inputs, outputs = simulator.inputs(ROWS * n), simulator.outputs(ROWS * n)
     t = DT / n * np.arange(ROWS * n)
-    inputs["dt"], inputs["road_level"] = DT / n, 1.0
-    inputs["steer_angle"] = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t))
-    inputs["wheel_torque_front"] = 1000 * np.tanh(6 * np.sin(1.3 * t))
-    for i in range(ROWS * n):
-        simulator.step_into(inputs, outputs, i)
-    return outputs
+    steer, torque = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)), 1000 * np.tanh(6 * np.sin(1.3 * t))
+    sim = {"seed": 3, "speed": 20.0, "noise": 0.0}
+    return simulated({"sample_time": DT / n}, sim, DT / n, steer_angle=steer, wheel_torque_front=torque)
 
 
 def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:

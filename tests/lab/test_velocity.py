@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 
 import tse
+from conftest import simulated
 from tse.impl.config import make_config
-from tse.impl.core import Config, Filter, SimConfig, Simulator, library
+from tse.impl.core import Config, Filter, library
 from tse.impl.errors import UserError
 from tse.impl.estimate import estimate
 from tse.impl.logs.agree import check_units
@@ -26,13 +27,9 @@ CAR: dict[str, Any] = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_fron
 @pytest.fixture(scope="module")
 def drive() -> pd.DataFrame:
     """The simulator's car in slaloms, with the truth beside its channels."""
-    simulator = Simulator(Config({"sample_time": DT}), SimConfig({"seed": 4, "speed": 20.0, "noise": 1.0}))
-    inputs, out = simulator.inputs(ROWS), simulator.outputs(ROWS)
     t = DT * np.arange(ROWS)
-    inputs["dt"], inputs["road_level"] = DT, 1.0
-    inputs["steer_angle"] = 0.03 * np.sin(2 * np.pi * 0.5 * t)
-    for i in range(ROWS):
-        simulator.step_into(inputs, out, i)
+    sim = {"seed": 4, "speed": 20.0, "noise": 1.0}
+    out = simulated({"sample_time": DT}, sim, DT, steer_angle=0.03 * np.sin(2 * np.pi * 0.5 * t))
     table = pd.DataFrame({"time": t, **{f.name: out[f.name] for f in library().channels}})
     return table.assign(ref_vel_x=out["true_vel_x"], ref_vel_y=out["true_vel_y"])
 
