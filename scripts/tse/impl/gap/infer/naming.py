@@ -89,7 +89,7 @@ class Naming:
     possible: list[dict]  # not named: id, probability, why it is not
     sets: list[dict]  # the most probable ones: ids, probability
     converged: bool
-    # covariance of the stiffnesses, ln, of the sets about what is named: what cannot be told apart has each its own
+    # covariance of ln stiffness of the sets, about what is named: sets that explain the logs alike differ in it
     spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
 
 
