@@ -12,8 +12,9 @@ from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.gap.parallel import apart, is_copy
 from tse.impl.gap.problem import Problem
-from tse.impl.gap.run import workflow
 from tse.impl.identify.data import fresh, prepare, smoothed
+from tse.impl.logs.agree import read_agreeing
+from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
 
 TIME = 0.005 * np.arange(4000)
@@ -54,11 +55,14 @@ def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
     good = write_log(tmp_path / "good.csv", vehicle, "sweep", {}, 1)
     (tmp_path / "bad.csv").write_text("no log\n")
     notes: list[str] = []
-    found = workflow.read_logs_of([tmp_path / "bad.csv", good], notes)
+    turned = pd.read_csv(good).assign(accel_y=lambda t: -t["accel_y"])
+    turned.to_csv(tmp_path / "turned.csv", index=False)
+    found = read_agreeing([tmp_path / "bad.csv", tmp_path / "turned.csv", good], notes, Reading(car=read_vehicle(vehicle)))
     assert [x.path.name for x in found] == ["good.csv"]
-    assert len(notes) == 1 and "bad.csv is left out" in notes[0] and "is no table" in notes[0]
+    assert len(notes) == 2 and all(n.startswith("left out: ") for n in notes) and "is no table" in notes[0]
+    assert "nothing is learnt from it" in notes[1] and "accel_y is positive to the right" in notes[1]
     with pytest.raises(UserError, match="is no table"):
-        workflow.read_logs_of([tmp_path / "bad.csv"], [])
+        read_agreeing([tmp_path / "bad.csv", tmp_path / "turned.csv"], [], Reading())
 
 
 def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
@@ -70,7 +74,7 @@ def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     table.assign(accel_x="").to_csv(tmp_path / "empty.csv", index=False, float_format="%.9g")
     config = Config(read_vehicle(vehicle).values)
     paths = [whole, tmp_path / "without.csv", tmp_path / "empty.csv"]
-    logs = [prepare(x, config) for x in workflow.read_logs_of(paths, [])]
+    logs = [prepare(x, config) for x in read_agreeing(paths, [], Reading())]
     assert [log.channels for log in logs] == [["accel_x", "accel_y", "yaw_rate"], ["accel_y", "yaw_rate"], ["accel_y", "yaw_rate"]]
     assert "without accel_x" in logs[1].notes[0] and "without accel_x" in logs[2].notes[0]
     values = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}

@@ -18,17 +18,15 @@ from tse.impl.identify.fit import Fit, fit
 from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tse.impl.identify.slip import slips
 from tse.impl.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
-from tse.impl.logs.agree import check_car
-from tse.impl.logs.log import read_log
+from tse.impl.logs.agree import read_agreeing
 from tse.impl.noise import smooth
-from tse.impl.rows import DRIVES, Log, Reading, liveliest
-from tse.impl.vehicle import SHAPE, Vehicle, default_vehicle, fill_sensors, ordinary_car, read_vehicle
+from tse.impl.rows import DRIVES, Log, Reading
+from tse.impl.vehicle import SHAPE, Vehicle, fill_sensors, ordinary_car, read_vehicle
 
 Say = Callable[[str], None]
 SLOW = 4.0  # s
 LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
 MOST_GYRO_WALK = 0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
-MOST_ROWS = 1 << 19  # of a log, whose channels are held against each other
 FEWEST_STEPS = 10  # between values, to speak of quantisation
 
 
@@ -45,10 +43,8 @@ def run(
     vehicle = read_vehicle(vehicle_path)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
-    read = _read(logs, notes, reading)
-    if not read:
-        raise UserError("; ".join(notes))
-    problem, ready = _problem(list(read.values()), vehicle, jobs, notes, say)
+    read = read_agreeing(logs, notes, reading)
+    problem, ready = _problem(read, vehicle, jobs, notes, say)
     config = problem.config
 
     say("stiffness alone, the car as in the file")
@@ -60,9 +56,9 @@ def run(
     say("proof")
     proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
     if held_out:
-        held = _prepare(list(_read(held_out, notes, reading).values()), config, notes, say)
+        held = _prepare(read_agreeing(held_out, notes, reading), config, notes, say)
         proofs += _proofs(problem, result, plain_problem, plain, held, True)
-    return _result(vehicle, problem, result, list(read.values()), proofs, notes)
+    return _result(vehicle, problem, result, read, proofs, notes)
 
 
 def of_logs(logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, least: float = 0.0) -> Result:
@@ -100,25 +96,6 @@ def _result(vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log]
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result, logs)
     return Result(vehicle, problem.config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
-
-
-def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Path, Log]:
-    """The logs that can be read and whose channels agree; another one is a note, unless it is the only one."""
-    found: dict[Path, Log] = {}
-    car = reading.car or default_vehicle()
-    for path in paths:
-        try:
-            log = read_log(path, reading=reading)
-            against = check_car(liveliest(log, MOST_ROWS), car, Config(car.values))
-            if sure := [text for text in against if "perhaps" not in text]:
-                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(sure)}")
-            notes += [f"{path}: {text}" for text in against]
-            found[path] = log
-        except UserError as error:
-            if len(paths) == 1:
-                raise
-            notes.append(f"left out: {error}")
-    return found
 
 
 def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) -> list[Prepared]:

@@ -1,17 +1,20 @@
 """Do the channels of a log agree with each other? What physics wants of them, under every unit that may have been taken for
 another: where a wrong unit, sign or axis explains the log better than none, the run says so, with the factor."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
 from tse.impl.core import Config
+from tse.impl.errors import UserError
 from tse.impl.logs import physics
+from tse.impl.logs.log import read_log
 from tse.impl.logs.raster import resample
-from tse.impl.rows import TORQUES, Log
-from tse.impl.vehicle import Vehicle
+from tse.impl.rows import TORQUES, Log, Reading, liveliest
+from tse.impl.vehicle import Vehicle, default_vehicle
 
 # sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
 # cars of
@@ -67,6 +70,7 @@ OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows t
 GAINS, SLOWS = 0.7, -2.0  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
 OFF_TORQUE, TORQUE_CORR = (1.6, 0.7)  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
 LEAST_SHARE = 0.25  # of the force, by one axle of two
+MOST_ROWS = 1 << 19  # of a log, whose channels are held against each other
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,28 @@ class Figures:
 
     value: dict[str, float]
     sd: dict[str, float]
+
+
+def read_agreeing(paths: Sequence[Path], notes: list[str], reading: Reading) -> list[Log]:
+    """Return the logs that can be read and whose channels agree: nothing is learnt of a car from others. One that is left out is a
+    note. UserError: all are."""
+    found: list[Log] = []
+    refused: list[UserError] = []
+    car = reading.car or default_vehicle()
+    for path in paths:
+        try:
+            log = read_log(path, reading=reading)
+            against = check_car(liveliest(log, MOST_ROWS), car, Config(car.values))
+            if sure := [text for text in against if "perhaps" not in text]:
+                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(sure)}")
+            notes += [f"{path}: {text}" for text in against]
+            found.append(log)
+        except UserError as error:
+            refused.append(error)
+            notes.append(f"left out: {str(error).splitlines()[0]}")
+    if refused and not found:
+        raise refused[0]
+    return found
 
 
 def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:

@@ -25,9 +25,8 @@ from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.identify.data import prepare_all
-from tse.impl.logs.agree import check_units
-from tse.impl.logs.log import read_log
-from tse.impl.rows import MEASURES, Log, Reading
+from tse.impl.logs.agree import read_agreeing
+from tse.impl.rows import Log, Reading
 from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
 DOUBTFUL = "below 90 %, or look-alikes"
@@ -124,29 +123,13 @@ class Result(Found):
         return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
 
 
-def read_logs_of(paths: Sequence[Path], notes: list[str], reading: Reading | None = None) -> list[Log]:
-    """The logs that can be read; of several, one that cannot is left out, and a note says why. A sensor that a log does not have is
-    not asked. UserError: there is none."""
-    found: list[Log] = []
-    refused: list[UserError] = []
-    for path in paths:
-        try:
-            found.append(read_log(path, MEASURES, reading))
-        except UserError as error:
-            refused.append(error)
-            notes.append(f"{path.name} is left out: {str(error).splitlines()[0]}")
-    if refused and not found:
-        raise refused[0]
-    return found
-
-
 def read(
     paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None, notes: list[str] | None = None
 ) -> tuple[list[Log], Config]:
     """Logs that can be read, and the settings of the vehicle with sensors filled in from the first."""
     if not paths:
         raise UserError("no logs to fit: at least one is needed")
-    logs = read_logs_of(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
+    logs = read_agreeing(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
     fill_sensors(vehicle, logs[0])
     return logs, Config(vehicle.values)
 
@@ -166,7 +149,7 @@ def run(
     vehicle, notes = read_vehicle(vehicle_path), []
     reading = replace(reading or Reading(), car=vehicle)
     fitted, config = read(logs, vehicle, reading, notes)
-    others = read_logs_of(hold_out, notes, reading)
+    others = read_agreeing(hold_out, notes, reading)
     problem = Problem(prepare_all(fitted, config), config, jobs)
     held = Problem(prepare_all(others, config), config, jobs) if others else None
     said = [n for p in (problem, held) if p is not None for n in p.notes]
@@ -189,7 +172,6 @@ def run(
 
     naming = name.name(few, known_of(vehicle), say, few_baseline)
     notes += said
-    notes += [f"{log.path.name}: {w}" for log in (*fitted, *others) for w in disagreements(log, vehicle)]
     say("what is left?")
     found = Found(naming)
     if vehicle.formula is not None:
@@ -250,13 +232,6 @@ def what_is_left(problem: Problem, last: Fit) -> list[remainder.Remainder]:
 
 def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
     return [r for r in left if r.kind != "noise"]
-
-
-def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
-    """Wrong units and signs, which no effect of a car explains."""
-    v = vehicle.values
-    return check_units(log, v["lf"] + v["lr"], v["wheel_radius_front"], v["wheel_radius_rear"], vehicle.steering_ratio,
-                       mass=v["mass"])  # fmt: skip
 
 
 def judge(
