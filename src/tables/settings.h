@@ -37,7 +37,7 @@
   ROW(REAL, lateral_load_transfer, balance, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): which axle carries the roll", 0, 0, -0.3, 0.3, 0.0) \
   ROW(REAL, aero_drag, coefficient, 0.0, 0.0, 5.0, "kg/m", "force per speed squared: 1/2 rho cd A", 1, 1, 0.35, 0.45, 0.1) \
   ROW(REAL, rolling_resistance, coefficient, 0.0, 0.0, 0.2, "1", "force per weight, against the motion", 1, 1, 0.008, 0.015, 0.003) \
-  ROW(REAL, grade, angle, 0.0, -0.35, 0.35, "rad", "slope of the road, uphill > 0; replay adds a profile", 1, 0, 0.01, 0.06, 0.003) \
+  ROW(REAL, grade, angle, 0.0, -0.35, 0.35, "rad", "slope of the road, uphill > 0; replay adds a profile", 1, 0, 0.01, 0.06, 0.005) \
   ROW(REAL, bank, angle, 0.0, -0.35, 0.35, "rad", "left side of the road high > 0; replay adds a profile", 1, 0, 0.015, 0.03, 0.003) \
   ROW(REAL, bank, superelevation, 0.0, -0.5, 0.5, "1", "share of speed times yaw rate that the road's lean into its curves takes over", 1, 1, 0.05, 0.2, 0.03) \
   ROW(REAL, crosswind, speed, 0.0, -30.0, 30.0, "m/s", "steady wind, pushing to the left at the heading of the start > 0", 1, 0, 3.0, 10.0, 1.0) \
