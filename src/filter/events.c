@@ -113,6 +113,12 @@ void sensitivities_clear(tse_kalman *k, int count)
     for (int i = 0; i < count; i++) k->doubt[q][i] = r_short(TSE_R(0));
 }
 
+void sensitivities_fade(tse_kalman *k, int i, tse_real left)
+{
+  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][i] = r_short(r_mul(left, r_long(k->doubt[q][i])));
+  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[i] = r_short(r_mul(left, r_long(k->event[n].v[i])));
+}
+
 /* Move a sensitivity with the row: the motion by M, what has noise in every row by what it keeps. */
 static void move(tse_short v[STATES], tse_short M[MOTION][COLUMNS], const tse_real keep[STATES])
 {

@@ -26,6 +26,7 @@
 #define velocity_across_var TSE_NAME(tse_velocity_across_var)
 #define sensitivities_move  TSE_NAME(tse_sensitivities_move)
 #define sensitivities_clear TSE_NAME(tse_sensitivities_clear)
+#define sensitivities_fade TSE_NAME(tse_sensitivities_fade)
 #define events_learn   TSE_NAME(tse_events_learn)
 #define events_decide  TSE_NAME(tse_events_decide)
 #define event_of TSE_NAME(tse_event_of)
@@ -59,10 +60,10 @@ enum { PSI = STATES,
        V_LEVER_Y };
 
 /* One decoded row. z, use: by channel, ACCEL_X ...; wheel speeds times radius; use: 0 missing, 1 to be used. used: accelerometers and
- * gyro of them. rolls: which axle rolls freely in this row, so that its wheels show the speed of the car. */
+ * gyro of them. same: both axles read the same speed. one_speed: they are one signal. rolls: which axle rolls freely in this row, so that its wheels show the speed of the car. */
 typedef struct decoded {
   tse_real dt, steer, z[TSE_SENSORS];
-  int32_t use[TSE_SENSORS], has_steer, used, one_speed;
+  int32_t use[TSE_SENSORS], has_steer, used, same, one_speed;
   tse_real optional[TSE_OPTIONALS];
   uint32_t given;
   int32_t rolls, no_slip; /* ROLLS_UNKNOWN ...; 1: slip does not show the stiffness */
@@ -122,7 +123,8 @@ STAGE void along_start(tse_kalman *k, tse_real var);
  *            of the sum what 1/(1/V - 1/P) is the variance of, and of the stiffness B^2 more */
 STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var);
 
-/* start.c    Place all by the prior, or by what was loaded; the motion alone, by wheels, gyro and steering angle */
+/* start.c    Place all by the prior, or by what was loaded; the motion alone, by wheel speed and gyro; the steering
+ *            angle is where its lag begins */
 STAGE void start_all(const tse_params *p, tse_filter *f);
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
@@ -177,10 +179,12 @@ enum { NO_SENSOR_GOING = -1,
 /* events.c   sensitivities: of the state to the amplitude of an event, and to what is uncertain and no state, tse_kalman.doubt
  *                move   with the row.  Given: M  its transition, in units (ud_move(); behind the states r_short())      keep  what the states behind the motion keep
  *                clear  of states before count, which were placed anew
+ *                fade   of state i, which keeps so much of itself
  *            learn: use a measurement of a channel (or NO_SENSOR_*).   Given: h  slopes   gain   e  innovation   s  its variance
  *                   sd  of the sensor      h, gain: STATES elements and those of the extra states in use
  *            decide: weigh, believe, open */
 void sensitivities_clear(tse_kalman *k, int count);
+void sensitivities_fade(tse_kalman *k, int i, tse_real left);
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
 void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd);
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);

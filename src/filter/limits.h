@@ -14,7 +14,7 @@
 #define SLIP_OPENS TSE_R(0.1)         /* 1: slip of wheels that begin to lock or spin */
 #define STEER_OPENS TSE_R(0.05)       /* rad: error of a steering angle at fault, */
 #define STEER_OWN TSE_R(0.01)         /* rad: and what it is uncertain by once it is believed */
-#define HELD_STILL TSE_R(0.1)         /* s: for so long a driver who steers holds the wheel still now and then */
+#define HELD_STILL TSE_R(0.095)       /* s: time constant of how long a driver who steers holds the wheel still now and then; a tenth of rows of 10 ms move it */
 #define LEAST_COURSE TSE_R(10)        /* m/s: below, the course is worse in inverse proportion */
 #define LEAST_OFF TSE_R(0.2)          /* m/s: how fast an axle slips sideways where nothing happens */
 

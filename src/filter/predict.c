@@ -28,7 +28,7 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
 static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   const int slow = STATES - FAST;
-  k->since_slow = r_min(k->since_slow + dt, MOST_AGE);
+  k->since_slow = r_min(k->since_slow + dt, LONGEST_DT);
   k->slow_turn++;
   if (k->slow_turn < slow && k->since_slow < WALK_TIME) return;
   for (int i = FAST; i < STATES; i++) {

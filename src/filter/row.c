@@ -37,8 +37,9 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   z->use[WHEEL_REAR] = !is_missing(u, TSE_MISSING_wheel_speed_rear, u->wheel_speed_rear);
   z->z[WHEEL_FRONT] = z->use[WHEEL_FRONT] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
   z->z[WHEEL_REAR] = z->use[WHEEL_REAR] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
-  /* both axles read the same: one signal, a vehicle speed, which does not show slip */
-  z->one_speed = z->use[WHEEL_FRONT] && z->use[WHEEL_REAR] && (p->wheel_signals < 2 || r_abs(z->z[WHEEL_FRONT] - z->z[WHEEL_REAR]) <= r_mul(SAME_SPEED, r_abs(z->z[WHEEL_REAR])));
+  /* both axles have always read the same: one signal, a vehicle speed, which does not show slip; two that are quantised may for a while */
+  z->same = r_abs(z->z[WHEEL_FRONT] - z->z[WHEEL_REAR]) <= r_mul(SAME_SPEED, r_abs(z->z[WHEEL_REAR]));
+  z->one_speed = z->use[WHEEL_FRONT] && z->use[WHEEL_REAR] && (p->wheel_signals < 2 || (z->same && !(f->two_for > TSE_R(0))));
   if (z->one_speed) z->use[WHEEL_FRONT] = 0;
   z->given = 0;
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {

@@ -55,7 +55,9 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   tse_real *const x = k->x, variance[GX];
   const int rear = z->use[WHEEL_REAR] && (not_driven(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
   const int axle = rear ? WHEEL_REAR : WHEEL_FRONT, has_gyro = z->use[YAW_RATE] && works(k, YAW_RATE);
-  const tse_real v = z->use[axle] ? z->z[axle] : x[VX], r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
+  /* a front wheel runs the faster, the more it is turned */
+  const tse_real ahead = rear ? TSE_R(1) : r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));
+  const tse_real v = z->use[axle] ? r_mul(ahead, z->z[axle]) : x[VX], r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
   const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
   const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, exponential(x[LCF])));
   const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, exponential(x[LCR])));
@@ -64,7 +66,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[YAW] = r;
   x[AF] = r_clamp(front, -MOST_SIDEWAYS, MOST_SIDEWAYS);
   x[AR] = r_clamp(back, -MOST_SIDEWAYS, MOST_SIDEWAYS);
-  x[VY] = r_mul(c->lr, r) - r_mul(v, x[AR]);
+  x[VY] = r_mul(c->lr, r) - r_mul(r_max(r_abs(v), TSE_R(1)), x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
   const tse_real sd[GX] = {
     TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                              /* VX: a wheel that slips */

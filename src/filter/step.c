@@ -12,8 +12,8 @@
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether wheels that stood, or were read as zero, turn in the next row: nothing that a car can do. Downwards they may:
- * they lock. */
+/* Return whether every wheel speed has risen faster than a car can gain it: one that was read as zero, or an outlier. Downwards
+ * they may: wheels lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
   const tse_real most = p->hold_speed + r_mul(JUMP_RATE, z->dt);
@@ -31,7 +31,7 @@ static tse_real speed_of(const tse_filter *f, const decoded *z)
 }
 
 /* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for since one had a wheel speed, still_for since
- * the wheels have stood. The motion is lost where the car has rolled, or its angle been held, for too long, and is found again by a row
+ * the wheels have stood, two_for until wheel speeds that have differed may be one signal again. The motion is lost where the car has rolled, or its angle been held, for too long, and is found again by a row
  * that has both. Keep the wheel speeds for the next row. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
@@ -39,6 +39,7 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, LONGEST_TIME);
   f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, LONGEST_TIME);
   f->lost = f->held_for > p->max_gap || f->rolled_for > ROAD_TIME || (f->lost && !(z->has_steer && wheels));
+  f->two_for = z->use[WHEEL_REAR] && (z->use[WHEEL_FRONT] || z->one_speed) && !z->same ? USUAL_TIME : r_max(f->two_for - z->dt, TSE_R(0));
   f->still_for = wheels && speed < STILL_SPEED ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
   if (z->use[WHEEL_FRONT] || z->one_speed) f->v_front = z->z[WHEEL_FRONT];
   if (z->use[WHEEL_REAR]) f->v_rear = z->z[WHEEL_REAR];
@@ -114,7 +115,12 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = TSE_R(0); /* nothing is weighed */
   k->nis = k->log_likelihood = TSE_R(0);
   velocity_lose(k);
-  if (f->started) rest_row(p, k, z->dt);
+  if (f->started) {
+    const tse_real left = left_of(r_min(z->dt, MOST_AGE), ROAD_TIME);
+    rest_row(p, k, z->dt);
+    sensitivities_fade(k, GX, left);
+    sensitivities_fade(k, GY, left);
+  }
   if (!f->lost || !f->started) start_motion(p, k, z);
   if (!(f->still_for < STILL_TIME)) update_still(p, k, z);
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
@@ -132,7 +138,7 @@ static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
   k->seen = r_min(k->seen + z->dt, LONGEST_TIME);
 }
 
-/* Start again from the prior. What was learnt may have led here. */
+/* Start again from the prior, or from what was loaded. */
 static void recover(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -186,13 +192,13 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const passage w = classify(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
-  if (!fine || !all_finite(&f->k)) { /* a fault of the memory, or an overflow */
+  if (!fine || !all_finite(&f->k)) { /* a fault of the memory, or an overflow, to which what was loaded may have led */
     f->start.loaded = 0;
     recover(p, f, &z);
   }
   if (!w.held) plausible_row(p, &f->k, u, z.dt);
   report_step(p, f, &z, &w, &now);
-  f->step++;
+  if (f->step < UINT32_MAX) f->step++; /* 0 is the first row alone */
   if (out) *out = now;
   return (tse_status)now.status;
 }

@@ -25,7 +25,7 @@ int watch_steering(tse_kalman *k, decoded *z)
   const int was = is_frozen(k, STEERING), compared = k->innovation_var[YAW_RATE] > TSE_R(0) && works(k, YAW_RATE); /* in the row before */
   if (!z->has_steer) return 0;
   const tse_real off = compared && r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0);
-  watch_repeats(k, STEERING, z->steer, off, TSE_R(1) - r_min(r_div(z->dt, HELD_STILL), TSE_R(1)), z->dt);
+  watch_repeats(k, STEERING, z->steer, off, left_of(z->dt, HELD_STILL), z->dt);
   z->has_steer = !is_frozen(k, STEERING);
   return !was && !z->has_steer;
 }
@@ -106,6 +106,8 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
   m.h[BR] = state_unit[BR];
   m.e = z->z[YAW_RATE] - k->x[BR];
   m.r = m.white = r_sqr(p->sensor_sd[YAW_RATE]);
+  /* wheels that are read as standing while the car turns: a bias is no larger than it may be */
+  if (!(r_sqr(m.e) < r_mul(TAIL, r_mul(ud_variance(&k->p, BR), r_sqr(m.h[BR])) + m.r))) return;
   (void)use_scalar(k, YAW_RATE, &m, p->sensor_sd[YAW_RATE], change, &state);
   finish(p, k, change);
 }

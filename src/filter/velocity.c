@@ -104,8 +104,7 @@ static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real
   m->activity += r_mul(r_div(dt, dt + MODEL_TIME), sideways - m->activity);
   k->x[V_OFF] = r_mul(k->x[V_OFF], left);
   ud_fade_extra(&k->p, V_OFF - STATES, left);
-  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][V_OFF] = r_short(r_mul(left, r_long(k->doubt[q][V_OFF])));
-  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[V_OFF] = r_short(r_mul(left, r_long(k->event[n].v[V_OFF])));
+  sensitivities_fade(k, V_OFF, left);
   const tse_real var = r_mul(r_mul(r_sqr(OFF_SHARE), r_sqr(p->model_sd) + p->mass_var), m->activity);
   grow(k, V_OFF, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_OFF])));
 }
@@ -114,7 +113,7 @@ static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real
  * that. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
-  const int measured = z->use[YAW_RATE] && k->fault != fault_of(YAW_RATE), by = measured ? BR : YAW;
+  const int measured = z->use[YAW_RATE] && works(k, YAW_RATE), by = measured ? BR : YAW;
   const tse_real sign = measured ? TSE_R(-1) : TSE_R(1), share = r_mul(sign, r_div(r_mul(z->dt, state_unit[by]), state_unit[PSI]));
   const tse_real rate = measured ? z->z[YAW_RATE] - k->x[BR] : k->x[YAW], before = k->velocity.has_gyro == measured ? k->velocity.gyro : rate;
   k->velocity.gyro = rate;

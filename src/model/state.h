@@ -243,6 +243,7 @@ struct tse_filter {
   tse_real rolled_for;                /* [s] since a row had any wheel speed: the car rolls on        */
   int32_t lost;                       /* 1: either for too long; until a row has both                 */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
+  tse_real two_for;                   /* [s] for so long both wheel speeds count as two signals: they have differed */
   tse_real seen;                      /* form 1: samples learnt from, up to five memories; form 0: k.seen */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
   tse_start start;

@@ -583,6 +583,108 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
   }
 }
 
+/* Wheels that are read as standing - locked on ice, below what a sensor resolves, lost on the bus - while the car turns. */
+static void test_a_car_that_turns_on_wheels_that_stand_is_no_bias_of_the_gyro(void)
+{
+  tse_output y;
+  tse_config c = a_car();
+  c.yaw_rate_bias_sd = setting(0.01);
+  start(c, 20, 0, 6);
+  tse_input u = blank_row();
+  u.dt = real(0.01);
+  for (int n = 0; n < 500; n++) {
+    u.yaw_rate = real(n < 100 ? 0.002 : 0.08);
+    step(&w.p, u, &y);
+  }
+  TEST_ASSERT_TRUE(fabs(number(y.bias[YAW_RATE])) < 0.01);
+  u.yaw_rate = real(0.004);
+  for (int n = 0; n < 500; n++) step(&w.p, u, &y);
+  expect_near(0.004, number(y.bias[YAW_RATE]), 0.001, "bias of the gyro at rest [rad/s]", 0);
+}
+
+/* One reading that comes twice freezes no steering, however far apart rows are. */
+static void test_one_repeat_is_no_frozen_steering_at_any_rate(void)
+{
+  static const double dt[] = { 0.001, 0.01, 0.1, 0.25 };
+  for (int k = 0; k < ROWS(dt); k++) {
+    start(a_car(), 20, 0, 5);
+    (void)drive(500);
+    decoded z;
+    memset(&z, 0, sizeof z);
+    z.dt = real(dt[k]), z.has_steer = 1, z.steer = real(0.03);
+    f.k.repeats[STEERING] = f.k.repeats_again[STEERING] = TSE_R(0);
+    f.k.innovation_var[YAW_RATE] = f.k.slow_var[YAW_RATE] = real(0.001), f.k.slow[YAW_RATE] = TSE_R(1); /* it turns otherwise */
+    int rows = 0;
+    for (; rows < 20000 && !is_frozen(&f.k, STEERING); rows++) {
+      z.has_steer = 1;
+      (void)watch_steering(&f.k, &z);
+    }
+    TEST_ASSERT_TRUE(rows * dt[k] > 1.4 && rows * dt[k] < 2.5); /* after the same time */
+  }
+}
+
+/* Two wheel speeds that are quantised are now and then the same, and are two signals all the same; one that is logged twice is not. */
+static void test_two_speeds_that_are_the_same_for_a_while_are_two_signals(void)
+{
+  tse_output y;
+  for (int twice = 0; twice < 2; twice++) {
+    start(a_car(), 20, 0, 3);
+    for (int n = 0; n < 2400; n++) {
+      tse_input u = truth_row(&w, 0.01);
+      if (twice || n >= 200) u.wheel_speed_front = u.wheel_speed_rear;
+      step(&w.p, u, &y);
+      const int two = !twice && n < 2100; /* for USUAL_TIME from the last that differs */
+      if (n >= 10 && (n < 2100 || n >= 2300)) TEST_ASSERT_EQUAL_INT(two, f.k.innovation_var[WHEEL_FRONT] > TSE_R(0));
+    }
+  }
+}
+
+/* A rear-driven car pulls away in a tight turn: its front wheels run ahead of it by the cosine of their angle. */
+static void test_the_motion_is_placed_by_a_front_wheel_that_is_turned(void)
+{
+  tse_output y;
+  tse_config c = a_car();
+  c.driven_axle = 2;
+  start(c, 20, 0, 2);
+  tse_input u = blank_row();
+  u.dt = real(0.01);
+  u.steer_angle = real(0.6);
+  u.wheel_speed_front = r_div(real(3.5), w.p.radius_front), u.wheel_speed_rear = r_div(real(2.89), w.p.radius_rear);
+  step(&w.p, u, &y);
+  expect_near(2.89, number(f.k.x[VX]), 0.03, "speed of the car [m/s]", 0);
+}
+
+/* An hour's pause: biases have walked for an hour, and what the road was has to do with nothing any more. */
+static void test_after_an_hour_nothing_is_known_of_the_road_and_less_of_the_biases(void)
+{
+  tse_output y;
+  tse_config c = a_car();
+  c.yaw_rate_bias_walk = setting(1e-4), c.cg_sd = setting(0.05);
+  start(c, 20, 0.5, 2);
+  (void)drive(1500);
+  double most = 0;
+  for (int q = 0; q < TSE_DOUBTS; q++) most = fmax(most, fabs(number(r_long(f.k.doubt[q][GY]))));
+  TEST_ASSERT_TRUE(most > 1e-3);
+  const double was = number(ud_variance(&f.k.p, BR));
+  tse_input u = truth_row(&w, 0.01);
+  u.dt = real(3600);
+  step(&w.p, u, &y);
+  const double grown = (number(ud_variance(&f.k.p, BR)) - was) * number(state_unit[BR]) * number(state_unit[BR]);
+  expect_near(3600e-8, grown, 0.05 * 3600e-8, "variance of the gyro's bias [(rad/s)^2]", 0);
+  for (int q = 0; q < TSE_DOUBTS; q++) expect_near(0, number(r_long(f.k.doubt[q][GY])), 1e-4 * most + 1e-9, "sensitivity of the road", q);
+}
+
+static void test_after_the_last_row_that_can_be_counted_the_filter_goes_on(void)
+{
+  tse_output y;
+  start(a_car(), 20, 0, 2);
+  const tse_output last = drive(1000);
+  f.step = UINT32_MAX;
+  y = drive(2);
+  TEST_ASSERT_TRUE(f.step == UINT32_MAX);
+  expect_near(number(last.vel_x), number(y.vel_x), 0.5, "vel_x", 0);
+}
+
 static void test_a_refused_row_changes_nothing(void)
 {
   tse_output y, untouched;
