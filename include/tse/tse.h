@@ -117,13 +117,14 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *                                                hold (TSE_LATENCY_ROWS) are left out, their time is not
  *     |wheel speed| below hold_speed, reverse,   nothing is learnt; form 0: motion is placed anew with each row, gyro bias learnt at standstill
  *     steering angle beyond max_steer
- *     dt above max_gap                           motion is placed anew from wheels, gyro and steering; what was learnt is kept
+ *     dt above max_gap                           motion is placed anew from wheels and gyro; what was learnt is kept
  *   ... in the default form
  *     any other dt                               up to TSE_SUBSTEPS steps; a late row loses information and biases nothing
  *     a measurement missing or out of range      the others are used, wheel speeds, too; all missing: predicts only
  *     steering angle missing                     held up to max_gap, then nothing is known of the motion until it is back
  *     one measurement beyond 3 sd                pulls the less the further off
- *     a channel at fault                         p_fault, fault_channel: it is left out until it agrees again
+ *     a channel at fault                         p_fault, fault_channel: it is left out until it agrees again; of the steering angle
+ *                                                the offset is estimated anew, one that is frozen is missing
  *     slip of an axle beyond max_slip            p_sliding: nothing is valid
  *     another road, an axle's tyres              p_changed, p_axle: stiffness and grip move, and are uncertain
  *     noise other than the setting               found, noise_...; at most noise_max times

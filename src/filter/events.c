@@ -3,8 +3,8 @@
  * An event moves the state by an amplitude, N(0, 1), times what it opens. If it happened, the state of the filter, which does not know,
  * is off by the amplitude times v: v follows the filter's own transition and gains, and every innovation is shifted by h v. That gives the
  * amplitude's likelihood exactly (Willsky & Jones 1976), for a hundredth of the cost of a second filter. Each kind has places that are
- * opened in turn; an event whose posterior probability is high enough is believed: the state moves, and what it opens is uncertain. One
- * that is given up leaves that by its weight. After a change the tyres may be back where they were, a patch of ice or water behind: that
+ * opened in turn; when the probability that nothing has happened is below 1 - BELIEVED, the likeliest event is believed, whatever its
+ * own: the state moves, and what it opens is uncertain. One that is given up leaves that by its weight. After a change the tyres may be back where they were, a patch of ice or water behind: that
  * amplitude is known, and what was known before comes back. */
 #include "filter/filter.h"
 
@@ -17,8 +17,8 @@ typedef struct opens {
 /* Places of another road, the first ones; each has a second amplitude, as many places behind it. */
 enum { ROADS = 2 };
 
-/* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have
- * happened. */
+/* Events are weighed in two groups: lateral (cornering stiffness, steering angle, accel_y, gyro) and longitudinal (slip, wheel speeds,
+ * accel_x); of each group one may have happened. */
 enum { TURNING,
        GOING };
 

@@ -129,8 +129,8 @@ STAGE void start_all(const tse_params *p, tse_filter *f);
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* predict.c  row: predict to the time of the row      rest: parameters alone, where nothing is known of the motion
- *            shares: of the slip, and of the slip angle of each axle, squared, that is no error of the estimate: of the slopes over
- *            their stiffness */
+ *            shares: slip^2/(slip^2 + its variance), of the slip and of the slip angle of each axle: so much of the slopes over their
+ *            stiffness is used, so that errors of the slip do not pull it (errors in variables) */
 STAGE steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt);
 void signal_shares(const tse_kalman *k, tse_real share[3]);

@@ -104,8 +104,8 @@ static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shif
   return k->along.mean + part + shift;
 }
 
-/* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right; slip angles
- * that are measured make the filter sure of a stiffness faster than they show what its model lacks. */
+/* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right: with a
+ * measured velocity the covariance shrinks faster than the model's error allows, so that the floor is higher. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;

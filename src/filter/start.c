@@ -1,4 +1,4 @@
-/* filter/start.c - the prior, and the motion placed from the sensors. */
+/* filter/start.c - the prior, and the motion from wheel speed and gyro. */
 #include "filter/filter.h"
 
 const tse_real state_unit[TSE_ALL] = {

@@ -80,8 +80,8 @@ static int all_finite(const tse_kalman *k)
   return fine;
 }
 
-/* Return whether a number of a row of the filter (number/vector.h) has stopped at the end of its range, or will soon, in fixed point. */
-static int may_stop(const tse_kalman *k)
+/* Return whether a number of a row of the filter (number/vector.h) is saturated, or nearly, in fixed point. */
+static int near_saturation(const tse_kalman *k)
 {
   int near = r_near_end(k->p.u, STATES * (STATES - 1) / 2);
   for (int e = 0; e < k->p.extras; e++) near = near || r_near_end(k->p.w[e], TSE_ALL);
@@ -101,7 +101,7 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const passage
   if (w->held) status = worse(status, TSE_W_HELD);
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
-  if (may_stop(&f->k)) status = worse(status, TSE_W_RANGE);
+  if (near_saturation(&f->k)) status = worse(status, TSE_W_RANGE);
   if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0)) status = worse(status, TSE_W_RECOVERED);
   if (f->k.agreement.apart || f->k.agreement.off_scale) status = worse(status, TSE_W_IMPLAUSIBLE);
   return status;

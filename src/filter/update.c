@@ -48,7 +48,8 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
 /* Use one measurement.
  *   Given:     channel  ACCEL_X ... or NO_SENSOR_*      sd  of the sensor
  *   Updated:   change  what all measurements of this row move the state by so far, in units
- *   Returned:  variance of the innovation as used, of which *state is the state's and that of uncertain quantities
+ *   Returned:  S, the variance of the innovation as used; *state: its part without the noise of the measurement, h'Ph and what is due to
+ *              uncertain quantities
  * The gain is that of Schmidt (1966): uncertain quantities count in it and are not estimated. With A = U D U' the covariance if they
  * were known and V what the state is off by for each, it is K = (A h + V y)/(h'A h + y'y + r), y = V'h + slopes over them; and A after
  * it is that of the optimal gain of A alone, K0 = A h/(h'A h + r), plus (h'A h + r)(K - K0)(K - K0)' (Joseph's form, scalar). */
@@ -168,9 +169,8 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
 }
 
 /* Follow what happens to the car: mean squares over MODEL_TIME. An uneven road, which shows as noise, happens too, as large
- * as the largest of it that is no outlier. It counts as much as tyres without an end would do: the nearer the end, the less the
- * force shows of the slip angle, and the more decides what nobody knows, the form of the curve and what one direction takes of
- * the other. */
+ * as the largest of it that is no outlier. It counts by the square of linear over actual force, up to MOST_ENDLESS: near saturation
+ * the force shows little of the slip angle, and the form of the curve and combined slip decide, which nobody knows. */
 static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(LEAST_ACTIVITY));
@@ -206,7 +206,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
     const tse_real of_car = q < COLUMNS - STATES ? r_mul(s->H[channel][STATES + q], p->uncertain[q]) : TSE_R(0);
     m->doubts[q] = s->doubts[channel][q] + of_car;
   }
-  /* the front wheels turn about one point, so that they are not one */
+  /* the front wheels have different angles (Ackermann): their mean speed is not that of one wheel */
   const tse_real turn = channel == WHEEL_FRONT ? r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d))) : TSE_R(0);
   m->white = r_mul(k->noise[channel], r_sqr(p->sensor_sd[channel])) + turn;
   m->r = m->white + unexplained(p, k, channel, z->dt);
@@ -260,7 +260,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     if (works(k, channel)) use_channel(p, k, channel, &m, change);
     else watch_fault(k, channel, &m);
   }
-  /* more force than of this slip: no road with less grip, but maybe the one before */
+  /* accel_x is more than the slip explains: grip has not dropped; only a return to the road before is possible */
   if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0) && !may_be_back(k)) k->unusual = TSE_R(0);
   if (!z->one_speed && z->has_steer) roll_freely(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);

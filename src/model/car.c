@@ -111,12 +111,12 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   slopes_of_forces(c, x, &t, ax, ay, f);
 }
 
-/* Slip angle of an axle that its motion asks for, and its slopes over the speeds across and along. */
+/* Kinematic slip angle of an axle, to which the tyres relax, and its slopes over the speeds across and along. */
 typedef struct kinematic {
   tse_real a, by_side, by_v;
 } kinematic;
 
-/* Return the slip angle of an axle that its motion asks for.   Given: side  speed across at the axle, m/s */
+/* Return the kinematic slip angle of an axle.   Given: side  speed across at the axle, m/s */
 static kinematic kinematic_of(tse_real side, tse_real vx)
 {
   const tse_real v = rolling_speed(vx), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
@@ -153,7 +153,7 @@ static void substep_velocities(const tse_car *c, tse_real x[STATES], const force
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]), y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx), across = r_coef(vy), turn = r_coef(r);
   const r_coefficient flat = r_coef(level), stiff = r_coef(w2), damp = r_coef(drag), couple = r_coef(c->roll_coupling);
-  const r_factored lean = r_factor(c->roll_gain, ROW_UP), step = r_factor(h, ROW_UP), half_step = r_factor(half, ROW_UP), step_on = r_factor(h, 0);
+  const r_factored roll_follow = r_factor(c->roll_gain, ROW_UP), step = r_factor(h, ROW_UP), half_step = r_factor(half, ROW_UP), step_on = r_factor(h, 0);
   const tse_short one = r_short_scaled(TSE_R(1), ROW_UP);
   x[VX] = vx + r_mul(h, f->x + r_mul(vy, r) - x[GX]);
   x[VY] += r_mul(h, across_rate);
@@ -172,7 +172,7 @@ static void substep_velocities(const tse_car *c, tse_real x[STATES], const force
     }
     const tse_short spun = r_end_rate(gr), middle = r_plus_times(mr[j], half_step, spun);
     const tse_short side = r_end_rate(gy), turned = r_end_rate(r_plus(r_product(ahead, middle), turn, was));
-    const tse_short swings = r_end_rate(r_minus(r_product(stiff, r_plus_times(-mp[j], lean, side)), damp, mq[j]));
+    const tse_short swings = r_end_rate(r_minus(r_product(stiff, r_plus_times(-mp[j], roll_follow, side)), damp, mq[j]));
     mx[j] = r_plus_times(was, step, r_end_rate(r_plus(r_plus(gx, across, middle), turn, my[j])));
     my[j] = r_plus_times(my[j], step, r_end(r_plus(r_minus(r_start(side), flat, turned), couple, swings)));
     mr[j] = r_plus_times(mr[j], step, spun);

@@ -51,13 +51,13 @@ enum {
   VX,   /* [m/s] speed along the car, and across */
   VY,
   YAW,  /* [rad/s] */
-  AF,   /* [rad] slip angle of each axle */
+  AF,   /* [rad] slip angle of each axle, after the tyres' relaxation */
   AR,
   PHI,  /* [rad] roll angle, and its rate [rad/s] */
   DPHI,
   SF,   /* [1] slip of each axle */
   SR,
-  GX,   /* [m/s2] gravity along the road, and across */
+  GX,   /* [m/s2] gravity along the road, > 0 uphill, and across, > 0 to the left */
   GY,
   BX,   /* [m/s2] [m/s2] [rad/s] biases of accel_x, accel_y, yaw_rate */
   BY,

@@ -21,7 +21,7 @@
 #define RATE_FAULT TSE_R(1e-07)          /* [1/s] a channel gets an offset, freezes or gets noisy; one axle's tyres change: a puncture, aquaplaning */
 #define CHANGE_SD TSE_R(0.4)             /* [1] of tyre forces, where a road or an axle changes; of the slip stiffness beside it; a change below that many sd is none */
 #define OWN_SHARE TSE_R(0.5)             /* [1] of each move of a stiffness: what was learnt before it, at other slopes, is off by that much */
-#define BELIEVED TSE_R(0.95)             /* [1] posterior probability from which an event is believed; below it of nothing, no stiffness is valid */
+#define BELIEVED TSE_R(0.95)             /* [1] posterior probability that something has happened from which the likeliest event is believed; no stiffness is valid from 1 less it on */
 #define EVENT_SHARE TSE_R(0.1)           /* [1] of the lasting discrepancy that counts when events are weighed */
 #define USUAL_TIME TSE_R(20.0)           /* [s] memory of the noise of a channel, and of how large its slow innovations usually are */
 #define MOST_GROWTH TSE_R(4.0)           /* [1] a slow innovation counts as that many times the usual one at most: an event is not what is usual */
