@@ -5,14 +5,14 @@ The sets are searched on the fitted logs alone: held-out ones take no part in na
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import norm
 
 from tse.impl.gap.catalogue import Effect, Key, catalogue, of_the_car, profiles
-from tse.impl.gap.fit import Fit, excess, excess_of, fit, gap
+from tse.impl.gap.fit import Fit, excess, excess_of, fit
 from tse.impl.gap.infer import noise
 from tse.impl.gap.infer.hypotheses import LEAN, NAME_AT, Hypothesis, hypotheses
 from tse.impl.gap.infer.search import Judged, Search, judge
@@ -32,8 +32,8 @@ LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel
 ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
 LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close; a road has no name to earn
-LEFT = 1.1  # rms over noise, from which a channel has something to close by itself
 ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
+ROAD_ODDS = float(np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)))
 ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
 # nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
 ROAD_HARM = 3.0
@@ -54,7 +54,7 @@ class Named:
     evidence: float  # nats
     probability: float = 1.0
     look_alikes: list[str] = field(default_factory=list)
-    alone: float = 1.0  # share that it closes of what the other names leave, of all channels or of one
+    alone: float = 1.0  # share that it closes of what the other names leave, of all channels or of those without roads
     whole: float = 1.0  # probability that it, or what looks like it, is missing
 
     def at(self, values: Mapping[Key, float]) -> Named:
@@ -114,7 +114,8 @@ def name(
             dropped |= dict.fromkeys(small, SMALL)
             continue
         last = as_fit(problem, plain) if final.effects else baseline
-        named = [_named(problem, search, final, plain, last, h, probability, full) for h in final.effects]
+        filled = [c for c in ROAD_CHANNEL.values() if road_shows(final, c)]
+        named = [_named(problem, search, final, plain, last, h, probability, full, filled) for h in final.effects]
         idle = min((n for n in named if n.effect.id != LEAN), key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= LEAST_CLOSED:
             break
@@ -227,20 +228,25 @@ def ln_stiffness(judged: Judged) -> np.ndarray:
 
 
 def _named(
-    problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float
-) -> Named:
+    problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float,
+    roads: Sequence[str],
+) -> Named:  # fmt: skip
+    """`roads`: channels that a road fills."""
     found = _sized(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final)
     found.evidence = final.evidence - without.evidence
     # no set leaves more than nothing does; a fit that believes in discrepancies is no least squares, and may
     others = as_fit(problem, without, slopes=False).residuals
     found.share = (min(excess(problem, others), full) - excess(problem, last.residuals)) / max(full, 1e-300)
-    # of the channel that it closes most of: a hill in accel_x is no reason to see nothing of what turns the car
     before, after = excess_of(problem, others), excess_of(problem, last.residuals)
-    found.alone = 1.0 - sum(after.values()) / max(sum(before.values()), 1e-300)
-    if found.probability >= NAME_AT:
-        shares = [1.0 - after[c] / max(before[c], 1e-300) for c, x in gap(problem, others).items() if x > LEFT]
-        found.alone = max([found.alone, *shares])
+
+    def closed(channels: Iterable[str]) -> float:
+        return 1.0 - sum(after[c] for c in channels) / max(sum(before[c] for c in channels), 1e-300)
+
+    found.alone = closed([*before])
+    # a hill that fills accel_x is no reason to see nothing of what is sure in the other channels
+    if found.probability >= NAME_AT and (others_than_roads := [c for c in before if c not in roads]):
+        found.alone = max(found.alone, closed(others_than_roads))
     return found
 
 
@@ -271,14 +277,11 @@ def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
 def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], full: float) -> list[Named]:
     """Profiles of the road: where something slow is left in a channel, and a road explains it."""
     found: list[Named] = []
-    prior = np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY))
     for e in roads:
         channel = ROAD_CHANNEL[e.id]
-        if channel not in final.noise:
+        if not road_shows(final, channel) or len(problem.strengths(e)) > MOST_KNOTS:
             continue
         gain = slow_nats(final, channel)
-        if gain + prior < np.log(NAME_AT / (1.0 - NAME_AT)) or len(problem.strengths(e)) > MOST_KNOTS:
-            continue
         with_it = _with_roads(problem, last, [e])
         size = profile_size(e, with_it.values)
         mine = problem.rows.of(channel) & (problem.weight > 0)
@@ -289,7 +292,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
         spread = size / np.sqrt(2.0 * max(len(problem.strengths(e)), 1))
         z = float(norm.ppf(0.975))
-        odds = float(np.exp(min(gain + prior, 50.0)))
+        odds = float(np.exp(min(gain + ROAD_ODDS, 50.0)))
         found.append(
             Named(
                 e,
@@ -313,6 +316,11 @@ def _harms(problem: Problem, before: Fit, after: Fit, but: str) -> bool:
         if 0.5 * (two - one) / scale > ROAD_HARM:
             return True
     return False
+
+
+def road_shows(judged: Judged, channel: str) -> bool:
+    """Whether a road is as likely in a channel as a name must be."""
+    return channel in judged.noise and slow_nats(judged, channel) + ROAD_ODDS >= np.log(NAME_AT / (1.0 - NAME_AT))
 
 
 def slow_nats(judged: Judged, channel: str) -> float:
