@@ -526,6 +526,24 @@ static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(
   }
 }
 
+/* A gyro that is frozen, whatever else is named as at fault, does not turn the heading. */
+static void test_a_frozen_gyro_turns_no_heading(void)
+{
+  begin(1);
+  for (int n = 0; n < 500; n++) {
+    const tse_input u = measured_row(ins | gnss);
+    (void)stepped(&w.p, &f, &u);
+  }
+  TEST_ASSERT_EQUAL_INT(1, f.k.velocity.has_gyro);
+  tse_input u = measured_row(ins | gnss);
+  u.yaw_rate = f.k.reading[YAW_RATE];
+  f.k.fault = fault_of(ACCEL_Y);
+  f.k.frozen[YAW_RATE] = MOST_FROZEN;
+  (void)stepped(&w.p, &f, &u);
+  TEST_ASSERT_TRUE(is_frozen(&f.k, YAW_RATE));
+  TEST_ASSERT_EQUAL_INT(0, f.k.velocity.has_gyro);
+}
+
 /* A value out of range or NaN is not there; the first that is opens the extra states, and the others have no other bit in that row's
  * prediction. */
 static void test_what_cannot_be_a_velocity_is_not_there(void)

@@ -15,15 +15,13 @@ from tse.impl.config import make_config
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, Learnt, estimate_to
-from tse.impl.logs.agree import check_car, stood
+from tse.impl.logs.agree import MOST_ROWS, check_car, stood
 from tse.impl.logs.log import read_log
 from tse.impl.regimes import Change
 from tse.impl.rows import Log, Reading, liveliest, sampling_notes, steering_notes
 from tse.impl.rows import average as average_log
 from tse.impl.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.impl.verdict import Finding, findings, implausible, late_steering, of_uncertainty, remarks
-
-MOST_ROWS = 1 << 19  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
 @dataclass

@@ -14,6 +14,7 @@ import numpy as np
 from tse.impl.gap.catalogue import Effect, Parameter, catalogue
 from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS
 from tse.impl.identify import unknowns
+from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.vehicle import Vehicle
 
 SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "imu_misalignment", "imu_scale_ax", "imu_scale_ay",
@@ -40,8 +41,6 @@ LATE = (0.003, 0.02)
 UNCERTAIN = unknowns.UNCERTAIN | {
     "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "roll_steer_sd": "rear_roll_steer_gain",
 }  # fmt: skip
-# Of the road, not of the car, and one number: how far it leans into its curves. Left out it passes for a scale of accel_y.
-LEAN = "superelevation"
 OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
 
 
@@ -61,10 +60,11 @@ def latencies() -> tuple[Effect, ...]:
 
 
 def lean() -> Effect:
-    """Return what the bank of the road in its curves does, as an effect of its own: the profile of the road is another."""
+    """Return what the bank of the road in its curves does, one number, as an effect of its own: left out it passes for a scale of
+    accel_y. The profile of the road is another."""
     bank = catalogue()["bank"]
-    only = tuple(p for p in bank.parameters if p.key == LEAN)
-    return Effect(LEAN, "road that leans into its curves", "accel_y, yaw_rate", ("imu_scale_ay", "body_roll"), only)
+    only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
+    return Effect(SUPERELEVATION, "road that leans into its curves", "accel_y, yaw_rate", ("imu_scale_ay", "body_roll"), only)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     # profiles of roads: naming.py; what leans or climbs all along is a bias
     found, late = [], latencies()
     for e in (*asked, *late, lean()):
-        sensor = e.id in (*SENSORS, LEAN) or e in late
+        sensor = e.id in (*SENSORS, SUPERELEVATION) or e in late
         if any(p.name in SIGNED_DELAYS for p in e.parameters):
             e = replace(e, parameters=tuple(replace(p, low=-MOST_LATE, high=MOST_LATE, sign=0) for p in e.parameters))
         p = SENSOR_SHARE if sensor else EVERY_SHARE if e.id in EVERY_CAR else share

@@ -14,10 +14,11 @@ from scipy.stats import norm
 from tse.impl.gap.catalogue import Effect, Key, catalogue, of_the_car, profiles
 from tse.impl.gap.fit import Fit, excess, excess_of, fit
 from tse.impl.gap.infer import noise
-from tse.impl.gap.infer.hypotheses import LEAN, NAME_AT, Hypothesis, hypotheses
+from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tse.impl.gap.infer.search import Judged, Search, judge
 from tse.impl.gap.infer.space import Layout
 from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
+from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.rows import DRIVES
 from tse.impl.vehicle import latency_settings
 
@@ -69,7 +70,7 @@ class Named:
         way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""
         known = catalogue().get(self.effect.id)
         if known is None:
-            return self.effect.id != LEAN
+            return self.effect.id != SUPERELEVATION
         least = {p.name: p.typical_low if self.effect.id == LOW_PASS else p.low for p in known.strengths}
         return any(self.values.get(p.name, p.default) < least[p.name] for p in known.strengths)
 
@@ -116,7 +117,7 @@ def name(
         last = as_fit(problem, plain) if final.effects else baseline
         filled = [c for c in ROAD_CHANNEL.values() if road_shows(final, c)]
         named = [_named(problem, search, final, plain, last, h, probability, full, filled) for h in final.effects]
-        idle = min((n for n in named if n.effect.id != LEAN), key=lambda n: n.alone, default=None)
+        idle = min((n for n in named if n.effect.id != SUPERELEVATION), key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= LEAST_CLOSED:
             break
         names = final.ids - {idle.effect.id}
@@ -339,7 +340,7 @@ def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
     given = problem.config.as_dict()
-    road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != LEAN)
+    road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != SUPERELEVATION)
     others = {*SIGNED_DELAYS, *latency_settings().values(), *road}
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)

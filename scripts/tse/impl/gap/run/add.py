@@ -15,12 +15,12 @@ from tse.impl import __version__
 from tse.impl.core import NOMINAL, Config, library
 from tse.impl.files import atomic
 from tse.impl.formula import c_header, write_formula
-from tse.impl.gap.infer.hypotheses import LEAN
 from tse.impl.gap.infer.naming import settings
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.gap.run.posterior import posterior
 from tse.impl.gap.run.table import FIT
 from tse.impl.gap.run.workflow import Found
+from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.identify.vehicle_file import toml
 from tse.impl.vehicle import (
     Vehicle,
@@ -73,7 +73,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     notes: dict[str, list[str]] = {}
     for i, n in named.items():
         bands |= {str(k): f", 95 %: {low:.3g} .. {high:.3g}" for k, (low, high) in n.ci95.items()}
-        said = notes.setdefault("bank" if i == LEAN else i, [])
+        said = notes.setdefault("bank" if i == SUPERELEVATION else i, [])
         if i in PROFILES:
             said.append("a profile over the distance, of the road and not of the car: not written")
             continue

@@ -20,11 +20,12 @@ from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.excerpt import excerpt, is_long
 from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery
-from tse.impl.gap.infer.hypotheses import LEAN, NAME_AT, known_of
+from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
 from tse.impl.gap.problem import PROFILES, Problem
 from tse.impl.identify.data import prepare_all
+from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.logs.agree import read_agreeing
 from tse.impl.rows import Log, Reading
 from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
@@ -242,7 +243,7 @@ def judge(
     naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
     words = [_sentence(n) for n in naming.named]
-    of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in (*PROFILES, LEAN))
+    of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in (*PROFILES, SUPERELEVATION))
     likely = [p for p in naming.possible if p["probability"] >= LIKELY]
     if naming.named and (of_the_car >= LEAST_NAMED or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
