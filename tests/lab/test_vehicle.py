@@ -82,6 +82,10 @@ def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
     assert car["initial_cy_front_sd"] == pytest.approx(0.02)
     assert car["initial_cy_rear_sd"] == class_of("initial_cy_rear_sd")  # no worse than the class
     assert car["grip"] == pytest.approx(0.8, rel=0.01) and 0 < car["grip_sd"] < class_of("grip_sd")
+    stated = "[sensors]\nvelocity_latency = 0.1\nvelocity_lever_x = -1.2\nyaw_rate_sd = 0.05\n"
+    car = filter_values(read(tmp_path, BARE + stated + found))
+    assert car["velocity_lever_x"] == -1.2 and car["velocity_latency"] == 0.1  # of which no calibration speaks
+    assert car["yaw_rate_sd"] == class_of("yaw_rate_sd")  # which the filter finds; the file has what was left of the search
 
 
 def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):

@@ -34,6 +34,9 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 LEAST_GRIP_SD, LEAST_INVERSE = 0.1, 0.2
 CALIBRATED_MODEL_SD = 0.05
 LEAST_LATE_SD = 0.008  # s
+FOUND_SENSORS = (  # what a calibration says of sensors is of its own residuals: the filter finds their noise while driving
+    "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk", "wheel_noise_sd",
+)  # fmt: skip
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
 
@@ -107,8 +110,7 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     found["grip"], found[SHAPE] = curve_of(ordinary, mean.get(FRICTION, 0.0), v.get(SHAPE, ordinary[SHAPE]))
     if mean.get(FRICTION):
         found["grip_sd"] = min(max(sd[FRICTION] * found["grip"], LEAST_GRIP_SD), 1.0)  # relative
-    # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
-    sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
+    sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in FOUND_SENSORS}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
     return {"cg_height": ordinary["cg_height"], "grade_sd": ordinary["grade_sd"], **v, **sensors, **found}
