@@ -21,7 +21,8 @@ from tse.impl import maneuvers
 from tse.impl.core import STIFFNESS, Config, SimConfig
 from tse.impl.errors import UserError
 from tse.impl.estimate import write_table
-from tse.impl.fleet.find import drives, started
+from tse.impl.fleet.find import Drive, drives, started
+from tse.impl.fleet.keep import Store
 from tse.impl.fleet.run import Interrupted, Plan, outcome_of, run
 from tse.impl.fleet.work import Task, code_of
 from tse.impl.processes import Local, check_workers
@@ -337,6 +338,14 @@ def test_a_table_of_cars_of_any_spreadsheet(text, says, tmp_path):
             drives([str(tmp_path)], None, table, None, tmp_path / "out")
     else:
         assert drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle == (tmp_path / "car.toml").resolve()
+
+
+def test_cars_of_names_alike_have_files_of_their_own(tmp_path):
+    """On a file system without upper case, too."""
+    store = Store(tmp_path, False)
+    names = ("car_1", "car 1", "Car_1", "x" * 61, "x" * 62)
+    files = [store.calibrated(Drive(name, Path("log.csv"), tmp_path / "car.toml"), name) for name in names]
+    assert [f.read_text() for f in files] == list(names) and len({f.name.lower() for f in files}) == len(names)
 
 
 def test_a_log_of_another_car_is_said():

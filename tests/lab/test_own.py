@@ -143,12 +143,14 @@ def test_another_car_or_log_is_another_entry(case, tmp_path):
     log, car = read_log(case.log), read_vehicle(case.car)
     keys = {own._key(car, [log])}
     other = tmp_path / "car.toml"
+    other.write_text("cg_height = 0.9\n" + case.car.read_text(), encoding="utf-8")  # which no setting has
+    keys.add(own._key(read_vehicle(other), [log]))
     other.write_text(case.car.read_text() + "\n[latency]\nsteer_angle = 0.01\n", encoding="utf-8")
     keys.add(own._key(read_vehicle(other), [log]))
     rows = case.log.read_text().splitlines()
     (tmp_path / "log.csv").write_text("\n".join(rows[:-1]) + "\n")
     keys.add(own._key(car, [read_log(tmp_path / "log.csv")]))
-    assert len(keys) == 3
+    assert len(keys) == 4
 
 
 def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_path):
@@ -236,10 +238,13 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     (tmp_path / "logs").mkdir()
     for name, part in (("2026-01-01", rows[1:4501]), ("2026-01-02", rows[4501:])):
         (tmp_path / "logs" / f"{name}.csv").write_text("\n".join([rows[0], *part]) + "\n")
+    wrong = pd.read_csv(case.log)
+    wrong.assign(accel_y=wrong["accel_y"] / 9.81).to_csv(tmp_path / "logs" / "2026-01-03.csv", index=False)
     command = ("fleet", "logs", "--vehicle", case.car, "--car", "x", "--out", "out", "--no-reports", "--json")
     done = tselab_here(*command, cwd=tmp_path)
-    first, second = json.loads(done.out)["logs"]
+    first, second, _ = json.loads(done.out)["logs"]
     assert "calibrated on the log itself" in first["notes"][0]
+    assert any(n.startswith("left out: ") and "2026-01-03.csv: nothing is learnt from it" in n for n in first["notes"])
     assert not any("calibrated on" in n or "taught is not used" in n for n in second["notes"])
     (made,) = (tmp_path / "out" / CALIBRATED).glob("*.toml")
     assert read_vehicle(made).calibration["own"]

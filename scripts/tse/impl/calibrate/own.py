@@ -132,12 +132,10 @@ def _part(log: Log, seconds: float) -> Log:
 def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
     """Of all that the calibration depends on: what was read of the logs, the car, the code."""
     digest = hashlib.sha256(library().path.read_bytes())
-    here = Path(__file__).parent
-    deciding = [here.parent / name for name in ("config.py", "vehicle.py")]  # what the filter starts from
-    for code in sorted((*here.glob("*.py"), *(here.parent / "identify").glob("*.py"), *deciding)):
+    for code in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(code.read_bytes())
-    about = [__version__, sorted(vehicle.values.items()), vehicle.driven_axle]
-    digest.update(json.dumps(about).encode())
+    about = [__version__, sorted(vehicle.values.items()), sorted(vehicle.facts.items())]
+    digest.update(json.dumps(about, default=str).encode())
     for log in logs:
         columns = [log.time, log.rows()]
         columns += [x for _, s in sorted(log.slower.items()) for x in (s.time, s.value)]

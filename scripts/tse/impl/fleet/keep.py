@@ -2,13 +2,12 @@
 
 import base64
 import contextlib
-import functools
 import hashlib
 import hmac
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,8 +61,7 @@ class Store:
 
     def name(self, drive: Drive) -> str:
         """Of its files: for people, and of no other log."""
-        same = hashlib.sha256(str(real(drive.log)).encode()).hexdigest()[:8]
-        return f"{_plain(drive.car)}-{_plain(drive.log.stem)}-{same}"
+        return f"{_plain(drive.car)}-{_plain(drive.log.stem)}-{_digest(str(real(drive.log)))}"
 
     def estimates(self, drive: Drive) -> Path:
         (self.out / ESTIMATES).mkdir(exist_ok=True)
@@ -73,7 +71,7 @@ class Store:
         """Keep the vehicle file that was made of a drive's; what is there already stays as it is."""
         folder = self.out / CALIBRATED
         folder.mkdir(exist_ok=True)
-        path = folder / f"{_plain(drive.car)}-{_plain(drive.vehicle.stem if drive.vehicle else '')}.toml"
+        path = folder / f"{_of_car(drive.car)}-{_plain(drive.vehicle.stem if drive.vehicle else '')}.toml"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             with atomic(path) as file:
                 file.write(text)
@@ -117,7 +115,7 @@ class Store:
         for car in {d.drive.car for d in done}:
             mine = [d for d in done if d.drive.car == car and d.outcome.learnt]
             if mine:
-                write_learnt(self.out / LEARNT / f"{_plain(car)}.tse", mine[-1].outcome.learnt or b"")
+                write_learnt(self.out / LEARNT / f"{_of_car(car)}.tse", mine[-1].outcome.learnt or b"")
         frame = table(done)
         with atomic(self.out / TABLE, "wb") as file:
             frame.to_parquet(file, index=False)
@@ -168,24 +166,19 @@ def key_of(task: Task) -> str:
     """Of all that an outcome depends on. Logs by size and time, for to read them all takes as long as to run them."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
-    others = [f for log, _ in task.others for f in files_of(log)]
+    others = [f for log, signals in task.others for f in (*files_of(log), *replace(reading, signals=signals).files(log))]
     for path in sorted({*files_of(task.log), *reading.files(task.log), *others}):
         with contextlib.suppress(OSError):
             found = path.stat()
             digest.update(f"{path} {found.st_size} {found.st_mtime_ns}\n".encode())
-    for path in [task.vehicle, *_formula(task.vehicle), *([task.config] if task.config else [])]:
+    formula = read_vehicle(task.vehicle).formula_path
+    for path in [p for p in (task.vehicle, formula, task.config) if p]:
         with contextlib.suppress(OSError):
             digest.update(hashlib.sha256(path.read_bytes()).digest())
     said = [task.rate, task.strict, task.average, task.form, sorted(task.settings.items()), task.report, task.calibrate, task.code]
     digest.update(json.dumps([*said, str(task.estimates), round(task.age, 3)]).encode())
     digest.update(task.learnt or b"")
     return digest.hexdigest()
-
-
-@functools.cache
-def _formula(vehicle: Path) -> list[Path]:
-    path = read_vehicle(vehicle).formula_path
-    return [path] if path else []
 
 
 def _mark(kept: Mapping[str, Any]) -> str:
@@ -195,3 +188,13 @@ def _mark(kept: Mapping[str, Any]) -> str:
 def _plain(name: str) -> str:
     """A name that any file system takes."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._")[:60] or "log"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _of_car(name: str) -> str:
+    """The start of the names of a car's files: for people, and of no other car on any file system."""
+    plain = _plain(name)
+    return plain if plain == name.lower() else f"{plain}-{_digest(name)}"

@@ -15,8 +15,8 @@ from tse.impl.errors import UserError
 from tse.impl.estimate import Learnt
 from tse.impl.fleet import single
 from tse.impl.fleet.single import Calibrate, prepare
-from tse.impl.logs.log import read_log
-from tse.impl.rows import Reading
+from tse.impl.logs.agree import read_agreeing
+from tse.impl.rows import Log, Reading
 from tse.impl.vehicle import read_vehicle
 
 
@@ -89,12 +89,12 @@ def work(task: Task) -> Outcome:
 def _work(task: Task) -> Outcome:
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
-    itself = None
+    itself, left_out = None, list[str]()
     if task.calibrate and uncalibrated(car := read_vehicle(task.vehicle)):
-        others = []
+        others: list[Log] = []
         for log, signals in task.others:
             with suppress(UserError):
-                others.append(read_log(log, reading=replace(reading, signals=signals, car=car)))
+                others += read_agreeing([log], left_out, replace(reading, signals=signals, car=car))
         itself = Calibrate(others=others)
     prepared = prepare(task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself)
     made = prepared.own.text if prepared.own else ""
@@ -117,6 +117,6 @@ def _work(task: Task) -> Outcome:
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
         code=results.exit_code(ran.findings),
-        notes=[*prepared.vehicle.found, *ran.notes],
+        notes=[*prepared.vehicle.found, *(n for n in left_out if n.startswith("left out")), *ran.notes],
         calibrated=made,
     )
