@@ -9,12 +9,14 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, checked, several
+from tse._log import LogLike, all_checked
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.impl.calibrate import output, page, workflow
 from tse.impl.calibrate.result import Result, words
 from tse.impl.files import loads
+from tse.impl.logs.agree import read_agreeing
+from tse.impl.rows import Reading
 from tse.impl.vehicle import Vehicle, make_vehicle
 
 
@@ -83,9 +85,10 @@ def calibrate(
     Raises
     ------
     Error
-        No log can be compared with a simulation; a ValueError.
+        No log can be compared with a simulation, or the channels of all contradict each other; a ValueError.
     """
     car = read_vehicle(vehicle)
-    read = [checked(log, car) for log in several(logs)]
-    result = workflow.of_logs(read, car, progress or (lambda _: None))
+    notes: list[str] = []
+    read = read_agreeing(all_checked(logs, car), notes, Reading(car=car))
+    result = workflow.of_logs(read, car, progress or (lambda _: None), notes=notes)
     return Calibration(result, [log.path.name for log in read])

@@ -165,6 +165,8 @@ class Filter:
         """dt of a row; what the first one says is not used."""
         if now is not None and step is not None:
             raise InputError("a row has time or dt, not both", "dt")
+        if now is not None and not math.isfinite(now):
+            raise InputError(f"time = {now:g} is not a number of seconds", "time")
         if self._time is None:
             return float(self._config.sample_time)
         if now is not None:

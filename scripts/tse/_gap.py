@@ -12,10 +12,9 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import Log, LogLike, PathLike, checked, several
+from tse._log import LogLike, PathLike, all_checked
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
-from tse.impl.estimate import write_table
 from tse.impl.gap.run import pictures, workflow
 from tse.impl.gap.run.output import Written, write_all
 from tse.impl.vehicle import Vehicle
@@ -99,17 +98,6 @@ def gap(
     folder = Path(out) if out is not None else Path(keep.name if keep else "")
     folder.mkdir(parents=True, exist_ok=True)
     say = progress or (lambda _: None)
-    fitted = [_file(log, folder, f"log-{i}") for i, log in enumerate(several(logs), 1)]
-    held = [_file(log, folder, f"held-out-{i}") for i, log in enumerate(hold_out, 1)]
-    car = vehicle_file(vehicle, folder)
-    result = workflow.run(fitted, car, held, jobs, say, formula)
+    car, read = vehicle_file(vehicle, folder), read_vehicle(vehicle)
+    result = workflow.run(all_checked(logs, read), car, all_checked(hold_out, read), jobs, say, formula)
     return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)
-
-
-def _file(log: LogLike, folder: Path, name: str) -> Path:
-    """A log as a file."""
-    if isinstance(log, str | os.PathLike):
-        return Path(log)
-    path = folder / f"{name}.csv"
-    write_table((log if isinstance(log, Log) else Log(checked(log))).to_frame(), path)
-    return path

@@ -17,13 +17,14 @@ from tse._vehicle import VehicleLike, read_vehicle
 from tse.impl import plots
 from tse.impl.errors import UserError
 from tse.impl.files import atomic
-from tse.impl.logs.log import read_frame
+from tse.impl.logs.log import of_car, read_frame
 from tse.impl.logs.log import read_log as _read_log
 from tse.impl.logs.proposal import Line, Proposal, headline, listing, propose, toml_text
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import How, Recording
 from tse.impl.rows import Log as Checked
 from tse.impl.rows import Reading
+from tse.impl.vehicle import Vehicle
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 LogLike: TypeAlias = "PathLike | Log | Mapping[str, Any] | pd.DataFrame | npt.NDArray[np.void]"
@@ -115,18 +116,17 @@ def read_log(
     return Log(_read_log(Path(path), reading=Reading(file, rate, strict, tuple(map(Path, databases)), car)))
 
 
-def checked(log: LogLike, vehicle: VehicleLike | None = None) -> Checked:
-    """Whatever holds a log, as the commands have it. TypeError: it holds none."""
-    if isinstance(log, Log):
-        return log._checked
+def checked(log: LogLike, car: Vehicle, name: str = "log") -> Checked:
+    """Whatever holds a log, as the commands have it; `name` of one that is in no file. TypeError: it holds none."""
     if isinstance(log, str | os.PathLike):
-        return read_log(log, vehicle)._checked
-    return read_frame(_columns(log))
+        return read_log(log, car)._checked
+    return of_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
 
 
-def several(logs: LogLike | Sequence[LogLike]) -> list[LogLike]:
-    """One log, or a list or tuple of them."""
-    return list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
+def all_checked(logs: LogLike | Sequence[LogLike], car: Vehicle) -> list[Checked]:
+    """One log, or a list or tuple of them; those in no file are counted."""
+    given = list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
+    return [checked(log, car, f"log {n}" if len(given) > 1 else "log") for n, log in enumerate(given, 1)]
 
 
 def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:

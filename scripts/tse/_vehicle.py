@@ -64,6 +64,8 @@ def vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
     if isinstance(vehicle, Vehicle):
         if vehicle.path is None:
             raise UserError("a vehicle that is in no file: give the file, or a mapping with its keys")
+        if changed := [k for k, v in _read(vehicle.path).values.items() if vehicle.values.get(k) != v]:
+            raise UserError(f"{', '.join(changed)} of the vehicle are not those of {vehicle.path}: give a mapping with its keys")
         return vehicle.path
     if not isinstance(vehicle, Mapping):
         return Path(vehicle)

@@ -275,6 +275,10 @@ def test_a_second_row_needs_a_time():
     f.step(ROW)
     with pytest.raises(tse.InputError, match="dt is missing"):
         f.step(ROW)
+    stream = tse.Filter(CAR)
+    with pytest.raises(tse.InputError, match="time = nan is not a number of seconds"):
+        stream.step(ROW, time=float("nan"))
+    stream.step(ROW, time=1.0)  # as if the other had not been
 
 
 def test_a_measurement_out_of_range_is_missing_and_said_so():

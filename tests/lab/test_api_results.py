@@ -53,6 +53,17 @@ def test_a_log_is_read_shown_and_estimated_like_its_frame(folder, tmp_path):
         pd.testing.assert_frame_equal(table, tables[0], check_exact=True)
 
 
+def test_a_wheel_speed_that_stands_in_is_by_the_radii_of_the_car_whatever_holds_the_log(folder, tmp_path):
+    """The front wheels are a tenth smaller, and turn as much faster."""
+    car, frame = CAR | {"wheel_radius_front": 0.3}, pd.read_csv(folder / "log.csv").drop(columns="wheel_speed_rear")
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    of_none = tse.read_log(tmp_path / "log.csv")
+    tables = [tse.estimate(given, car, calibrate=False).table for given in (tmp_path / "log.csv", frame, of_none)]
+    for table in tables[1:]:
+        pd.testing.assert_frame_equal(table, tables[0], check_exact=True)
+    assert tables[0]["vel_x"].iloc[-1] == pytest.approx(0.3 * frame["wheel_speed_front"].iloc[-1], rel=0.02)
+
+
 def test_an_estimate_draws_and_writes_the_page_of_the_command(folder, tmp_path):
     done = tselab_here("estimate", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "est.csv",
                        "--report", tmp_path / "command.html", cwd=folder)  # fmt: skip
@@ -107,6 +118,48 @@ def test_a_replay_is_the_car_without_noise(folder, tmp_path):
 @pytest.fixture(scope="module")
 def calibrated(folder):
     return tse.calibrate(tse.read_log(folder / "log.csv", CAR), CAR)
+
+
+def test_python_learns_nothing_from_channels_that_contradict_each_other(folder):
+    """As the command; of frames each by itself, which are counted, and as long as they like."""
+    frame = pd.read_csv(folder / "log.csv")
+    wrong = frame.assign(accel_y=frame["accel_y"] / 9.81)
+    with pytest.raises(tse.Error, match=r"nothing is learnt from it: .*accel_y is in g"):
+        tse.calibrate(wrong, CAR)
+    found = tse.calibrate([wrong, frame[:2000], frame], CAR)
+    assert any(n.startswith("left out: log 1: nothing is learnt") for n in found.notes)
+    assert [log.name for log in found._result.problem.logs] == ["log 2", "log 3"]
+
+
+def test_what_is_not_shown_stays_at_its_prior(calibrated):
+    """The rear's longitudinal stiffness follows the front's, and its prior with it."""
+    rows = calibrated.to_frame()
+    kept = rows[~rows["shown"].astype(bool)].set_index("name")
+    assert "longitudinal_stiffness_rear" in kept.index
+    assert (abs(kept["value"] - kept["prior"]) < 1.5 * kept["prior_sd"]).all()
+
+
+def test_gap_takes_logs_as_they_are_and_a_vehicle_as_its_file_has_it(folder, tmp_path, monkeypatch):
+    """A slower channel keeps its entries: through a CSV they would be a row each."""
+    from tse.impl.gap.run import workflow
+
+    class Stop(Exception):
+        pass
+
+    def run(logs, *_):
+        taken.extend(logs)
+        raise Stop
+
+    taken: list = []
+    monkeypatch.setattr(workflow, "run", run)
+    log = tse.read_log(folder / "log.csv", CAR)
+    with pytest.raises(Stop):
+        tse.gap(log, CAR, out=tmp_path)
+    assert taken == [log._checked] and not list(tmp_path.glob("*.csv"))
+    car = tse.read_vehicle(folder / "car.toml")
+    car.values["mass"] = 2500.0
+    with pytest.raises(tse.Error, match="mass of the vehicle are not those of"):
+        tse.gap(log, car, out=tmp_path)
 
 
 def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):

@@ -109,6 +109,7 @@ class Log:
     extra: pd.DataFrame = field(default_factory=lambda: _frame({}, 0))  # of OPTIONAL those that are there; NaN = missing
     place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
     stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and slip is not observable
+    stands_by: float = 1.0  # ... times that, which depends on the radii of the car: of_car()
     slower: dict[str, Slower] = field(default_factory=dict)  # channels whose entries are further apart than the rows
     # of an axle with two wheels: right less left over the yaw rate, track/radius
     turn: dict[str, float] = field(default_factory=dict)

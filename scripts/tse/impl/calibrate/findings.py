@@ -58,10 +58,11 @@ def findings(problem: Problem, fit: Fit, before: Mapping[str, float]) -> list[Fi
     for k, u in enumerate(UNKNOWNS):
         shown = bool(known[k] < SHOWN * problem.sd[k])
         by = float(getattr(problem.config, u.name)) if u.relative else 1.0
-        value, sd = (float(x[k]) * (times if u.name == REAR else 1.0) for x in (found, known))
+        follows = times if u.name == REAR else 1.0
+        value, sd, prior, prior_sd = (float(x[k]) * follows for x in (found, known, problem.mean, problem.sd))
         rows.append(
             Finding(
-                u.name, u.group, unit_of(u.name), before[u.name], float(problem.mean[k]), float(problem.sd[k]), value, sd, shown,
+                u.name, u.group, unit_of(u.name), before[u.name], prior, prior_sd, value, sd, shown,
                 _words(u, value, sd, shown, before[u.name], by), u.worth == 0.0,
             )
         )  # fmt: skip
@@ -95,11 +96,12 @@ def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: 
 def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
     """Findings that belong together, that with most evidence first. The evidence is that of a quadratic: half the square of how far
     the numbers are from what the vehicle file had, in their joint covariance."""
-    found = []
+    found, sd = [], np.sqrt(np.diag(fit.covariance))
+    correlation = fit.covariance / np.outer(sd, sd)
     for name in dict.fromkeys(r.group for r in rows):
         sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]  # else the prior would speak
-        off = np.array([rows[k].value - rows[k].before for k in sizes])
-        inverse = np.linalg.pinv(fit.covariance[np.ix_(sizes, sizes)])
+        off = np.array([(rows[k].value - rows[k].before) / rows[k].sd for k in sizes])
+        inverse = np.linalg.pinv(correlation[np.ix_(sizes, sizes)])
         found.append(Group(name, 0.5 * float(off @ inverse @ off), tuple(r for r in rows if r.group == name)))
     return sorted(found, key=lambda g: -g.nats)
 

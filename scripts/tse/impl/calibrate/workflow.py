@@ -61,10 +61,12 @@ def run(
     return _result(vehicle, problem, result, read, proofs, notes)
 
 
-def of_logs(logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, least: float = 0.0) -> Result:
-    """Calibrate on logs that are read, without proof and progress file. UserError: they cannot be compared with a simulation for
-    `least` seconds."""
-    notes: list[str] = []
+def of_logs(
+    logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, least: float = 0.0, notes: Sequence[str] = ()
+) -> Result:
+    """Calibrate on logs that are read and agree, without proof. UserError: they cannot be compared with a simulation for `least`
+    seconds."""
+    notes = list(notes)
     problem, _ = _problem(logs, vehicle, 1, notes, say)
     if (seconds := sum(log.seconds for log in problem.logs)) < least:
         raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:.0f} s are needed")
@@ -94,7 +96,7 @@ def _result(vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log]
     result = slips(problem, result, logs, vehicle)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
-    sensors = _sensors(problem, result, logs)
+    sensors = _sensors(problem, result)
     return Result(vehicle, problem.config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
 
 
@@ -145,7 +147,7 @@ def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) ->
     return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in other.channels if c in result.noise)
 
 
-def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
+def _sensors(problem: Problem, result: Fit) -> dict[str, float]:
     """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
     found: dict[str, float] = {}
     for c in problem.channels:
@@ -158,15 +160,7 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
             found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
         walk = d.walk / (SPEED_TIME if c == "accel_x" else 1.0)
         found[f"{c}_bias_walk"] = min(walk, MOST_GYRO_WALK) if c == "yaw_rate" else walk
-    noise = []
-    raw = {log.path: log for log in logs}  # of which some may be too short to be compared
-    for prepared in problem.logs:
-        log = raw[prepared.path]
-        for name in DRIVES[1:]:
-            off = log.data[name].to_numpy(float) - prepared.inputs[name]
-            inside = np.concatenate([off[s.first : s.last] for s in prepared.stretches])
-            noise.append(float(np.sqrt(np.nanmean(inside**2))))
-    found["wheel_noise_sd"] = max(noise, default=0.0)
+    found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
     # how late the steering acts in all: what the filter need not find out by itself
     lag = np.zeros(len(problem.names))
     for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):

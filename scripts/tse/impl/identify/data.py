@@ -54,6 +54,7 @@ class Prepared:
     notes: list[str] = field(default_factory=list)
     quiet: dict[str, float] = field(default_factory=dict)  # sd that was found over that sd, where a floor raised it
     held: dict[str, float] = field(default_factory=dict)  # s since the value of a row was new, mean, where a slow signal is held
+    wheel_noise: float = 0.0  # rad/s, rms of what smoothing took from the wheel speeds
     late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -112,7 +113,9 @@ def prepare(log: Log, config: Config) -> Prepared:
             f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
         )
     held = {name: age for name in (*DRIVES, *MEASURES) if (age := _age(log.time, log.data[name].to_numpy(float))) > 0}
-    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held)
+    off = [np.concatenate([(raw[n] - inputs[n])[s.first : s.last] for s in stretches]) for n in DRIVES[1:] if stretches]
+    wheel_noise = max((float(np.sqrt(np.nanmean(x**2))) for x in off), default=0.0)
+    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held, wheel_noise)
 
 
 def speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:

@@ -90,15 +90,16 @@ class Figures:
     sd: dict[str, float]
 
 
-def read_agreeing(paths: Sequence[Path], notes: list[str], reading: Reading) -> list[Log]:
-    """Return the logs that can be read and whose channels agree: nothing is learnt of a car from others. One that is left out is a
-    note. UserError: all are."""
+def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading) -> list[Log]:
+    """Return the logs that can be read, or are, and whose channels agree: nothing is learnt of a car from others. One that is left
+    out is a note. UserError: all are."""
     found: list[Log] = []
     refused: list[UserError] = []
     car = reading.car or default_vehicle()
-    for path in paths:
+    for given in logs:
+        path = given.path if isinstance(given, Log) else given
         try:
-            log = read_log(path, reading=reading)
+            log = given if isinstance(given, Log) else read_log(given, reading=reading)
             against = check_car(liveliest(log, MOST_ROWS), car, Config(car.values))
             if sure := [text for text in against if "perhaps" not in text]:
                 raise UserError(f"{path}: nothing is learnt from it: {'; '.join(sure)}")

@@ -36,6 +36,7 @@ from tse.impl.rows import (
     lacking,
     straightened,
 )
+from tse.impl.vehicle import Vehicle
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
@@ -46,12 +47,21 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
     """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
     path, reading = Path(path), reading or Reading()
     log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
-    if log.stand_in is not None and reading.car is not None:
-        front, rear = (reading.car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
-        log.data[log.stand_in] *= rear / front if log.stand_in.endswith("front") else front / rear
+    if reading.car is not None:
+        log = of_car(log, reading.car)
     if reading.strict and log.warnings:
         raise UserError(f"{path}: option --strict: {log.warnings[0]}")
     return log
+
+
+def of_car(log: Log, car: Vehicle) -> Log:
+    """Return the log with the wheel speed that stands in for an axle's by the radii of this car."""
+    if log.stand_in is None:
+        return log
+    front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
+    by = rear / front if log.stand_in.endswith("front") else front / rear
+    data = log.data.assign(**{log.stand_in: log.data[log.stand_in] * (by / log.stands_by)})
+    return replace(log, data=data, stands_by=by)
 
 
 def _is_plain(path: Path, reading: Reading) -> bool:

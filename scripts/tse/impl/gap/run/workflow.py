@@ -125,7 +125,7 @@ class Result(Found):
 
 
 def read(
-    paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None, notes: list[str] | None = None
+    paths: Sequence[Path | Log], vehicle: Vehicle, reading: Reading | None = None, notes: list[str] | None = None
 ) -> tuple[list[Log], Config]:
     """Logs that can be read, and the settings of the vehicle with sensors filled in from the first."""
     if not paths:
@@ -136,9 +136,9 @@ def read(
 
 
 def run(
-    logs: Sequence[Path],
+    logs: Sequence[Path | Log],
     vehicle_path: Path,
-    hold_out: Sequence[Path] = (),
+    hold_out: Sequence[Path | Log] = (),
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
     formula: bool = False,
