@@ -50,6 +50,18 @@ def calibrated(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
     return name, part, path, result.fit.converged
 
 
+def posterior(vehicle: Path) -> tuple[str, str]:
+    """The sd that a calibration leaves of both cornering stiffnesses, %, and what it would leave were all else of the car known:
+    conditional on it. Shorter logs and a model that fits worse leave more."""
+    known = read_vehicle(vehicle).calibration
+    if not known:
+        return "-", "-"
+    covariance = np.array(known["covariance"])
+    at = [known["names"].index(key) for key in CORNERING]
+    rest_known = np.linalg.inv(np.linalg.pinv(covariance)[np.ix_(at, at)])
+    return tuple(" / ".join(f"{100 * np.sqrt(v):.0f}" for v in np.diag(c)) for c in (covariance[np.ix_(at, at)], rest_known))
+
+
 def formula(config: Config, out: np.ndarray) -> np.ndarray:
     """Return the sideslip of doing nothing, rad: l_r r/v - F_r/C_r with the vehicle file's stiffness and F_r of a steady turn."""
     v, r = np.maximum(out["vel_x"], 1.0), out["yaw_rate"]
@@ -73,6 +85,7 @@ def row(name: str, told: str, vehicle: Path, converged: str) -> dict[str, Any]:
     counts = (time > SETTLED) & (out["vel_x"] > FAST)
     end, excited = counts & (time > time[-1] * 2 / 3), counts & lively(time, out)
     found: dict[str, Any] = {"log": name, "told": told, "converged": converged}
+    found["posterior"], found["rest known"] = posterior(vehicle)
     for key in CORNERING:
         nominal = getattr(config, NOMINAL[key]) / 1000.0
         mean, interval = np.median(out[key][end]), 1.96 * np.median(out[f"{key}_sd"][end])
@@ -117,6 +130,7 @@ def main(arguments: list[str]) -> int:
                 rows.append(row(n, told, path, "yes" if done else "no"))
     heads = {
         "log": "log", "told": "calibrated on", "converged": "converged",
+        "posterior": "sd of the calibration [%]", "rest known": "were the rest known [%]",
         "cy_front": "front [kN/rad]", "cy_front valid": "valid [%]",
         "cy_rear": "rear [kN/rad]", "cy_rear valid": "rear valid [%]", "changes": "changes reported",
         "sideslip": "sideslip off by, rms [deg]", "formula": "that of the formula [deg]",
@@ -127,8 +141,10 @@ def main(arguments: list[str]) -> int:
     text = f"""# Real logs
 
 `python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as in the file": an ordinary car of its class), and
-with calibrations of the whole log, of its halves and of another log of the same car. Stiffness at no slip with its 95 %
-interval: medians of the last third, above {FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the
+with calibrations of the whole log, of its halves and of another log of the same car. *Sd of the calibration*: its posterior
+of front and rear cornering stiffness, with the mass as in the file; *were the rest known*: latencies, steering ratio, inertia
+and all else that it finds beside them. Stiffness at no slip with its 95 % interval: medians of the last third, above
+{FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the
 lateral acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the stiffness of the
 vehicle file, or that of the class. The reference of vel_y is as good as its alignment to the car, which was fitted: 0.3 deg of
 sideslip are a heading that is 0.3 deg off. The 250 LM by regression with the sideslip known: front 82 [78 92], rear
