@@ -85,6 +85,7 @@ def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
     stated = "[sensors]\nvelocity_latency = 0.1\nvelocity_lever_x = -1.2\nyaw_rate_sd = 0.05\n"
     car = filter_values(read(tmp_path, BARE + stated + found))
     assert car["velocity_lever_x"] == -1.2 and car["velocity_latency"] == 0.1  # of which no calibration speaks
+    assert car["accel_x_bias_sd"] == class_of("accel_x_bias_sd")  # which the file does not say
     assert car["yaw_rate_sd"] == class_of("yaw_rate_sd")  # which the filter finds; the file has what was left of the search
 
 

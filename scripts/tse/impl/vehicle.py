@@ -110,7 +110,8 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     found["grip"], found[SHAPE] = curve_of(ordinary, mean.get(FRICTION, 0.0), v.get(SHAPE, ordinary[SHAPE]))
     if mean.get(FRICTION):
         found["grip_sd"] = min(max(sd[FRICTION] * found["grip"], LEAST_GRIP_SD), 1.0)  # relative
-    sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in FOUND_SENSORS}
+    stated = {name: x for name, x in v.items() if name not in FOUND_SENSORS}
+    sensors = {name: stated.get(name, ordinary.get(name, float(getattr(plain, name)))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
     return {"cg_height": ordinary["cg_height"], "grade_sd": ordinary["grade_sd"], **v, **sensors, **found}
