@@ -24,25 +24,33 @@ enum { SIDE,
        TURN,
        TURN_ASKED };
 
+/* Return the variance of the first of a pair that what the second is made of must explain. A car that keeps its speed on a road that rises and
+ * falls feels it in accel_x: more of that than the speed changes by may be the road, 3 sd of its grade. */
+static tse_real to_explain(const tse_params *p, const tse_pair *q, int which)
+{
+  const tse_real road = which == ALONG ? r_mul(TAIL, r_sqr(p->prior_sd[GX])) : TSE_R(0);
+  return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
+}
+
 /* Return whether a pair has moved so far that what it says counts: variance times seconds. */
-static int is_shown(const tse_pair *q, int which)
+static int is_shown(const tse_pair *q, int which, tse_real first)
 {
   static const tse_real least[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
-  const tse_real most = which < IN_BENDS ? r_max(q->var[0], q->var[1]) : q->var[0];
+  const tse_real most = which < IN_BENDS ? r_max(first, q->var[1]) : first;
   return r_mul(q->time, most) > least[which];
 }
 
-/* Return the squared correlation of a pair. */
-static tse_real related_of(const tse_pair *q)
+/* Return the squared correlation of a pair.   Given: first  variance of the first, of what is to be explained of it */
+static tse_real related_of(const tse_pair *q, tse_real first)
 {
-  return r_mul(r_div(q->both, r_max(q->var[0], LEAST_VARIANCE)), r_div(q->both, r_max(q->var[1], LEAST_VARIANCE)));
+  return r_mul(r_div(q->both, r_max(first, LEAST_VARIANCE)), r_div(q->both, r_max(q->var[1], LEAST_VARIANCE)));
 }
 
 /* Return whether the two of a pair are not the same.   Given: driven  0 both axles or not known, 1 front, 2 rear */
-static int is_apart(const tse_pair *q, int which, int32_t driven)
+static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven)
 {
-  const tse_real x = r_max(q->var[0], LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
-  const tse_real related = related_of(q);
+  const tse_real x = r_max(first, LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
+  const tse_real related = related_of(q, first);
   if (which == IN_BENDS) return q->both < TSE_R(0) && related > AGAINST;
   if (which == BY_DRIVE) return related > AGAINST && ((driven == 1 && q->both < TSE_R(0)) || (driven == 2 && q->both > TSE_R(0)));
   return !(q->both > TSE_R(0)) || related < UNRELATED || y > r_mul(FURTHEST_OFF, x) || x > r_mul(FURTHEST_OFF, y);
@@ -64,7 +72,7 @@ static void pair_learn(tse_pair *q, tse_real x, tse_real y, tse_real dt)
 static tse_real factor_of(const tse_pair *q)
 {
   const tse_real x = r_max(q->var[0], LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
-  if (related_of(q) < UNRELATED) return TSE_R(0);
+  if (related_of(q, q->var[0]) < UNRELATED) return TSE_R(0);
   const tse_real size = r_sqrt(r_div(y, x));
   return q->both < TSE_R(0) ? -size : size;
 }
@@ -76,7 +84,7 @@ static void scale_learn(tse_agreement *a, int which, tse_real x, tse_real y, tse
   const tse_pair *const q = &a->pair[which];
   tse_real *const sum = a->moved[which == ALONG];
   const tse_real keep = r_max(TSE_R(1) - r_div(dt, SCALE_TIME), TSE_R(0));
-  if (((a->apart >> which) & 1) || related_of(q) < SCALE_RELATED) return;
+  if (((a->apart >> which) & 1) || related_of(q, q->var[0]) < SCALE_RELATED) return;
   sum[0] = r_mul(keep, sum[0]) + r_mul(dt, r_sqr(x - q->mean[0]));
   sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(x - q->mean[0], y - q->mean[1])), TSE_R(0));
 }
@@ -95,14 +103,17 @@ static tse_real inverse(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1),
 int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
 {
   const tse_agreement *const a = &k->agreement;
-  const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1, along = (a->apart >> ALONG) & 1;
+  const tse_pair *const going = &a->pair[ALONG];
+  const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1;
+  const int also = factor_of(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0); /* where another pair is apart, it is no road */
+  const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
   if (!a->apart) {
     if (!a->off_scale) return 0;
     *factor = r_sqrt(scale_of(a));
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
-  const tse_real gained = along ? factor_of(&a->pair[ALONG]) : TSE_R(0);
+  const tse_real gained = along ? factor_of(going) : TSE_R(0);
   if (along && (turning || (across && gained < MOST_OF_SPEED && gained > LEAST_OF_SPEED))) { /* in common is the speed */
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
@@ -116,7 +127,7 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
     return 1 + (int32_t)TSE_CHANNEL_accel_y;
   }
   if (!along) return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front; /* front and rear exchanged, or another axle is driven */
-  *factor = inverse(factor_of(&a->pair[ALONG]));
+  *factor = inverse(factor_of(going));
   return 1 + (int32_t)TSE_CHANNEL_accel_x;
 }
 
@@ -138,8 +149,9 @@ static void compare(const tse_params *p, tse_agreement *a, int which, tse_real x
 {
   tse_pair *const q = &a->pair[which];
   pair_learn(q, x, y, dt);
-  if (!is_shown(q, which)) return;
-  a->apart = is_apart(q, which, p->car.driven) ? a->apart | 1 << which : a->apart & ~(1 << which);
+  const tse_real first = to_explain(p, q, which);
+  if (!is_shown(q, which, first)) return;
+  a->apart = is_apart(q, which, first, p->car.driven) ? a->apart | 1 << which : a->apart & ~(1 << which);
   if (which == ACROSS || which == ALONG) scale_learn(a, which, x, y, dt);
 }
 

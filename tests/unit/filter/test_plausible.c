@@ -124,6 +124,39 @@ static void test_a_speed_that_is_hardly_off_contradicts_nobody(void)
 }
 
 /* A fault of the memory: what is no number would contradict for ever. */
+/* A road that rises and falls by 6 %: gravity in accel_x at a speed that the driver keeps, but for what follows with a quarter of a
+ * period. Without it accel_x would contradict the wheels by a factor of four. */
+static void test_a_hill_at_constant_speed_contradicts_nobody(void)
+{
+  static tse_filter f;
+  tse_config c;
+  tse_params p;
+  tse_output y = { 0 };
+  uint32_t seed = 7;
+  int32_t implausible = 0;
+  tse_config_default(&c);
+  c.grade_sd = setting(0.03);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int n = 0; n < 12000; n++) {
+    const double t = 0.01 * n, w = 0.5, v = 25 - 0.3 * cos(w * t + 1.5), ax = 0.15 * sin(w * t + 1.5), r = 0.05 * sin(0.9 * t);
+    tse_input u;
+    tse_input_default(&u);
+    u.dt = real(0.01);
+    u.steer_angle = real(r * (number(p.car.lf) + number(p.car.lr)) / v);
+    u.wheel_speed_front = real(v / number(p.radius_front));
+    u.wheel_speed_rear = real(v / number(p.radius_rear));
+    u.accel_x = real(ax + 0.06 * G * sin(w * t) + 0.1 * next_normal(&seed));
+    u.accel_y = real(v * r + 0.1 * next_normal(&seed));
+    u.yaw_rate = real(r + 0.003 * next_normal(&seed));
+    const tse_status status = tse_step(&p, &f, &u, &y);
+    TEST_ASSERT_TRUE(status >= 0);
+    implausible += y.reason[TSE_CY_FRONT] == TSE_IMPLAUSIBLE;
+  }
+  TEST_ASSERT_EQUAL_INT32(0, implausible);
+  TEST_ASSERT_EQUAL_INT32(0, y.fault_channel);
+}
+
 static void test_what_is_kept_is_numbers_or_all_starts_over(void)
 {
 #if !defined(TSE_REAL_FIXED)
