@@ -15,7 +15,7 @@ from tse.impl.config import make_config
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, Learnt, estimate_to
-from tse.impl.logs.agree import MOST_ROWS, check_car, stood
+from tse.impl.logs.agree import MOST_ROWS, check_car, stood, sure
 from tse.impl.logs.log import read_log
 from tse.impl.regimes import Change
 from tse.impl.rows import Log, Reading, liveliest, sampling_notes, steering_notes
@@ -91,9 +91,10 @@ def assemble(
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
         config.set(key, value, source=source)
-    warnings = check_car(lively, vehicle, config)
-    if strict and warnings:
-        raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")
+    said = check_car(lively, vehicle, config)
+    if strict and said:
+        raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
+    warnings = sure(said)
     if calibrate is not None and form == "default" and uncalibrated(stated):
         if warnings:
             found = of_class("its channels contradict each other")
@@ -107,7 +108,7 @@ def assemble(
         made = assemble(found.vehicle(stated), log, config_path, None, options, form, settings, source)
         return replace(made, own=found)
     notes = [
-        *warnings,
+        *said,
         *stood(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
         *log.notes,
         *sampling_notes(log, config.max_gap),
@@ -115,7 +116,9 @@ def assemble(
         *notes,
         *vehicle.notes,
     ]
-    return Prepared(vehicle, log, config, notes, warnings)
+    return Prepared(
+        vehicle, replace(log, warnings=[*log.warnings, *(w for w in said if w not in warnings)]), config, notes, warnings
+    )
 
 
 # ---- the run

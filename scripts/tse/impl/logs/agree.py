@@ -29,6 +29,7 @@ ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could ha
 WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
 G = 9.80665
+PERHAPS = "perhaps "  # before a cause that leaves more than WELL
 USUAL_RATIO = 15.0  # of a steering, when nobody says
 
 
@@ -101,8 +102,8 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
         try:
             log = given if isinstance(given, Log) else read_log(given, reading=reading)
             against = check_car(liveliest(log, MOST_ROWS), car, Config(car.values))
-            if sure := [text for text in against if "perhaps" not in text]:
-                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(sure)}")
+            if surely := sure(against):
+                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(surely)}")
             notes += [f"{path}: {text}" for text in against]
             found.append(log)
         except UserError as error:
@@ -111,6 +112,11 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
     if refused and not found:
         raise refused[0]
     return found
+
+
+def sure(warnings: Sequence[str]) -> list[str]:
+    """Return of what check_car() says that which is no guess: a road that leans, or a tyre that fails, may look like a wrong unit."""
+    return [text for text in warnings if PERHAPS not in text]
 
 
 def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:
@@ -384,6 +390,6 @@ def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float
     fits = all(abs(np.log(abs(after[n]))) < WELL + 0.05 for n in moved if n in after)
     text = " and ".join(c.text for c in causes)
     return (
-        f"check the units: {'' if fits else 'perhaps '}{text}; factor {', '.join(f'{c.factor:.3g}' for c in causes)}: "
+        f"check the units: {'' if fits else PERHAPS}{text}; factor {', '.join(f'{c.factor:.3g}' for c in causes)}: "
         f"{'; '.join(parts)} (about 1 is expected)"
     )
