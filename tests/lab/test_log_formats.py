@@ -14,6 +14,7 @@ from log_formats import RADIUS as RADII
 from tse.impl.core import STIFFNESS
 from tse.impl.errors import UserError
 from tse.impl.logs import physics
+from tse.impl.logs.look import _sign_bit
 from tse.impl.logs.proposal import propose
 from tse.impl.logs.readers import read_recording, reader_of
 from tse.impl.logs.recording import Channel, Recording
@@ -343,6 +344,14 @@ def test_a_sign_that_is_a_bit_of_its_own_is_proposed_with_its_magnitude(bends):
     for channel, name, bit in wanted:
         guess = found[channel]
         assert guess is not None and (guess.name, guess.sign_bit) == ((name,), bit), guess
+
+
+@pytest.mark.parametrize(("bit", "wanted"), [("ESP_VZ_Gierrate", "ESP_VZ_Gierrate"), ("ESP_Gaspedal", None)])
+def test_a_bit_whose_name_is_less_alike_is_no_sign(bit, wanted):
+    """Whatever its values: the two names share 7 of 12 letters."""
+    time = 0.01 * np.arange(2000)
+    turn = np.sin(time)
+    assert _sign_bit("ESP_Gierrate", time, np.abs(turn), {bit: (bit, time, 1.0 * (turn < 0))}) == wanted
 
 
 @pytest.mark.parametrize(("late", "says"), [(0.0, False), (0.12, True)])

@@ -21,7 +21,7 @@ KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("accel
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 AXLES = ("front", "rear")
 LONGEST = 1500.0  # s of a log that are looked at
-ALIKE = 0.6  # of names of a magnitude and its sign: difflib's ratio
+SIGN_ALIKE = 0.6  # of names of a magnitude and its sign: difflib's ratio
 FEWEST_TURNS = 4  # of a sign, to be compared with where the magnitude is 0
 LEAST_SET = 0.02  # share of the rows in which a sign is set beside a magnitude of half the usual: bends to that side
 AT_ZERO = 0.2  # of the usual magnitude: the lesser one beside a turn of the sign, median
@@ -78,7 +78,7 @@ def _sign_bit(name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str,
     best: tuple[float, str] | None = None
     for short, (bit, own, flag) in bits.items():
         alike = SequenceMatcher(None, name.lower(), short.lower(), autojunk=False).ratio()
-        if alike < ALIKE or not set(np.unique(flag[np.isfinite(flag)])) <= {0.0, 1.0}:
+        if alike < SIGN_ALIKE or not set(np.unique(flag[np.isfinite(flag)])) <= {0.0, 1.0}:
             continue
         sign = _held(time, own, flag)
         turns = np.flatnonzero(np.diff(sign))
@@ -161,7 +161,7 @@ REST = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re.IGNO
 TICKS = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
 MOST_FLAGS = 8  # values of a flag
 LEAST_VALID = 0.9  # share of the rows that hold the one value which means valid
-ALIKE = 0.5  # of a flag's and its signal's name: difflib's ratio
+FLAG_ALIKE = 0.5  # of a flag's and its signal's name: difflib's ratio
 FAR_BEYOND = 1.5  # times the largest other value
 COUNTED = 0.8  # share of the entries in which a counter goes on by one
 COARSE = 0.02  # a value in steps of so much of its range is coarse
@@ -176,7 +176,7 @@ def flag_of(recording: Recording, mine: Channel, taken: frozenset[str] | set[str
         if c.name not in taken and c is not mine and _message(c) == _message(mine) and len(c) == len(mine)
         and (v := _valid_value(c)) is not None
     )  # fmt: skip
-    return (found[-1][1], found[-1][2]) if found and found[-1][0] >= ALIKE else None
+    return (found[-1][1], found[-1][2]) if found and found[-1][0] >= FLAG_ALIKE else None
 
 
 def no_value(value: np.ndarray) -> np.ndarray:
