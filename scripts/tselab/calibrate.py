@@ -79,7 +79,8 @@ def calibrate(
     kept_formula = output.formula_beside(out) if formula else None
     check_distinct(
         {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula, "--table": table},
-        {"--vehicle": vehicle_path, "the formula of --vehicle": formula} | {str(p): p for p in logs},
+        {"--vehicle": vehicle_path, "the formula of --vehicle": formula, "--signals": reading.signals}
+        | {str(p): p for p in (*logs, *hold_out)},
     )
     check_writable(out)
     results.check_table(table)

@@ -114,18 +114,19 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     [formula] file = "play.toml". Places, signals and functions are listed below; x, y, z are what stands in the brackets.
     """
     from tse.impl.core import library
-    from tse.impl.files import atomic
+    from tse.impl.files import atomic, check_distinct
     from tse.impl.formula import c_header, read_formula
     from tse.impl.tables import text_table
 
+    check_distinct({"--c": header}, {"the formula": path})
     found = read_formula(path)
+    if header is not None:
+        with atomic(header) as file:
+            file.write(c_header(found))
     place = library().formula_places[found.place]
     if as_json:
         from tse.impl import results
 
-        if header is not None:
-            with atomic(header) as file:
-                file.write(c_header(found))
         numbers = [{"name": n.name, "value": n.value, "unit": n.unit, "text": n.text} for n in found.numbers]
         results.say_json(
             {"formula": path, "title": found.title, "place": found.place, "unit": place.unit, "gain": found.gain,
@@ -138,6 +139,4 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     count = len(found.operations)
     click.echo(f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}")
     if header is not None:
-        with atomic(header) as file:
-            file.write(c_header(found))
         click.echo(f"Written to {header}")

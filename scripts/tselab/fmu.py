@@ -155,10 +155,11 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     StiffnessStudy.ssp. It sets vehicle.calibrated: nothing is left to the class of the car. What is not in it has its start value.
     """
     from tse.impl.config import make_config
-    from tse.impl.files import atomic, check_writable
+    from tse.impl.files import atomic, check_distinct, check_writable
     from tse.impl.vehicle import read_vehicle
 
     out = out or Path(f"{vehicle_path.stem}.ssv")
+    check_distinct({"--out": out}, {"the FMU": path, "--vehicle": vehicle_path})
     check_writable(out)
     known, vehicle = parameters_of(path), read_vehicle(vehicle_path)
     config, _ = make_config(vehicle, None, None, {}, "default")

@@ -152,6 +152,22 @@ def test_a_link_to_an_input_is_that_input(drive, tmp_path):
     assert "--report is the same file as --out" in done.err
 
 
+@pytest.mark.parametrize(("command", "option", "same"), [
+    (("calibrate", "a.csv", "--vehicle", "car.toml", "--hold-out", "b.csv", "--out", "x.toml", "--table", "b.csv"),
+     "--table", "b.csv"),
+    (("formula", "play.toml", "--c", "play.toml"), "--c", "the formula"),
+    (("fmu", "parameters", "x.fmu", "--vehicle", "car.toml", "--out", "car.toml"), "--out", "--vehicle"),
+])  # fmt: skip
+def test_no_command_writes_over_what_it_reads(command, option, same, drive, tmp_path):
+    for name, path in {"a.csv": drive.log, "b.csv": drive.log, "car.toml": drive.vehicle}.items():
+        (tmp_path / name).write_bytes(path.read_bytes())
+    (tmp_path / "play.toml").write_text('id = "p"\ntitle = "p"\nplace = "front_angle"\nformula = "steer_angle"\n')
+    before = {p: p.read_bytes() for p in tmp_path.iterdir()}
+    done = tselab_here(*command, cwd=tmp_path)
+    assert done.code == 2 and f"{option} is the same file as {same}" in done.err, done.err
+    assert {p: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
 # ---- seals
 
 
