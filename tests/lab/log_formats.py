@@ -4,6 +4,7 @@ own, three rates, latencies. Written with the libraries that others write such l
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -179,8 +180,11 @@ BO_ 2566844158 imu: 8 ESP
 """
 
 
-def frames(parts: list[Message]) -> list[tuple[float, int, bool, bytes]]:
-    """Time, identifier, is it extended, bytes of every frame on the bus, in order."""
+Frame: TypeAlias = tuple[float, int, bool, bytes, int]
+
+
+def frames(parts: list[Message]) -> list[Frame]:
+    """Time, identifier, is it extended, bytes and bus of every frame, in order."""
     import cantools
 
     database = cantools.database.load_string(DBC, "dbc")
@@ -190,20 +194,24 @@ def frames(parts: list[Message]) -> list[tuple[float, int, bool, bytes]]:
         for i, t in enumerate(m.time):
             values = {n: float(x[i]) for n, x in m.columns.items()}
             values |= {"steer": {"LenkradBZ": i % 16}, "imu": {"Gueltig": 1}}.get(m.name, {})
-            found.append((t, message.frame_id, message.is_extended_frame, message.encode(values, strict=False)))
+            found.append((t, message.frame_id, message.is_extended_frame, message.encode(values, strict=False), 1))
     return sorted(found)
 
 
-def bus(folder: Path, parts: list[Message], name: str) -> Path:
-    """A bus by python-can, its database beside the log."""
+def write_bus(path: Path, sent: list[Frame]) -> None:
+    """Frames by python-can."""
     import can
 
-    path = folder / name
     with can.Logger(str(path)) as logger:
-        for t, identifier, extended, data in frames(parts):
-            logger.on_message_received(
-                can.Message(timestamp=float(1.7e9 + t), arbitration_id=identifier, is_extended_id=extended, data=data, channel=1)
-            )
+        for t, identifier, extended, data, channel in sent:
+            logger.on_message_received(can.Message(timestamp=float(1.7e9 + t), arbitration_id=identifier, is_extended_id=extended,
+                                                   data=data, channel=channel))  # fmt: skip
+
+
+def bus(folder: Path, parts: list[Message], name: str) -> Path:
+    """A bus, its database beside the log."""
+    path = folder / name
+    write_bus(path, frames(parts))
     (folder / "car.dbc").write_text(DBC)
     text = signals_toml({"steer": "steer.", "wheels": "wheels.", "imu": "imu."}, units=False)
     text = text.replace("ratio =", 'counter = "steer.LenkradBZ"\nratio =').replace(
@@ -217,7 +225,7 @@ def savvycan(folder: Path, parts: list[Message]) -> Path:
     lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"]
     bus(folder, parts, "drive.blf")
     (folder / "drive.blf").unlink()
-    for t, identifier, extended, data in frames(parts):
+    for t, identifier, extended, data, _ in frames(parts):
         cells = ",".join(f"{b:02X}" for b in data)
         lines.append(f"{round(1e6 * t)},{identifier:08X},{str(extended).lower()},Rx,0,{len(data)},{cells}")
     path = folder / "drive.csv"
@@ -225,13 +233,12 @@ def savvycan(folder: Path, parts: list[Message]) -> Path:
     return path
 
 
-def mf4_bus(folder: Path, parts: list[Message]) -> Path:
+def write_mf4_bus(path: Path, found: list[Frame]) -> None:
     """Frames of a bus in MF4, as loggers write them."""
     from asammdf import MDF, Signal
     from asammdf.blocks.v4_blocks import SourceInformation
     from asammdf.blocks.v4_constants import BUS_TYPE_CAN
 
-    found = frames(parts)
     data = np.zeros((len(found), 8), np.uint8)
     for i, f in enumerate(found):
         data[i, : len(f[3])] = np.frombuffer(f[3], np.uint8)
@@ -239,17 +246,22 @@ def mf4_bus(folder: Path, parts: list[Message]) -> Path:
     "u1"),
             ("CAN_DataFrame.DataLength", "u1"), ("CAN_DataFrame.DataBytes", "(8,)u1")]  # fmt: skip
     samples = np.zeros(len(found), kind)
-    samples["CAN_DataFrame.BusChannel"] = 1
+    samples["CAN_DataFrame.BusChannel"] = [f[4] for f in found]
     samples["CAN_DataFrame.ID"] = [f[1] for f in found]
     samples["CAN_DataFrame.IDE"] = [f[2] for f in found]
     samples["CAN_DataFrame.DLC"] = samples["CAN_DataFrame.DataLength"] = [len(f[3]) for f in found]
     samples["CAN_DataFrame.DataBytes"] = data
     source = SourceInformation(source_type=2, bus_type=BUS_TYPE_CAN)
     source.name = source.path = "CAN1"
-    path = folder / "bus.mf4"
     with MDF(version="4.11") as mdf:
         mdf.append([Signal(samples, np.array([f[0] for f in found]), name="CAN_DataFrame", source=source)], acq_source=source)
         mdf.save(path, overwrite=True)
+
+
+def mf4_bus(folder: Path, parts: list[Message]) -> Path:
+    """A bus in MF4, its database beside it."""
+    path = folder / "bus.mf4"
+    write_mf4_bus(path, frames(parts))
     (folder / "car.dbc").write_text(DBC)
     (folder / "signals.toml").write_text(signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n'))
     return path

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, tselab, tselab_here
-from log_formats import DEG, FORMATS, LATENCY, RATIO, drive, messages
+from log_formats import DEG, FORMATS, LATENCY, RATIO, drive, messages, write_bus, write_mf4_bus
 from log_formats import RADIUS as RADII
 from tse.impl.core import STIFFNESS
 from tse.impl.errors import UserError
@@ -298,6 +298,34 @@ def test_the_ratio_of_a_straight_drive_is_not_drawn_down_by_the_noise_of_the_gyr
     assert 0.55 < found.share < 0.8
     off = abs(np.log(found.per_curvature / (RATIO * 2.7)))
     assert off < 2.0 * found.sd and off < 0.25 and found.sd < 0.4
+
+
+TWO = """VERSION ""
+BO_ 100 M: 2 X
+ SG_ speed : 0|16@1+ (1,0) [0|65535] "km/h" X
+BO_ 2147483748 E: 2 X
+ SG_ angle : 0|16@1+ (1,0) [0|65535] "deg" X
+"""
+
+
+@pytest.mark.parametrize("name", ["drive.blf", "drive.asc", "drive.log", "drive.csv", "drive.mf4"])
+def test_buses_and_kinds_of_identifiers_are_kept_apart(name, tmp_path):
+    """100, standard and extended, on two buses; the higher one sends first."""
+    pytest.importorskip("cantools", reason="cantools is not installed: scripts/setup.sh logs")
+    sent = [(1e-2 * i + 1e-3 * k, 100, extended, (10 * k + i).to_bytes(2, "little"), bus)
+            for i in range(50) for k, (extended, bus) in enumerate([(False, 2), (False, 1), (True, 1)])]  # fmt: skip
+    (tmp_path / "car.dbc").write_text(TWO)
+    if name == "drive.csv":
+        rows = [f"{round(1e6 * t)},{i:X},{e},{b},{len(d)},{d[0]:02X},{d[1]:02X}" for t, i, e, d, b in sent]
+        (tmp_path / name).write_text("Time Stamp,ID,Extended,Bus,LEN,D1,D2\n" + "\n".join(rows) + "\n")
+    elif name == "drive.mf4":
+        write_mf4_bus(tmp_path / name, sent)
+    else:
+        write_bus(tmp_path / name, sent)
+    log = read_recording(tmp_path / name)
+    assert {n: (c.value == k * 10 + np.arange(50)).all() for k, n in ((0, "M.speed#2"), (1, "M.speed"), (2, "E.angle"))
+            for c in [log.channels[n]]} == {"M.speed#2": True, "M.speed": True, "E.angle": True}  # fmt: skip
+    assert len(log.channels) == 3 and any("message M is there more than once" in n and "M.speed#2" in n for n in log.notes)
 
 
 @pytest.mark.parametrize("name", ["drive.candump", "drive.txt", "drive.log"])

@@ -15,12 +15,13 @@ import numpy as np
 
 from tse.impl.clock import straight
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, listed, need
+from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, listed, need, unused
 
 # ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
-EXTENDED = 0x1FFFFFFF
+IDENTIFIER, LONGEST_STANDARD = 0x1FFFFFFF, 0x7FF
+EXTENDED, BUS = 29, 32  # bits of a key, above the identifier: that it is an extended one, and which bus
 
 
 def databases_for(path: Path, how: How, required: bool) -> list[Path]:
@@ -58,19 +59,20 @@ class Bus:
         self._messages = _messages_of(path, databases)
         self._kept: dict[int, _Kept] = {}
         self._unknown: set[int] = set()
+        self._buses: dict[str, int] = {}
         self._count = 0
 
     def knows(self, identifier: int) -> bool:
         """Is there a message of that identifier?"""
-        return identifier & EXTENDED in self._messages
+        return _key(identifier, False) in self._messages
 
-    def add(self, ids: np.ndarray, data: Sequence[bytes]) -> None:
-        """The next frames, in the order of the file. `ids`: (frames,)."""
-        ids = ids & EXTENDED
+    def add(self, ids: np.ndarray, extended: np.ndarray, buses: Sequence[str], data: Sequence[bytes]) -> None:
+        """The next frames, in the order of the file: identifiers, whether they are extended ones, names of the bus, (frames,)."""
+        ids = _key(ids, extended) | np.array([self._buses.setdefault(b, len(self._buses)) for b in buses]) << BUS
         seen, order = np.unique(ids), np.argsort(ids, kind="stable")
         bounds = [*np.searchsorted(ids[order], seen).tolist(), len(ids)]
-        for k, identifier in enumerate(seen.tolist()):
-            kept = self._kept.get(identifier) or self._new(identifier)
+        for k, key in enumerate(seen.tolist()):
+            kept = self._kept.get(key) or self._new(key)
             if kept is None:
                 continue
             rows = order[bounds[k] : bounds[k + 1]]
@@ -85,36 +87,43 @@ class Bus:
                 kept.value[s.name].extend(value)
         self._count += len(ids)
 
-    def _new(self, identifier: int) -> _Kept | None:
-        message = self._messages.get(identifier)
+    def _new(self, key: int) -> _Kept | None:
+        message = self._messages.get(key & ((1 << BUS) - 1))
         if message is None:
-            self._unknown.add(identifier)
+            self._unknown.add(key & IDENTIFIER)
             return None
         wanted = self._how.wanted
         signals = [s for s in message.signals if not wanted or wanted(s.name) or wanted(f"{message.name}.{s.name}")]
-        self._kept[identifier] = _Kept(message, signals)
-        return self._kept[identifier]
+        self._kept[key] = _Kept(message, signals)
+        return self._kept[key]
 
     def channels(self, time: np.ndarray, keep: np.ndarray | None, notes: list[str]) -> dict[str, Channel]:
         """Signals by message.signal, s and physical units. Values that the database calls invalid stay. `time`: of the frames that
         are kept, in the order of the file; `keep`: which those are, (frames,); None: all, and they are put in order of time."""
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
-        for identifier in sorted(self._kept):
-            kept = self._kept[identifier]
+        bus = list(self._buses)  # the lowest first, whichever sent first in this log
+        for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS]), bus[k >> BUS], k)):
+            kept = self._kept[key]
+            again = ""
             clocks: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray | slice]] = {}
             for s in kept.signals:
                 if s.name not in kept.value:
                     continue
-                key = _pattern(s)
-                if key not in clocks:
-                    clocks[key] = self._clock(kept.frames[key].array().astype(np.int64), time, keep, place)
-                    same = next((c for c, _ in clocks.values() if np.array_equal(c, clocks[key][0])), clocks[key][0])
-                    clocks[key] = same, clocks[key][1]
-                at, chosen = clocks[key]
+                frames = _pattern(s)
+                if frames not in clocks:
+                    clocks[frames] = self._clock(kept.frames[frames].array().astype(np.int64), time, keep, place)
+                    same = next((c for c, _ in clocks.values() if np.array_equal(c, clocks[frames][0])), clocks[frames][0])
+                    clocks[frames] = same, clocks[frames][1]
+                at, chosen = clocks[frames]
                 value = kept.value[s.name].array()[chosen]
-                name = f"{kept.message.name}.{s.name}"
+                plain = f"{kept.message.name}.{s.name}"
+                name = unused(plain, channels)
+                again = name if name != plain else again
                 channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200])
+            if again:
+                notes.append(f"message {kept.message.name} is there more than once: signals of {key & IDENTIFIER:#x} on bus "
+                             f"{bus[key >> BUS]} are called as {again}")  # fmt: skip
         unknown = [f"{i:#x}" for i in sorted(self._unknown)]
         if not channels and not self._how.wanted:
             raise UserError(
@@ -149,8 +158,14 @@ def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:
         except Exception as error:  # its parsers raise what they like
             raise UserError(f"{p}: is no database of a bus that can be read: {str(error).splitlines()[0][:150]}") from None
         for message in getattr(database, "messages", []):
-            messages.setdefault(message.frame_id & EXTENDED, message)
+            messages.setdefault(_key(message.frame_id, message.is_extended_frame), message)
     return messages
+
+
+def _key(identifier: Any, extended: Any) -> Any:
+    """Standard and extended identifiers are apart; whatever a log or database calls it, one of more than 11 bits is extended."""
+    identifier = identifier & IDENTIFIER
+    return identifier | (extended | (identifier > LONGEST_STANDARD)) << EXTENDED
 
 
 def _pattern(s: Any) -> tuple[object, ...]:
@@ -237,7 +252,10 @@ def _table(path: Path, can: Any, bus: Bus) -> Iterator[Any]:
         ident = next(i for i, n in enumerate(names) if n in IDENTIFIERS)
         one = next((i for i, n in enumerate(names) if n == "data"), None)
         each = [i for i, n in enumerate(names) if re.fullmatch(r"(d|byte_?|data_?)\d", n)]
-        length = next((i for i, n in enumerate(names) if n in ("len", "dlc", "length")), None)
+        length, extended, bus_ = (
+            next((i for i, n in enumerate(names) if n in known), None)
+            for known in (("len", "dlc", "length"), ("extended", "is_extended_id", "ide"), ("bus", "channel"))
+        )
         begin = [row for row, _ in zip(rows, range(FIRST), strict=False) if len(row) > max(time, ident)]
         decimal = _decimal({row[ident].strip() for row in begin}, bus)
         whole = all(re.fullmatch(r"\d+", row[time].strip()) for row in begin)
@@ -253,7 +271,8 @@ def _table(path: Path, can: Any, bus: Bus) -> Iterator[Any]:
             stamp = row[time].strip().replace(",", ".")
             yield can.Message(timestamp=1e-6 * int(stamp) if whole else float(stamp),
                               arbitration_id=int(row[ident].strip(), 10 if decimal else 16), data=data, check=False,
-                              is_extended_id=True, is_fd=len(data) > 8)  # fmt: skip
+                              is_extended_id=extended is not None and row[extended].strip().lower() in ("true", "1"),
+                              channel=None if bus_ is None else row[bus_].strip(), is_fd=len(data) > 8)  # fmt: skip
 
 
 def _decimal(ids: set[str], bus: Bus) -> bool:
@@ -271,12 +290,14 @@ def read(path: Path, how: How) -> Recording:
     bus, times = Bus(path, databases, how), Growing()
     time: list[float] = []
     ids: list[int] = []
+    extended: list[bool] = []
+    buses: list[str] = []
     data: list[bytes] = []
 
     def decode() -> None:
         times.extend(np.array(time))
-        bus.add(np.array(ids, np.int64), data)
-        for each in (time, ids, data):
+        bus.add(np.array(ids, np.int64), np.array(extended, bool), buses, data)
+        for each in (time, ids, extended, buses, data):
             each.clear()
 
     notes: list[str] = []
@@ -299,6 +320,8 @@ def read(path: Path, how: How) -> Recording:
                 continue
             time.append(message.timestamp)
             ids.append(message.arbitration_id)
+            extended.append(message.is_extended_id)
+            buses.append(str(message.channel or 0))
             data.append(bytes(message.data))
             if len(time) == PIECE:
                 decode()

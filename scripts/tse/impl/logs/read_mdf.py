@@ -12,7 +12,7 @@ import numpy as np
 
 from tse.impl.errors import UserError
 from tse.impl.logs.read_can import Bus, databases_for
-from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, check_rows, need
+from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, check_rows, need, unused
 
 FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
 
@@ -71,13 +71,7 @@ def _plain(mdf: Any, how: How) -> dict[str, Channel]:
     often = Counter(name for name, _, _ in found)
     channels: dict[str, Channel] = {}
     for name, title, c in found:
-        full = name
-        if often[name] > 1:
-            full = f"{title}.{name}" if title else name
-            k = 2
-            while full in channels:
-                full = f"{title + '.' if title else ''}{name}#{k}"
-                k += 1
+        full = unused(f"{title}.{name}" if often[name] > 1 and title else name, channels)
         channels[full] = Channel(full, c.time, c.value, c.unit, c.text)
     return channels
 
@@ -146,5 +140,8 @@ def _of_frames(path: Path, mdf: Any, how: How, others: bool, notes: list[str]) -
                 )
                 data = [bytes(r[: int(n)]) for r, n in zip(raw, length, strict=True)]
                 times.extend(np.asarray(frame.timestamps, float))
-                bus.add(np.asarray(samples[FRAMES[1]], np.int64), data)
+                ids = np.asarray(samples[FRAMES[1]], np.int64)
+                extended = np.asarray(samples["CAN_DataFrame.IDE"], bool) if "CAN_DataFrame.IDE" in names else ids >> 31 > 0
+                channel_ = samples["CAN_DataFrame.BusChannel"] if "CAN_DataFrame.BusChannel" in names else np.zeros(len(ids), int)
+                bus.add(ids, extended, [str(b) for b in channel_], data)
     return bus.channels(times.array(), None, notes) if bus is not None else {}

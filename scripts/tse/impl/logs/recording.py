@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -161,6 +162,11 @@ class How:
     encoding: str | None = None
     header: int | None = None  # line of the names, from 1
     wanted: Callable[[str], bool] | None = None
+
+
+def unused(name: str, taken: Container[str]) -> str:
+    """A name that none has: the second of it is NAME#2."""
+    return next(n for k in itertools.count(1) if (n := f"{name}#{k}" if k > 1 else name) not in taken)
 
 
 def near(name: str, known: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import Channel, How, Later, Recording, listed, near
+from tse.impl.logs.recording import Channel, How, Later, Recording, listed, near, unused
 from tse.impl.units import factor, kind, known
 
 TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
@@ -77,13 +77,9 @@ def recording_of(path: Path, format_: str, columns: Sequence[Column], how: How, 
             continue
         if note:
             said.append(f"column {c.name}: {note}")
-        name = c.name
-        if name in channels:
-            k = 2
-            while f"{name}#{k}" in channels:
-                k += 1
-            said.append(f"column {name} appears more than once: the next one is called {name}#{k}")
-            name = f"{name}#{k}"
+        name = unused(c.name, channels)
+        if name != c.name:
+            said.append(f"column {c.name} appears more than once: the next one is called {name}")
         channels[name] = Channel(name, time, value, c.unit or unit_at_end(name), c.text)
     if skipped and not how.wanted:
         said.append(f"not numbers, not used: {listed(skipped)}")
