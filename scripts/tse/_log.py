@@ -22,6 +22,7 @@ from tse.impl.logs.log import read_log as _read_log
 from tse.impl.logs.proposal import Line, Proposal, headline, listing, propose, toml_text
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import How, Recording
+from tse.impl.logs.signals import find_signals
 from tse.impl.rows import Log as Checked
 from tse.impl.rows import Reading
 from tse.impl.vehicle import Vehicle
@@ -151,8 +152,8 @@ def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
 class Signals(Shown):
     """Which signal of a log is proposed for which channel."""
 
-    def __init__(self, recording: Recording, proposal: Proposal):
-        self._recording, self._proposal = recording, proposal
+    def __init__(self, recording: Recording, proposal: Proposal, how: How):
+        self._recording, self._proposal, self._how = recording, proposal, how
         self.missing = tuple(proposal.missing)
         """Channels for which nothing was found."""
         self.warnings = tuple(proposal.warnings)
@@ -171,14 +172,17 @@ class Signals(Shown):
     @property
     def toml(self) -> str:
         """The text of signals.toml, with what speaks for each guess as comments."""
-        return toml_text(self._recording, self._proposal)
+        return self._text(self._recording.path.parent)
+
+    def _text(self, folder: Path) -> str:
+        return toml_text(self._recording, self._proposal, self._how, folder)
 
     def write(self, path: PathLike) -> Path:
         """Write signals.toml, for read_log() and the commands; one that is there is replaced."""
         if not self._proposal.guesses:
             raise UserError(f"{self._recording.path}: nothing could be guessed, so {path} is not written")
         with atomic(Path(path)) as file:
-            file.write(self.toml)
+            file.write(self._text(Path(path).parent))
         return Path(path)
 
     def to_frame(self) -> pd.DataFrame:
@@ -201,6 +205,8 @@ class Signals(Shown):
 def signals(log: PathLike, vehicle: VehicleLike | None = None, *, databases: Sequence[PathLike] = ()) -> Signals:
     """Propose which signal of a log is which channel, by names, units and physics, as `tselab signals` does.
 
+    The log is read as [log] of the signals.toml beside it says, if there is one.
+
     Parameters
     ----------
     log
@@ -215,5 +221,6 @@ def signals(log: PathLike, vehicle: VehicleLike | None = None, *, databases: Seq
     Signals
         Look through `words`, `write()` it beside the log, and correct what is wrong.
     """
-    recording = read_recording(Path(log), How(databases=tuple(map(Path, databases))))
-    return Signals(recording, propose(recording, None if vehicle is None else read_vehicle(vehicle)))
+    _, how = find_signals(Path(log), None, tuple(map(Path, databases)))
+    recording = read_recording(Path(log), how)
+    return Signals(recording, propose(recording, None if vehicle is None else read_vehicle(vehicle)), how)

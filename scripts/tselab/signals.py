@@ -58,9 +58,7 @@ def signals(
     from tse.impl.files import atomic, check_writable
     from tse.impl.logs.proposal import listing, propose, toml_text
     from tse.impl.logs.readers import read_recording
-    from tse.impl.logs.recording import How
-    from tse.impl.logs.signals import read_signals
-    from tse.impl.rows import beside_of
+    from tse.impl.logs.signals import find_signals
     from tse.impl.vehicle import read_vehicle
 
     if out is not None:
@@ -68,11 +66,7 @@ def signals(
         if out.exists():
             raise UserError(f"{out}: is there already: remove it first, or name another file")
     car = read_vehicle(vehicle_path) if vehicle_path is not None else None
-    beside = beside_of(log_path)
-    how = How(databases=databases)
-    if beside is not None and out is None:
-        said = read_signals(beside).how  # how the file is read is a matter of the user
-        how = How(**{**vars(said), "databases": (*databases, *said.databases)})
+    _, how = find_signals(log_path, None, databases)
     recording = read_recording(log_path, how)
     proposal = propose(recording, car)
     lines = listing(recording, proposal)
@@ -86,7 +80,7 @@ def signals(
                 f"{log_path}: nothing could be guessed, so {out} is not written: write it by hand, see 'tselab estimate --help'"
             )
         with atomic(out) as file:
-            file.write(toml_text(recording, proposal, databases, out.parent))
+            file.write(toml_text(recording, proposal, how, out.parent))
         click.echo(f"Written to {out}", err=as_json)
     return 3 if proposal.missing else 0
 

@@ -13,6 +13,8 @@ import pytest
 
 import tse
 from conftest import tselab_here
+from tse.impl.logs.recording import How
+from tse.impl.logs.signals import read_signals
 from tse.impl.report import figures_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,6 +97,18 @@ def test_signals_are_proposed_and_read_back(folder, tmp_path):
     (tmp_path / "none.csv").write_text("time,a\n0,1\n0.01,2\n0.02,1\n")
     with pytest.raises(tse.Error, match="nothing could be guessed"):
         tse.signals(tmp_path / "none.csv").write(tmp_path / "none.toml")
+
+
+def test_a_log_is_proposed_as_the_file_beside_it_says_and_what_is_written_says_it_too(folder, tmp_path):
+    pd.read_csv(folder / "log.csv").drop(columns="time").to_csv(tmp_path / "log.csv", index=False, sep=";")
+    (tmp_path / "signals.toml").write_text('[log]\nstep = 0.01\nseparator = ";"\n[signals.steer_angle]\nname = "steer_angle"\n')
+    made = tse.signals(tmp_path / "log.csv", CAR, databases=[tmp_path / "car.dbc"]).write(tmp_path / "api.toml")
+    done = tselab_here("signals", "log.csv", "--vehicle", folder / "car.toml", "--database", "car.dbc", "--write", "command.toml",
+                       cwd=tmp_path)  # fmt: skip
+    assert done.code == 0, done.err
+    wanted = How((tmp_path / "car.dbc",), step=0.01, separator=";")
+    assert read_signals(made).how == read_signals(tmp_path / "command.toml").how == wanted
+    assert len(tse.read_log(tmp_path / "log.csv", CAR, signals=made)) == len(pd.read_csv(folder / "log.csv"))
 
 
 def test_a_replay_is_the_car_without_noise(folder, tmp_path):

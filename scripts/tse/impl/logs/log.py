@@ -19,8 +19,8 @@ from tse.impl.errors import NoFile, UserError
 from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import How, Recording, listed
-from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, known_channels, read_signals
+from tse.impl.logs.recording import Recording, listed
+from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
 from tse.impl.logs.table import Column, seconds
 from tse.impl.rows import (
     FEW_OUTSIDE,
@@ -334,10 +334,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     """A log of any format. UserError: what is missing, and what helps."""
     if reading.rate is not None and not SLOWEST <= reading.rate <= FASTEST:
         raise UserError(f"option --rate: {reading.rate:g} is outside its range {SLOWEST:g} .. {FASTEST:g} Hz")
-    file = reading.signals or beside_of(path)
-    signals = read_signals(file) if file is not None else None
-    how = signals.how if signals is not None else How()
-    how = replace(how, databases=(*reading.databases, *how.databases))
+    signals, how = find_signals(path, reading.signals, reading.databases)
     recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
         recording = read_recording(path, how)  # with all names, to say which is meant

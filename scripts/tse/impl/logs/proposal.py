@@ -12,7 +12,7 @@ from tse.impl.logs.guesses import make_guesses
 from tse.impl.logs.look import Guess, Look, Proposal, counted, find_companions
 from tse.impl.logs.mapping import Series
 from tse.impl.logs.raster import entries, rate_of
-from tse.impl.logs.recording import Channel, Recording
+from tse.impl.logs.recording import Channel, How, Recording
 from tse.impl.logs.scales import find_units
 from tse.impl.logs.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
 
@@ -55,14 +55,16 @@ def headline(g: Guess) -> str:
     return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
 
 
-def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, ...] = (), folder: Path = Path()) -> str:
-    """signals.toml, with what speaks for each guess as comments."""
+def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()) -> str:
+    """signals.toml, with what speaks for each guess as comments. `how`: the log was read; `folder`: of the file."""
     lines = [
         f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. Look through, and edit."
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
-    if databases:
-        lines += ["", "[log]", f"databases = {json.dumps([_relative(p, folder) for p in databases], ensure_ascii=False)}"]
+    said = {k: v for k, v in vars(how or How()).items() if v and k != "wanted"}
+    if "databases" in said:
+        said["databases"] = [_relative(p, folder) for p in said["databases"]]
+    lines += ["", "[log]", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in said.items())] if said else []
     for g in proposal.guesses:
         name = json.dumps(list(g.name) if len(g.name) > 1 else g.name[0], ensure_ascii=False)
         lines += ["", f"[signals.{g.channel}]  # {g.confidence}", *(f"# {f}" for f in g.figures), f"name = {name}"]

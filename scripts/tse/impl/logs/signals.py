@@ -1,8 +1,8 @@
 """signals.toml: which signal of a log is which channel, in which unit, with which sign, ratio and latency. Read and checked."""
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from tse.impl.core import library
 from tse.impl.errors import UserError
 from tse.impl.files import read_toml
 from tse.impl.logs.recording import How
-from tse.impl.rows import OPTIONAL, SIDES
+from tse.impl.rows import OPTIONAL, SIDES, beside_of
 from tse.impl.units import factor, quantity
 
 SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
@@ -89,6 +89,15 @@ class Signals:
             if n
         }
         return name in names or any(n.endswith((f".{name}", f"/{name}")) or name.endswith((f".{n}", f"/{n}")) for n in names)
+
+
+def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tuple[Signals | None, How]:
+    """The signals.toml of a log, that which was named or the one beside it, and how the log is read: [log] of it, and these
+    databases before those that it names."""
+    file = file or beside_of(log)
+    signals = read_signals(file) if file is not None else None
+    how = signals.how if signals is not None else How()
+    return signals, replace(how, databases=(*databases, *how.databases))
 
 
 def known_channels() -> list[str]:
