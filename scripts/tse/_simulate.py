@@ -71,8 +71,9 @@ def simulate(
     for name, value in (settings or {}).items():
         (sim if name in sim else config).set(name, value)
     plan = maneuvers.build(
-        maneuver, config, sample_time=config.sample_time, duration=duration, speed=speed, amplitude=amplitude,
-        road=list(road_changes), seed=seed,
+        maneuver, config, sample_time=config.sample_time, duration=duration,
+        speed=sim.speed if speed is None and "speed" in (settings or {}) else speed,
+        amplitude=amplitude, road=list(road_changes), seed=int(sim.seed),
     )  # fmt: skip
     done = _simulate(plan, config, sim, car.driven_axle)
     return Simulated(done.log, done.truth)

@@ -79,7 +79,8 @@ def simulate(
             check_writable(path)
     vehicle = read_vehicle(vehicle_path) if vehicle_path else default_vehicle()
     config, sim_config = Config(vehicle.values), SimConfig()
-    for key, value in key_values(pairs).items():
+    settings = key_values(pairs)
+    for key, value in settings.items():
         (sim_config if key in sim_config else config).set(key, value, source="option --set")
     for key, value in (("seed", seed), ("noise", noise), *((f"spread_{s}", spread) for s in STIFFNESS)):
         if value is not None:
@@ -96,7 +97,7 @@ def simulate(
         check_range("amplitude", abs(amplitude), 0.0, 1.2, "rad")
     plan = maneuvers.build(
         maneuver, config, sample_time=config.sample_time, duration=duration,
-        speed=sim_config.speed if speed is None and any(p.startswith("speed=") for p in pairs) else speed,
+        speed=sim_config.speed if speed is None and "speed" in settings else speed,
         amplitude=amplitude, road=_road_changes(road_change), seed=sim_config.seed,
     )  # fmt: skip
     result = run(plan, config, sim_config, vehicle.driven_axle, show_progress(progress))

@@ -375,6 +375,12 @@ def test_simulated_logs_are_the_commands(tmp_path):
     pd.testing.assert_frame_equal(log, want, check_exact=True)
 
 
+def test_speed_and_seed_among_the_settings_of_a_simulation_are_the_manoeuvres():
+    found = tse.simulate("double-lane-change", duration=1, settings={"speed": 25.0, "seed": 3})
+    assert found.truth["true_vel_x"].iloc[0] == pytest.approx(25.0, abs=0.2)
+    pd.testing.assert_frame_equal(found.log, tse.simulate("double-lane-change", duration=1, speed=25.0, seed=3).log)
+
+
 def test_a_filter_for_rows_needs_numpy_alone(drive):
     """As in a place where nothing else is installed."""
     code = f"""
