@@ -325,6 +325,14 @@ def test_a_gap_of_all_channels_is_no_rows():
     assert np.diff(rows.time).max() == pytest.approx(4.0, abs=0.15) and (np.diff(rows.time) > 0.02).sum() == 1
 
 
+@pytest.mark.parametrize("count", [0, 1])
+def test_channels_of_one_entry_are_a_row_and_of_none_no_row(count):
+    found = {n: Series(n, s.time[:count] + 1e-3 * k, s.value[:count], 0.01) for k, (n, s) in enumerate(table().items())}
+    rows = on_raster(found, None)
+    assert len(rows.time) == count
+    assert {n: x.tolist() for n, x in rows.value.items()} == {n: s.value.tolist() for n, s in found.items()}
+
+
 @pytest.mark.parametrize("rate", [10.0, 50.0, 1000.0])
 def test_any_rate(rate):
     rows = on_raster(table(), rate)

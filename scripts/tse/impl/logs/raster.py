@@ -98,9 +98,9 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     """A channel with entries x at t, (entries,), at other times, (rows,), that come `rate` a second: low-passed where they are
     fewer, by cubic splines where they are more; NaN in gaps and before and after."""
     out = np.full(len(time), np.nan)
-    if len(t) < 2:
+    if not len(t):
         return out
-    usual = float(np.median(np.diff(t)))
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else 1.0 / rate
     longest = min(max(GAP_STEPS * usual, SHORTEST_GAP), max(LONGEST_GAP, 2.5 * usual))
     cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > longest), len(t)))
     margin = 0.5 * usual
@@ -203,9 +203,11 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
 def _times(
     own: Mapping[str, tuple[np.ndarray, np.ndarray]], rates: Mapping[str, float], core: list[str], rate: float
 ) -> np.ndarray:
-    """Rows from where the driver's channels begin to where the first of them ends, on the beat of the clock: the gyro, if it
-    can."""
+    """Rows from where the driver's channels begin to where the first of them ends, on the beat of the clock: the gyro, if it can.
+    None where no channel has an entry."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
+    if not spans:
+        return np.zeros(0)
     drives = {n: s for n, s in spans.items() if _axle(n) in DRIVES} or spans
     first, last = max(s[0] for s in drives.values()), min(s[1] for s in drives.values())
     if last <= first:
