@@ -341,6 +341,13 @@ def test_a_table_may_be_called_log(tmp_path):
     assert read_recording(path).channels["speed"].value[-1] == 8
 
 
+def test_a_decimal_comma_that_comes_late_is_one(tmp_path):
+    """The car stands at first: whole numbers."""
+    rows = [f"{i};{'0' if i < 500 else f'{i},5'}" for i in range(600)]
+    (tmp_path / "drive.csv").write_text("time;speed\n" + "\n".join(rows) + "\n")
+    assert read_recording(tmp_path / "drive.csv").channels["speed"].value[[499, 500, 599]].tolist() == [0, 500.5, 599.5]
+
+
 def test_a_database_of_frames_is_no_bag(tmp_path):
     pytest.importorskip("rosbags", reason="rosbags is not installed: scripts/setup.sh logs")
     path = tmp_path / "drive.db"

@@ -2,6 +2,7 @@
 
 import csv
 import functools
+import itertools
 import re
 import warnings
 from collections import Counter
@@ -44,7 +45,12 @@ def read(path: Path, how: How) -> Recording:
     header, units, first = _layout(path, cells, how, separator)
     width = len(cells[first]) if first < len(cells) else 0
     names = _names(path, cells[header] if header is not None else None, width, lines, header)
-    decimal = how.decimal or _decimal(cells[first:], separator)
+    decimal = how.decimal or _decimal(cells[first:])
+    if decimal is None and separator != ",":  # whole numbers as far as was looked: a car that stands
+        with open(path, encoding=encoding, errors=errors, newline="") as file:
+            further = (_decimal([_cells(x, separator)]) for x in itertools.islice(file, first, None) if "," in x or "." in x)
+            decimal = next(filter(None, further), None)
+    decimal = decimal or "."
     table = _Table(path, encoding, errors, {
         "sep": r"\s+" if separator == " " else separator, "decimal": decimal, "names": range(len(names)), "header": None,
         "skiprows": first, "index_col": False, "skipinitialspace": True, "low_memory": False, "skip_blank_lines": True,
@@ -237,10 +243,8 @@ def _names(path: Path, cells: list[str] | None, width: int, lines: list[str], he
     return [c.strip().strip('"') for c in cells[: max(width, 1)]]
 
 
-def _decimal(rows: list[list[str]], separator: str) -> str:
-    """A comma, where cells are numbers with one and none with a point."""
-    if separator == "," and not any("," in c for r in rows for c in r):
-        return "."
+def _decimal(rows: list[list[str]]) -> str | None:
+    """A comma, where cells are numbers with one and none with a point; None: of neither."""
     comma = sum(bool(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
     point = sum(bool(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
-    return "," if comma > point else "."
+    return "," if comma > point else "." if point else None
