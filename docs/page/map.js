@@ -3,8 +3,8 @@
 
 // The unit of a spelling as tselab has it, or null.
 function unitOf(text) {
-  const plain = text.trim().replace(/^[[(\s]+|[\])\s]+$/g, "").replace(/\s+/g, "").toLowerCase();
-  return plain in PAGE.spelt ? plain : null;
+  const plain = text.trim().replace(/^[[(\s]+|[\])\s]+$/g, "").replace(/\s+/g, "");
+  return [plain, plain.toLowerCase()].find((p) => p in PAGE.spelt) ?? null;
 }
 
 // How much SI of a channel one `unit` is; wheel speeds: also of a speed, by the radius of the wheel. null: none of it.

@@ -12,6 +12,7 @@ from conftest import tselab_here
 from tests.cars.logs import make_logs
 from tse.impl.logs.proposal import Proposal, propose
 from tse.impl.logs.recording import Channel, Recording
+from tse.impl.units import factor
 
 DEG, G = 180 / np.pi, 9.80665
 STEER = ["SteeringWheelAngle", "Steering_Wheel_Angle", "StrgWhlAng", "SWA", "LWI_Lenkradwinkel", "LRW", "Lenkradwinkel",
@@ -147,8 +148,6 @@ def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
 
 def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
     """What a proposal has wrong: names, units by more than 1 %, signs, the ratio by more than 15 %."""
-    from tse.impl.units import factor
-
     found = []
     for channel, names in scheme.names.items():
         g = proposal[channel]
@@ -253,6 +252,15 @@ def test_what_the_log_cannot_test_is_unsure(drive):
     found = proposed(straight.time, {**named(straight), **wheels, "accel_y": straight.accel_y})
     assert "sure" not in {found[c].confidence for c in ("accel_y", "yaw_rate", "steer_angle") if found[c]}
     assert all(found[c].unsure for c in ("accel_y", "yaw_rate", "steer_angle") if found[c])
+
+
+@pytest.mark.parametrize(("unit", "si", "per"), [
+    ("kN", "m/s", None), ("kN", "rad/s", None), ("kn", "m/s", 0.514444), ("KM/H", "m/s", 1 / 3.6), ("S", "s", 1.0),
+    ("Hz", "rad/s", 2 * np.pi), ("rev/s", "rad/s", 2 * np.pi), ("1/s", "rad/s", 1.0),
+    ("%", "rad", None), ("%", "1", 0.01), ("mrad", "rad", 1e-3), ("turn", "rad", 2 * np.pi), ("-", "rad", 1.0),
+])  # fmt: skip
+def test_a_unit_is_what_its_spelling_means(unit, si, per):
+    assert factor(unit, si, 0.3) == (per if per is None else pytest.approx(per, rel=1e-5))
 
 
 def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):

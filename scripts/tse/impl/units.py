@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     import pint
 
 
-# Spellings that pint does not know, or takes for something else; lower case, without blanks. Dots of products are left to pint.
+# Spellings that pint does not know, or takes for something else; without blanks, and in lower case where nothing else is spelt
+# so: S and MS are times, kN no knot. Hz is of wheels: turns. Dots of products are left to pint.
 SPELT = {
     "": "1", "-": "1", "1": "1", "none": "1", "unitless": "1", "n/a": "1", "null": "1",
     "rad": "rad", "radian": "rad", "radians": "rad", "deg": "degree", "°": "degree", "º": "degree", "grad": "degree",
@@ -20,6 +21,7 @@ SPELT = {
     "unit_degreofarcperseco": "degree/s", "unit_degreofarcpersecon": "degree/s",
     "\ufffd/s": "degree/s", "deg_per_s": "degree/s", "degree/second": "degree/s", "degrees/s": "degree/s",
     "rad/s": "rad/s", "1/s": "rad/s", "s^-1": "rad/s", "rad/sec": "rad/s", "radps": "rad/s", "rps": "turn/s", "u/s": "turn/s",
+    "hz": "turn/s", "rev/s": "turn/s",
     "rpm": "turn/min", "1/min": "turn/min", "u/min": "turn/min", "min^-1": "turn/min", "rev/min": "turn/min",
     "unit_minutinvers": "turn/min",
     "km/h": "km/h", "kmh": "km/h", "kph": "km/h", "km/hr": "km/h", "unit_kilometerperhour": "km/h", "unit_kilomperhour": "km/h",
@@ -33,7 +35,7 @@ SPELT = {
     "unit_gravityacceleration": "standard_gravity", "unit_forceofgravi": "standard_gravity", "mg": "0.001*standard_gravity",
     "s": "s", "sec": "s", "seconds": "s", "sek": "s", "ms": "ms", "msec": "ms", "us": "us", "µs": "us", "ns": "ns", "usec": "us",
     "nm": "N*m", "n*m": "N*m", "n.m": "N*m", "n·m": "N*m", "knm": "kN*m", "unit_newtonmeter": "N*m", "unit_newtometer": "N*m",
-    "%": "percent",
+    "%": "percent", "kN": "kN",
 }  # fmt: skip
 
 
@@ -52,7 +54,8 @@ def registry() -> pint.UnitRegistry:
 def quantity(unit: str) -> pint.Quantity | None:
     """A unit as it is spelt in a log, as a quantity; None where nobody knows it."""
     text = unit.strip().strip("[]()").strip()
-    plain = SPELT.get(re.sub(r"\s+", "", text).lower())
+    compact = re.sub(r"\s+", "", text)
+    plain = SPELT.get(compact) or SPELT.get(compact.lower())
     if plain is None and not _PLAIN.fullmatch(text):
         return None
     try:
@@ -79,6 +82,8 @@ def factor(unit: str, wanted: str, radius: float | None = None) -> float | None:
         return None
     if not found.is_compatible_with(target) or (found.unitless and wanted not in ("rad", "1")):
         return None
+    if wanted == "rad" and kind(unit) not in ("", "angle"):  # a slope in %
+        return None
     return float(found.to(target.units).magnitude)
 
 
@@ -100,5 +105,5 @@ def kind(unit: str) -> str:
         return "rate"
     if dims == "dimensionless":
         return "" if found.units == registry().dimensionless and found.magnitude == 1.0 else (
-            "angle" if str(found.units) in ("radian", "degree") else "other")  # fmt: skip
+            "angle" if str(found.to_root_units().units) == "radian" else "other")  # fmt: skip
     return "other"
