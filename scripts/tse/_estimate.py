@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from tse._base import Array
-from tse._filter import UNKNOWN_AGE, Filter, Form, check_effect, check_form
+from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
 from tse._log import Log, LogLike, checked
 from tse._shown import Shown, drawn
 from tse._tables import STIFFNESS
@@ -238,7 +238,6 @@ def estimate(
     itself = Calibrate() if calibrate and learnt is None else None
     car = read_vehicle(vehicle)
     ready = assemble(car, checked(log, car), None, average, {}, form, settings or {}, "settings", calibrate=itself)
-    check_effect(settings or {}, ready.config)
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before, contradicted=bool(ready.warnings))
     if contradicts(ready, done.table):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import re
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -14,14 +13,12 @@ from tse._tables import CHANNELS, Estimate, Row, Status
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.errors import InputError
 from tse.impl import core
-from tse.impl.config import make_config, set_sampling
+from tse.impl.config import check_effect, make_config, set_sampling
 from tse.impl.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
 from tse.impl.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf
-
-OF_FORM = re.compile(r"form ([01])$")  # how the text of a setting of one filter ends
 
 
 class Filter:
@@ -248,15 +245,6 @@ def check_form(form: Any) -> None:
     forms = get_args(Form)
     if form not in forms:
         raise core.SettingError(f"form = {form!r} is not known; allowed: {', '.join(forms)}")
-
-
-def check_effect(settings: Mapping[str, float], config: core.Config) -> None:
-    """SettingError: one of them is not its default, and the other filter's: it would do nothing."""
-    for name in config.changed().keys() & settings.keys():
-        of = OF_FORM.search(config.fields[name].text)
-        if of and int(of[1]) != int(config.form):
-            forms = ("default", "robust or paper")
-            raise core.SettingError(f"{name} has no effect with this form: it is a setting of form {forms[int(of[1])]}")
 
 
 def _sample_time(value: Any) -> float:

@@ -224,6 +224,8 @@ def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
         (["--particles", "1000000"], ["option --particles", "16 .. "]),
         (["--forgetting", "1.5"], ["option --forgetting", FORGETTING]),
         (["--seed", "-1"], ["option --seed", "0 .. "]),
+        (["--seed", "2"], ["seed has no effect with this form"]),
+        (["--set", "particles=64"], ["particles has no effect", "form robust or paper"]),
         (["--set", "mass"], ["option --set", "KEY=NUMBER"]),
         (["--set", "integrate=1"], ["option --set", "did you mean integration"]),
     ],

@@ -35,7 +35,7 @@ LATER_COLUMNS = [
 @pytest.fixture(scope="module")
 def result(drive, tmp_path_factory):
     folder = tmp_path_factory.mktemp("estimate")
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--particles", 200, cwd=folder)
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, cwd=folder)
     assert done.code == 0, done.err
     return done, pd.read_csv(folder / "log.est.csv")
 
@@ -174,7 +174,7 @@ def test_missing_cells_are_counted_and_bridged(drive, tmp_path):
     table.loc[500:504, "steer_angle"] = ""
     table.loc[700, "accel_x"] = "99"
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     assert "accel_y: 20 of 2001 cells are missing" in done.err and "line 102" in done.err
     assert "yaw_rate: 10 of 2001" in done.err
@@ -191,7 +191,7 @@ def test_irregular_sampling_is_followed_and_reported(drive, tmp_path):
     keep = rng.random(len(table)) > 0.3
     keep[1000:1100] = False
     table[keep].to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     assert "irregular sampling" in done.err and "1 gap longer than" in done.err
     est = pd.read_csv(tmp_path / "log.est.csv")
@@ -201,7 +201,7 @@ def test_irregular_sampling_is_followed_and_reported(drive, tmp_path):
 
 def test_slow_log_of_20_hz_is_handled(drive, tmp_path):
     drive.table().iloc[::5].to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, "--forgetting", 0.97, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     assert "every 50 ms" in done.out
     assert (pd.read_csv(tmp_path / "log.est.csv")[list(STIFFNESS)] > 0).all(axis=None)
@@ -254,7 +254,7 @@ def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_p
     table["ref_note"] = "text"
     text = table[table.columns[::-1]].to_csv(index=False)
     (tmp_path / "log.csv").write_text("\ufeff" + text + "\n\n", encoding="utf-8")
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code in RAN, done.err
     assert "ref_note is not numeric" in done.err
     assert len(pd.read_csv(tmp_path / "log.est.csv")) == 300
@@ -287,7 +287,7 @@ def turned(drive, tmp_path):
     table = drive.table()
     table.loc[50:59, "steer_angle"] = "0.8"
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     return done, pd.read_csv(tmp_path / "log.est.csv")
 
 
@@ -449,7 +449,7 @@ def test_one_file_may_be_loaded_and_replaced(first):
 def test_sensors_filled_in_from_another_log_and_other_filter_settings_do_not_matter(first):
     lines = (first / "car.toml").read_text().split("[sensors]")[0]
     (first / "bare.toml").write_text(lines)
-    done = tselab_here("estimate", "second.csv", "--vehicle", "bare.toml", "--particles", 64, "--seed", 9, "--load-learnt",
+    done = tselab_here("estimate", "second.csv", "--vehicle", "bare.toml", "--set", "max_gap=0.3", "--load-learnt",
                   "default.tse", "--age", 1, cwd=first)  # fmt: skip
     assert done.code == 0, done.err
 

@@ -101,7 +101,7 @@ def test_improved_vehicle_is_the_users_with_stiffness_and_effect(case):
 
 def test_improved_vehicle_estimates_and_simulates(case):
     improved = case.out / "vehicle_improved.toml"
-    est = tselab("estimate", case.held, "--vehicle", improved, "--particles", 50, "--out", case.folder / "e.csv")
+    est = tselab("estimate", case.held, "--vehicle", improved, "--out", case.folder / "e.csv")
     assert est.code in RAN, est.err
     sim = tselab("simulate", "--maneuver", "step-steer", "--duration", 1, "--vehicle", improved, "--out", case.folder / "s.csv")
     assert sim.code == 0, sim.err

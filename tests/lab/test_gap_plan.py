@@ -137,4 +137,4 @@ def test_column_in_other_units_is_not_used_and_the_log_is_not_refused(folder, ve
     table.to_csv(path, index=False)
     log = read_log(path)
     assert log.extra.empty and any("divide by 3.6" in n for n in log.notes)
-    assert tselab_here("estimate", path, "--vehicle", vehicle, "--particles", 50, "--out", folder / "kmh.est.csv").code in RAN
+    assert tselab_here("estimate", path, "--vehicle", vehicle, "--out", folder / "kmh.est.csv").code in RAN

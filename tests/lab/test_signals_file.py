@@ -306,7 +306,7 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     table = pd.read_csv(lively)
     table["accel_y"] /= 9.81
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 32, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 4 and "warning: check the units: accel_y is in g" in done.err
     strict = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path)
     assert strict.code == 2 and "option --strict: check the units: accel_y is in g" in strict.err

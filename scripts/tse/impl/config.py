@@ -1,6 +1,7 @@
 """The settings of a run: defaults, then the vehicle file, then the log's sampling, then --config, then options."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
 # Effects that the car's filter does not apply (src/EQUATIONS.md, "In the default filter"); nor the formula of the user.
 NOT_IN_FILTER = ("steering_delay", "imu_delay", "longitudinal_relaxation", "combined_slip", "stiffness_drift", "crosswind")
+OF_FORM = re.compile(r"form ([01])$")  # how the text of a setting of one filter ends
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; longitudinal stiffness is not "
     "estimated"
@@ -75,6 +77,15 @@ def make_config(
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
     _check_optional(config, log)
     return config, notes
+
+
+def check_effect(names: Collection[str], config: Config) -> None:
+    """SettingError: one of them is not its default, and the other filter's: it would do nothing."""
+    for name in config.changed().keys() & set(names):
+        of = OF_FORM.search(config.fields[name].text)
+        if of and int(of[1]) != int(config.form):
+            forms = ("default", "robust or paper")
+            raise SettingError(f"{name} has no effect with this form: it is a setting of form {forms[int(of[1])]}")
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from tse.impl import regimes
 from tse.impl.calibrate.own import STOPPED, Own, calibrated, of_class, uncalibrated
-from tse.impl.config import make_config
+from tse.impl.config import check_effect, make_config
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, Learnt, estimate_to
@@ -91,6 +91,7 @@ def assemble(
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
         config.set(key, value, source=source)
+    check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
