@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import io
 import os
 import sys
 import traceback
@@ -82,6 +83,8 @@ def main() -> None:
     """Run; turn every failure into a short message and an exit code: 2 the user's, 1 ours, 130 Ctrl-C."""
     debug = "--debug" in sys.argv[1:]
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a car may have a name that this terminal has no letters for
     try:
         code = cli.main(standalone_mode=False)
         sys.stdout.flush()

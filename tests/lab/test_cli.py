@@ -63,6 +63,15 @@ def test_internal_error_is_one_paragraph_and_exit_1(monkeypatch, capsys):
         assert ("Traceback" in capsys.readouterr().err) == traceback
 
 
+def test_a_terminal_without_the_letters_of_a_name_gets_their_numbers(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "cp1252")
+    keys = {"mass": 1900, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
+    text = "\n".join(['name = "\u4e1c\u98ce"', *(f"{k} = {v}" for k, v in keys.items())])
+    (tmp_path / "car.toml").write_text(text, encoding="utf-8")
+    done = tselab("vehicle", "car.toml", cwd=tmp_path)
+    assert done.code == 0 and done.out.startswith(r"car.toml: \u4e1c\u98ce"), done.err
+
+
 def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
     done = tselab("demo", "--out", "demo", cwd=tmp_path)
     assert done.code == 0, done.err
