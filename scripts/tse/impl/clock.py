@@ -66,31 +66,27 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
 
 def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
     """Times that never fall, entries that are late, and where the clock was set back: when, by how much."""
-    t = t.copy()
-    late = np.zeros(len(t), bool)
+    late, added = np.zeros(len(t), bool), np.zeros(len(t))
     sets: list[tuple[float, float]] = []
-    i = 1
-    highest = t[0]
+    falls = np.append(np.flatnonzero(np.diff(t) < 0) + 1, len(t))
+    highest, shift = float(t[0]), 0.0  # what is added from here on
+    i = 0
     while i < len(t):
-        if t[i] >= highest:
-            rest = np.flatnonzero(t[i:] < np.maximum.accumulate(np.concatenate([[highest], t[i:-1]])))
-            if not len(rest):
-                break
-            highest = float(t[i : i + rest[0]].max(initial=highest))
-            i += int(rest[0])
+        if t[i] + shift >= highest:
+            i = int(falls[np.searchsorted(falls, i, side="right")])
+            highest = float(t[i - 1]) + shift
             continue
-        back = highest - t[i]
-        ahead = t[i + 1 : i + 1 + LATE_ROWS]
-        again = np.flatnonzero(ahead > highest)
-        if back <= LATE_TIME and len(again) and again[0] < LATE_ROWS // 2 and back > 0:
+        back = highest - float(t[i]) - shift
+        again = np.flatnonzero(t[i + 1 : i + 1 + LATE_ROWS] + shift > highest)
+        if back <= LATE_TIME and len(again) and again[0] < LATE_ROWS // 2:
             late[i] = True
-            i += 1
-            continue
-        sets.append((float(highest), float(back)))
-        t[i:] += back + usual
-        highest = float(t[i])
+        else:
+            sets.append((highest, back))
+            added[i] = back + usual
+            shift += added[i]
+            highest = float(t[i]) + shift
         i += 1
-    return t, late, sets
+    return t + np.cumsum(added), late, sets
 
 
 def _spread(t: np.ndarray) -> np.ndarray:
