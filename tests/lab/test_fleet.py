@@ -197,6 +197,10 @@ def test_which_car_a_log_is_of(logs, tmp_path):
     (tmp_path / "two.csv").write_text(f"log,vehicle\n{rows}")
     two = drives([str(logs / "logs")], None, tmp_path / "two.csv", None, tmp_path)
     assert {d.car for d in two} == {"golf/vehicle", "up/vehicle"}
+    odd = tmp_path / "[x] #1"  # above the table, and in it
+    shutil.copytree(logs / "logs" / "golf", odd / "#2")
+    (odd / "cars.csv").write_text("# mine\nlog,vehicle,car\n./#2/*.csv,../golf/vehicle.toml,GO #3\n")
+    assert {d.car for d in drives([str(odd)], None, odd / "cars.csv", None, tmp_path)} == {"GO #3"}
     (lost,) = (d for d in mine if d.error)
     assert lost.log.suffix == ".mf4" and "no row of cars.csv is for this log" in lost.error
 

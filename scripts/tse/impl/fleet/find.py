@@ -4,6 +4,7 @@ import difflib
 import fnmatch
 import glob
 import importlib
+import io
 import re
 import struct
 from collections.abc import Iterator, Sequence
@@ -131,16 +132,16 @@ def _of_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
 
 def _fits(path: Path, base: Path, pattern: str) -> bool:
     """Is it that file, in that folder, or of that pattern? Patterns are relative to the table."""
-    whole = base / pattern
-    return whole in (path, *path.parents) or fnmatch.fnmatch(str(path), str(whole))
+    return base / pattern in (path, *path.parents) or fnmatch.fnmatch(str(path), str(Path(glob.escape(str(base))) / pattern))
 
 
 def _read_table(table: Path) -> list[dict[str, str]]:
     try:
         with open(table, encoding="utf-8-sig") as file:
-            head = next((line for line in file if line.strip() and not line.startswith("#")), "")
+            lines = [line for line in file if line.strip() and not line.startswith("#")]  # a name may have one, too
+        head = lines[0] if lines else ""
         separator = ";" if ";" in head and "," not in head else ","
-        read = pd.read_csv(table, dtype=str, keep_default_na=False, skipinitialspace=True, comment="#", sep=separator)
+        read = pd.read_csv(io.StringIO("".join(lines)), dtype=str, keep_default_na=False, skipinitialspace=True, sep=separator)
     except FileNotFoundError:
         raise NoFile(f"{table}: no such file (option --vehicles)") from None
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
