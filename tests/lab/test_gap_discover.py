@@ -16,7 +16,7 @@ from tse.impl.gap.fit import fit, gap
 from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import formula_terms as terms
 from tse.impl.gap.problem import STIFFNESS, Problem
-from tse.impl.gap.respond import responses, signals
+from tse.impl.gap.respond import _moved, responses, signals
 from tse.impl.identify.data import prepare
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
@@ -60,6 +60,15 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
         mine = plain.rows.of(c)
         if np.linalg.norm(exact[mine]) > 0.05 * np.linalg.norm(exact):
             assert np.linalg.norm(found[mine] - exact[mine]) < 0.2 * np.linalg.norm(exact[mine])
+
+
+def test_a_constant_force_is_felt_until_the_wheels_hold_the_speed():
+    """accel_x of m dv/dt = m u - along/v (v - v0), from u = 1 at once: an exponential, from the first block on."""
+    c, v, dt = Config(), 20.0, 0.1
+    along = c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear
+    at = {"vel_x": np.full(30, v), "dt": np.full(30, dt)}
+    found = _moved(c, {"cx_front": 1.0}, at, "force_x", np.ones((30, 1)))["accel_x"][:, 0]
+    np.testing.assert_allclose(found, np.exp(-along / (c.mass * v) * dt * np.arange(1, 31)), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("place", [*terms.LATERAL, *terms.LONGITUDINAL])

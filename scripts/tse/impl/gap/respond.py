@@ -74,12 +74,13 @@ def _moved(c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
     v, m = np.maximum(s["vel_x"], SLOWEST), c.mass
+    mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])  # over the step that ends at a block
     if place == "force_x":  # the wheels hold the speed: v' = u - along v/(m v)
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
         x, out = np.zeros(u.shape[1]), np.empty_like(u)
         keep = np.exp(-along / (m * v) * s["dt"])
         for n in range(len(u)):
-            x = keep[n] * x + (1.0 - keep[n]) * (m * v[n] / along) * 0.5 * (u[n] + u[n - 1] if n else u[n])
+            x = keep[n] * x + (1.0 - keep[n]) * (m * v[n] / along) * mean[n]
             out[n] = u[n] - along / (m * v[n]) * x
         return {"accel_x": out}
     front, rear = c.cornering_stiffness_front * k["cy_front"], c.cornering_stiffness_rear * k["cy_rear"]
@@ -95,11 +96,11 @@ def _moved(c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place
     a = np.zeros((len(v), 3, 3))
     a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
     a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
-    f = expm(a * s["dt"][:, None, None])  # the input is its mean over the step
+    f = expm(a * s["dt"][:, None, None])
     felt = 0.0 if place == ROAD else across  # an accelerometer feels no gravity
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):
-        x = f[n, :2, :2] @ x + f[n, :2, 2:] * (0.5 * (u[n] + u[n - 1]) if n else u[n])
+        x = f[n, :2, :2] @ x + f[n, :2, 2:] * mean[n]
         y[n] = yv[n] * x[0] + yr[n] * x[1] + felt * u[n]
         r[n] = x[1]
     return {"accel_y": y, "yaw_rate": r}
