@@ -116,6 +116,17 @@ def test_whatever_fails_the_old_file_stays_and_no_other(where, tmp_path, monkeyp
     assert [p.name for p in tmp_path.iterdir()] == ["result.csv"]
 
 
+def test_a_link_leads_to_the_new_content_and_the_mode_stays(tmp_path):
+    (tmp_path / "folder").mkdir()
+    path, link = tmp_path / "folder" / "result.csv", tmp_path / "link.csv"
+    path.write_text("as before\n")
+    path.chmod(0o640)
+    link.symlink_to(path)
+    with files.atomic(link) as file:
+        file.write("new\n")
+    assert link.is_symlink() and path.read_text() == "new\n" and path.stat().st_mode & 0o777 == 0o640
+
+
 def test_the_content_is_on_the_disk_before_it_has_the_name(tmp_path, monkeypatch):
     path = tmp_path / "result.csv"
     order = []

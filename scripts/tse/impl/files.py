@@ -43,10 +43,11 @@ def make_directory(out: Path) -> None:
 
 @contextmanager
 def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
-    """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was."""
+    """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was. Of a link
+    what it leads to is replaced; who may read and write it stays."""
     path = Path(path)
     try:
-        with _anew(path, mode) as file:
+        with _anew(real(path), mode) as file:
             yield file
     except OSError as error:
         reason = no_room(error)
@@ -74,7 +75,7 @@ def _anew(path: Path, mode: str) -> Iterator[IO]:
             os.fsync(f.fileno())  # before the new name: else a power cut can leave the name without the content
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
+        os.chmod(name, path.stat().st_mode & 0o7777 if path.exists() else 0o666 & ~umask)
         os.replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
