@@ -124,6 +124,8 @@ def test_the_next_drive_starts_from_what_was_learnt(drive, frame, result):
     assert unknown.stiffness_sd[0, 1] > known.stiffness_sd[0, 1]
     with pytest.raises(tse.Error, match="damaged"):
         tse.estimate(frame.head(50), drive.vehicle, learnt=b"x" * 112)
+    with pytest.raises(tse.Error, match="age is NaN; allowed: 0 s or more"):
+        tse.estimate(frame.head(50), drive.vehicle, learnt=result.learnt, age=math.nan)
 
 
 @pytest.mark.parametrize(

@@ -577,6 +577,8 @@ class Filter:
 
     def load_learnt(self, learnt: bytes, age: float) -> None:
         """Start from what an earlier drive taught, `age` seconds ago. Before the first row."""
+        if math.isnan(age):
+            raise LearntError("age is NaN; allowed: 0 s or more")
         data = np.frombuffer(learnt, np.uint8) if learnt else np.zeros(1, np.uint8)
         types = [ctypes.c_void_p] * 3 + [ctypes.c_size_t, ctypes.c_uint32]
         load = self.lib.function("tse_learnt_load", argtypes=types)
