@@ -240,7 +240,7 @@ def estimate(
     ready = assemble(car, checked(log, car), None, average, {}, form, settings or {}, "settings", calibrate=itself)
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before, contradicted=bool(ready.warnings))
-    if contradicts(ready, done.table):
+    if not done.interrupted and contradicts(ready, done.table):
         done = _run(ready.log, ready.config, learnt=before, contradicted=True)
     if done.interrupted:
         raise KeyboardInterrupt

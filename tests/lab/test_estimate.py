@@ -6,12 +6,17 @@ import shlex
 import signal
 import subprocess
 import time
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from conftest import COMMAND, RAN, tselab, tselab_here
+from tse.impl.errors import UserError
+from tse.impl.estimate import estimate_to
+from tse.impl.fleet import single
+from tse.impl.rows import Reading
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 ISSUE_COLUMNS = [
@@ -527,3 +532,26 @@ def test_a_bias_is_known_at_once_in_the_next_drive(first, tmp_path):
 def test_options_that_cannot_be_are_refused(first, options, text):
     done = estimate(first, "second", *options, codes=(2,))
     assert text in done.err and "Traceback" not in done.err
+
+
+def test_after_ctrl_c_no_second_pass_begins(drive, monkeypatch):
+    """Rows that contradict the log would be gone over again, from the first."""
+    passes = []
+
+    def stopped(*args):
+        passes.append(1)
+        return replace(estimate_to(*args), interrupted=True)
+
+    monkeypatch.setattr(single, "estimate_to", stopped)
+    monkeypatch.setattr(single, "implausible", lambda _: "odd")
+    ran = single.run(single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None)
+    assert len(passes) == 1 and ran.notes[0] == "odd"
+
+
+def test_strict_holds_for_the_car_that_was_calibrated_on_the_log(drive, monkeypatch):
+    says = iter([[], ["odd"]])
+    monkeypatch.setattr(single, "check_car", lambda *_: next(says))
+    monkeypatch.setattr(single, "uncalibrated", lambda _: True)
+    monkeypatch.setattr(single, "calibrated", lambda *_: single.of_class("of a test"))
+    with pytest.raises(UserError, match="option --strict: odd"):
+        single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}, Reading(strict=True), single.Calibrate())

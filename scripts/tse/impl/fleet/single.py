@@ -106,7 +106,7 @@ def assemble(
                 if not calibrate.goes_on:
                     raise
                 found = of_class(STOPPED)
-        made = assemble(found.vehicle(stated), log, config_path, None, options, form, settings, source)
+        made = assemble(found.vehicle(stated), log, config_path, None, options, form, settings, source, strict)
         return replace(made, own=found)
     notes = [
         *said,
@@ -150,7 +150,7 @@ def run(prepared: Prepared, out: Path | None, report: Path | None, learnt: Learn
         return estimate_to(out, prepared.log, prepared.config, progress, learnt, watch, contradicted), drawn
 
     est, drawn = once()
-    if contradicts(prepared, est.table):
+    if contradicts(prepared, est.table) and not est.interrupted:
         est, drawn = once()
     notes = notes_of(prepared, est)
     changes = regimes.changes(est.table)
