@@ -436,14 +436,14 @@ def _false_alarms(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list
     return [false_changes(plan, runs)]
 
 
-def _median(values: pd.Series, digits: int = 2) -> str:
+def _median(values: pd.Series) -> str:
     """Median run and longest, and how many never did."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
     middle, never = np.sort(x)[len(x) // 2], int(np.isinf(x).sum())
-    longest = f"{number(x.max(), digits)}" if not never else f"never: {never}"
-    return f"{number(middle, digits)} ({longest})"
+    longest = number(x.max(), 2) if not never else f"never: {never}"
+    return f"{number(middle, 2)} ({longest})"
 
 
 def _after(plan: Plan, runs: pd.DataFrame) -> Table:
@@ -463,10 +463,10 @@ def _after(plan: Plan, runs: pd.DataFrame) -> Table:
     return Table("After a change of the road", head, rows, 2, text)
 
 
-def poisson(count: int, exposure: float, level: float = 0.95) -> tuple[float, float]:
-    """Exact interval of a rate (Garwood 1936)."""
-    low = stats.chi2.ppf((1 - level) / 2, 2 * count) / 2 if count else 0.0
-    return float(low / exposure), float(stats.chi2.ppf((1 + level) / 2, 2 * count + 2) / 2 / exposure)
+def poisson(count: int, exposure: float) -> tuple[float, float]:
+    """Exact 95 % interval of a rate (Garwood 1936)."""
+    low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    return float(low / exposure), float(stats.chi2.ppf(0.975, 2 * count + 2) / 2 / exposure)
 
 
 def _rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:

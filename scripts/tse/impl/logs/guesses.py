@@ -32,8 +32,8 @@ def make_guesses(
     warnings: list[str],
 ) -> list[Guess]:
     found: dict[str, Guess] = {}
-    facts = facts_of(look, wheels, chosen, speed_of(look, wheels, chosen))
-    v = speed_of(look, wheels, chosen)
+    v = speed_of(look, wheels)
+    facts = facts_of(look, wheels, chosen, v)
     if v is not None:
         v = v * scale.per["wheel"]
     # the wheels give the sign of the yaw rate, where they can; the others follow it
@@ -54,7 +54,7 @@ def make_guesses(
             [wheels[axle]] if axle in wheels else []
         )
         if mine:
-            found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale, facts)
+            found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale)
     find_latencies(look, found, wheels, scale, sign, warnings)
     _odd(look, found, chosen, scale, sign, v, warnings)
     _turned(look, found, scale, sign, v, warnings)
@@ -224,7 +224,7 @@ def _by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
     return unit or best[0], best[1]
 
 
-def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale, facts: Mapping[str, float]) -> Guess:
+def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]

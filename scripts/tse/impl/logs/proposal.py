@@ -119,7 +119,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
     for _ in range(PASSES):
-        raw = speed_of(look, wheels, chosen)
+        raw = speed_of(look, wheels)
         chosen, worth = find_roles(look, wheels, raw, chosen)
         if raw is None:
             break
@@ -130,7 +130,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         if len(g.name) == 1 and g.name[0] in look.sign_bit:
             g.sign_bit = look.sign_bit[g.name[0]]
             g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
-    raw = speed_of(look, wheels, chosen)
+    raw = speed_of(look, wheels)
     guesses += find_pedals(recording, look, None if raw is None else raw * scale.per["wheel"])
     find_companions(recording, guesses)
     warnings += counted(recording) if not wheels else []

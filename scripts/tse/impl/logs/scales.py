@@ -41,8 +41,8 @@ class Scale:
     figures: dict[str, float]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
 
 
-def _radius(car: Any | None, axle: str = "front") -> float:
-    return float(car.values[f"wheel_radius_{axle}"]) if car is not None else USUAL_RADIUS
+def _radius(car: Any | None) -> float:
+    return float(car.values["wheel_radius_front"]) if car is not None else USUAL_RADIUS
 
 
 def find_units(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]) -> Scale:
@@ -51,7 +51,7 @@ def find_units(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str],
     car_speed = next(iter(wheels.values())) if is_speed(wheels) else "" if wheels else named_speed(look)
     if wheels or car_speed:
         names["wheel"] = car_speed or next(iter(wheels.values()))
-    v0 = speed_of(look, wheels, chosen)
+    v0 = speed_of(look, wheels)
     facts = facts_of(look, wheels, chosen, v0)
     options: dict[str, list[tuple[str, float]]] = {}
     for role, name in names.items():

@@ -33,7 +33,7 @@ def find_wheels(look: Look) -> dict[str, str]:
             continue
         worth += kind(look.unit(name)) in KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
-        for key in (f"{len(text_of(name).split())} {look.unit(name)} {_stem(name, place)}", f"message {stem} {look.unit(name)}"):
+        for key in (f"{len(text_of(name).split())} {look.unit(name)} {_stem(name)}", f"message {stem} {look.unit(name)}"):
             best = groups.setdefault(key, {}).get(place)
             if best is None or worth > best[0]:
                 groups[key][place] = worth, name
@@ -57,7 +57,7 @@ def find_wheels(look: Look) -> dict[str, str]:
     return found or _nameless_wheels(look)
 
 
-def _stem(name: str, place: str) -> str:
+def _stem(name: str) -> str:
     """A name without what says where."""
     text = text_of(re.split(r"[./]", name)[-1])
     return re.sub(
@@ -103,7 +103,7 @@ def _same_size(a: np.ndarray, b: np.ndarray) -> bool:
     return bool(abs(np.median(part) - 1) < 0.05 and np.std(part) < 0.03)
 
 
-def speed_of(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str]) -> np.ndarray | None:
+def speed_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """The speed in whatever unit: of the wheels, or what is called one."""
     if wheels:
         return mean_of([look.x[n] for n in wheels.values()]) if len(look.time) else None

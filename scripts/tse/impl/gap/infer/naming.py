@@ -38,6 +38,7 @@ ROAD_ODDS = float(np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)))
 ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
 # nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
 ROAD_HARM = 3.0
+MOST_SETS = 8  # that are written with their probability
 MOST_KNOTS = 600  # of a road's profile: every one is a number that is fitted
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
 # Why an effect is possible and has no name.
@@ -218,8 +219,8 @@ class Probability:
         away = {ids: ln_stiffness(search.known[ids]) - ln_stiffness(named) for ids in self._sets}
         return sum((p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()), np.zeros((len(STIFFNESS),) * 2))
 
-    def sets(self, most: int = 8) -> list[dict]:
-        top = sorted(self._sets.items(), key=lambda x: -x[1])[:most]
+    def sets(self) -> list[dict]:
+        top = sorted(self._sets.items(), key=lambda x: -x[1])[:MOST_SETS]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
 
 

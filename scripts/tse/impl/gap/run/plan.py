@@ -145,11 +145,11 @@ def nats(problem: Problem, residuals: np.ndarray) -> float:
     return total
 
 
-def typical(problem: Problem, e: Effect, size: float = 1.0) -> dict[Key, float]:
-    """An effect at `size` times its typical size; a road goes up and down every WAVE metres."""
+def typical(problem: Problem, e: Effect) -> dict[Key, float]:
+    """An effect at its typical size; a road goes up and down every WAVE metres."""
     if e.id in PROFILES:
         p = e.strengths[0]
-        amplitude = size * np.sqrt(2.0) * p.scale
+        amplitude = np.sqrt(2.0) * p.scale
         return {k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT / WAVE)) for k in problem.strengths(e)}
     values = {p.name: p.default for p in e.shapes}
-    return values | {p.name: float(np.clip(p.default + size * (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths}
+    return values | {p.name: float(np.clip(p.default + (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths}
