@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tselab.gap import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct
-from tselab.options import FILE, PROGRESS, for_programs, reading, saying
+from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, _distinct
+from tselab.options import FILE, JOBS, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.calibrate.result import Result

@@ -19,7 +19,7 @@ from tse.impl.config import make_config
 from tse.impl.core import STIFFNESS, Config, SimConfig
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, estimate, estimate_to, write_table
-from tse.impl.files import atomic
+from tse.impl.files import atomic, make_directory
 from tse.impl.fleet.single import prepare
 from tse.impl.gap.run.output import write_all
 from tse.impl.gap.run.workflow import run
@@ -54,8 +54,6 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
     """
     from tse.impl.tables import simulated_vehicle
 
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is a file, a directory is needed")
     made = run_demo(out, seed, show_progress(progress))
     click.echo(summary(made, out))
     try:
@@ -100,7 +98,7 @@ class Demo:
 
 def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
     """Write vehicle, filter settings, log, truth, estimates, report and picture."""
-    out.mkdir(parents=True, exist_ok=True)
+    make_directory(out)
     with atomic(out / "vehicle.toml") as file:
         file.write(simulated_vehicle())
     with atomic(out / "filter.toml") as file:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tselab.gap import JOBS
-from tselab.options import CALIBRATE, FILE, FORM, PROGRESS, key_values, reading, show_progress
+from tselab.options import CALIBRATE, FILE, FORM, JOBS, JSON, PROGRESS, key_values, reading, show_progress
 
 if TYPE_CHECKING:
     from tse.impl.fleet.keep import Done
@@ -40,7 +39,7 @@ MOST_ERRORS = 10  # that the terminal names
 @click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
               "see the logs under the same paths.")  # fmt: skip
 @click.option("--restart", is_flag=True, help="Run all again, also what is done.")
-@click.option("--json", "as_json", is_flag=True, help="What was found as JSON, instead of words.")
+@JSON
 @PROGRESS
 def fleet(
     words: tuple[str, ...],

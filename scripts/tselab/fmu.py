@@ -123,15 +123,14 @@ def build(
     Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one modelDescription.xml, which is of one
     version, so they are two files. Both compute the same bits; the system (SSP) holds those of 2.0.
     """
+    from tse.impl.files import check_directory
+    from tse.impl.results import say_json
     from tselab.fmu_build import FMI
     from tselab.fmu_build import build as run
 
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is a file, a directory is needed")
+    check_directory(out)
     wanted = PLATFORM_NAMES if all_platforms else tuple(dict.fromkeys(chosen))
     versions = FMI if fmi == "both" else (fmi,)
-    from tse.impl.results import say_json
-
     made = run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real, versions)
     if as_json:
         say_json([{"path": f.path, "bytes": f.path.stat().st_size, "platforms": list(f.binaries)} for f in made])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import click
 
 from tse.impl.errors import UserError
 from tse.impl.files import make_directory, real
-from tselab.options import FILE, JSON, PROGRESS, for_programs, reading, saying
+from tselab.options import FILE, JOBS, JSON, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
 LOGS = click.argument("logs", metavar="LOG ...", type=FILE, nargs=-1, required=True)
 VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
                        help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
-JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores",
-                    help="Simulations at once.")  # fmt: skip
 HOLD_OUT = "--hold-out"
 OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed.")
 HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,

@@ -82,13 +82,16 @@ def saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
             click.echo("\r\033[K", err=True, nl=False)
 
 
+DATABASE = click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
+                        "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.")  # fmt: skip
+JSON = click.option("--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words.")
 TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
 
 
 def for_programs(command: Callable[..., Any]) -> Callable[..., Any]:
     """What every command takes whose findings a program may want: as JSON instead of words, and as a table."""
     command = click.option("--table", metavar="TABLE.parquet", type=FILE, help=TABLE_HELP)(command)
-    return click.option("--json", "as_json", is_flag=True, help="What was found as JSON, instead of words.")(command)
+    return JSON(command)
 
 
 def reading(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -110,9 +113,7 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--strict", is_flag=True, help="Refuse a log whose channels contradict each other, instead of warning."),
         click.option("--rate", metavar="HZ", type=float, help="Rows per second to which the log is resampled; default: the fastest "
                      "channel's, up to 100, or as it is when that is even."),
-        click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
-                                                            "DBC, "
-                     "ARXML, KCD, SYM; default: those beside the log. May be repeated."),
+        DATABASE,
         click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel ('tselab "
                                                             "signals' "
                      "proposes it); default: signals.toml beside the log."),
@@ -121,7 +122,6 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     return with_reading
 
 
-JSON = click.option("--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words.")
 JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes.")
 FIRST_SEED = click.option(
     "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from tselab.options import FILE
+from tselab.options import DATABASE, FILE, JSON
 
 if TYPE_CHECKING:
     from tse.impl.logs.proposal import Line, Proposal
@@ -25,10 +25,8 @@ MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 @click.option(
     "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Radii, wheelbase and steering ratio make the guesses sharper."
 )
-@click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: DBC, "
-                                                            "ARXML, KCD, SYM; "
-              "default: those beside the log. May be repeated.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@DATABASE
+@JSON
 @click.option("--all", "every", is_flag=True, help="List all signals, however many.")
 def signals(
     log_path: Path, out: Path | None, vehicle_path: Path | None, databases: tuple[Path, ...], as_json: bool, every: bool

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from tse.impl import regimes
 from tse.impl.core import GRIP, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, LearntError, library
 from tse.impl.errors import UserError
-from tse.impl.files import atomic
+from tse.impl.files import atomic, is_parquet
 from tse.impl.rows import MEASURES, Log
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], objec
     """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`: the table without rows."""
     if path is None:
         yield lambda block: None
-    elif path.suffix.lower() in (".parquet", ".pq"):
+    elif is_parquet(path):
         with atomic(path, "wb") as file, _Parquet(file, head) as rows:
             yield rows.add
     else:

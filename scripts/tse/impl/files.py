@@ -31,10 +31,15 @@ def real(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def make_directory(out: Path) -> None:
-    """Make a directory for results, with those above it; one that is there stays."""
+def check_directory(out: Path) -> None:
+    """Refuse early a directory for results that is a file."""
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
+
+
+def make_directory(out: Path) -> None:
+    """Make a directory for results, with those above it; one that is there stays."""
+    check_directory(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -141,6 +146,11 @@ def _identities(path: Path) -> list[object]:
     except OSError:
         return keys
     return [*keys, (found.st_dev, found.st_ino)] if found.st_ino else keys
+
+
+def is_parquet(path: Path | None) -> bool:
+    """Is a table of that name Parquet? Else it is CSV."""
+    return path is not None and path.suffix.lower() in (".parquet", ".pq")
 
 
 # ---- What a run leaves for the next one of the same user is sealed: a digest with a secret that stays in the user's own

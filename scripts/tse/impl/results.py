@@ -14,7 +14,7 @@ from tse.impl.config import filter_text
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate
-from tse.impl.files import atomic
+from tse.impl.files import atomic, is_parquet
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle, latency_settings
 from tse.impl.verdict import Finding, Quantity, Verdict
@@ -132,10 +132,6 @@ def plain(x: Any) -> Any:
 
 
 # ---- tables
-
-
-def is_parquet(path: Path | None) -> bool:
-    return path is not None and path.suffix.lower() in (".parquet", ".pq")
 
 
 def check_table(path: Path | None) -> None:

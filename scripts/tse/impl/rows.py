@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tse.impl.clock import straight
+from tse.impl.clock import LONGEST_GAP, straight
 from tse.impl.core import CONFIG, INPUT, Field, library
 from tse.impl.errors import UserError
 
@@ -56,7 +56,6 @@ HINTS = {
 }
 HINTS["yaw_rate"] = "if the column holds deg/s, multiply by pi/180"
 HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
-LONGEST_STEP = 3600.0  # s, the library's limit
 FASTEST, SLOWEST = 0.001, 1.0  # s: rows of a log are so far apart; a median step above is refused
 TURN_SHOWN = 0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
 STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
@@ -441,11 +440,11 @@ def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "lin
             f"{path}: {place} {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} {place} {line[i]} ({time[i]:.10g}); "
             f"time must increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''})"
         )
-    bad = step > LONGEST_STEP
+    bad = step > LONGEST_GAP
     if bad.any():
         i = int(bad.argmax())
         raise UserError(
-            f"{path}: {place} {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_STEP:g} s"
+            f"{path}: {place} {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_GAP:g} s"
             f"{_time_hint(float(np.median(step)))}"
         )
 
