@@ -11,7 +11,7 @@ static void emit(glue_function *logger, void *environment, const char *name, glu
   ((fmi2CallbackLogger)logger)(environment, name, (fmi2Status)status, category, text);
 }
 
-static const glue_api api = { "fmi2Terminate", "GUID", "FMUstate", "Real", "Integer", "Boolean", 0, emit };
+static const glue_api api = { "fmi2Terminate", "GUID", "FMUstate", "vr", "value", "Real", "Integer", "Boolean", 0, emit };
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
@@ -28,69 +28,22 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 
 void fmi2FreeInstance(fmi2Component c) { glue_free(c); }
 
-DOES(fmi2SetDebugLogging, (fmi2Component c, fmi2Boolean on, size_t count, const fmi2String names[]),
-     glue_debug_logging(s, function, on, count, names))
+GLUE_LIFE(fmi2)
 DOES(fmi2SetupExperiment,
      (fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start, fmi2Boolean has_stop, fmi2Real stop),
      glue_setup(s, function, start, has_stop, stop))
 DOES(fmi2EnterInitializationMode, (fmi2Component c), glue_enter_initialization(s, function))
-DOES(fmi2ExitInitializationMode, (fmi2Component c), glue_exit_initialization(s, function))
-DOES(fmi2Terminate, (fmi2Component c), glue_terminate(s, function))
-DOES(fmi2Reset, (fmi2Component c), glue_reset(s))
 
 /* ------------------------------------------------------------------------------------------ values */
 
-static int listed(const instance *s, const fmi2ValueReference vr[], size_t nvr, const void *value, char kind, const char *type,
-                  const char *function)
-{
-  return glue_given(s, vr, "vr", function) && glue_given(s, value, "value", function) &&
-         glue_known(s, vr, nvr, kind, type, function, NULL);
-}
-
-/* Checks of all values come first: a call that is refused sets none. */
-#define GET(Type, kind)                                                                                                  \
-  fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2##Type value[])               \
-  {                                                                                                                      \
-    static const char function[] = "fmi2Get" #Type;                                                                     \
-    instance *const s = glue_instance_of(c);                                                                            \
-    if (!s) return fmi2Error;                                                                                           \
-    if (nvr == 0) return fmi2OK;                                                                                        \
-    if (!listed(s, vr, nvr, value, kind, #Type, function) || !glue_readable(s, function)) return fmi2Error;             \
-    for (size_t i = 0; i < nvr; i++) value[i] = (fmi2##Type)glue_get(s, &fmu_variables[vr[i]], 0);                      \
-    return fmi2OK;                                                                                                      \
-  }
-#define SET(Type, kind, number)                                                                                         \
-  fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2##Type value[])        \
-  {                                                                                                                      \
-    static const char function[] = "fmi2Set" #Type;                                                                     \
-    instance *const s = glue_instance_of(c);                                                                            \
-    if (!s || !glue_allowed(s, GLUE_INSTANTIATED | GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi2Error;      \
-    if (nvr == 0) return fmi2OK;                                                                                        \
-    if (!listed(s, vr, nvr, value, kind, #Type, function)) return fmi2Error;                                            \
-    for (size_t i = 0; i < nvr; i++)                                                                                    \
-      if (!glue_settable(s, &fmu_variables[vr[i]], (double)(number), function)) return fmi2Error;                       \
-    for (size_t i = 0; i < nvr; i++) glue_set(s, &fmu_variables[vr[i]], (double)(number));                              \
-    glue_was_set(s);                                                                                                    \
-    return fmi2OK;                                                                                                      \
-  }
-GET(Real, 'r')
-GET(Integer, 'i')
-GET(Boolean, 'b')
-SET(Real, 'r', value[i])
-SET(Integer, 'i', value[i])
-SET(Boolean, 'b', value[i] != fmi2False)
+#define NO_MORE
+GLUE_TYPE(fmi2, Real, 'r', (fmi2Real)number, value[i], NO_MORE, nvr)
+GLUE_TYPE(fmi2, Integer, 'i', (fmi2Integer)number, value[i], NO_MORE, nvr)
+GLUE_TYPE(fmi2, Boolean, 'b', (fmi2Boolean)number, value[i] != fmi2False, NO_MORE, nvr)
 
 /* No model has a String. */
-#define ABSENT(name, Value)                                                                          \
-  fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, Value value[])         \
-  {                                                                                                  \
-    const instance *const s = glue_instance_of(c);                                                   \
-    if (s && nvr == 0) return fmi2OK;                                                                \
-    if (s) (void)listed(s, vr, nvr, value, 0, "String", #name);                                      \
-    return fmi2Error;                                                                                \
-  }
-ABSENT(fmi2GetString, fmi2String)
-ABSENT(fmi2SetString, const fmi2String)
+GLUE_ABSENT(fmi2GetString, (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]), "String", nvr)
+GLUE_ABSENT(fmi2SetString, (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]), "String", nvr)
 
 /* ------------------------------------------------------------------------------------------- steps */
 
@@ -102,9 +55,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
   instance *const s = glue_instance_of(c);
   if (!s || !glue_allowed(s, GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi2Error;
   if (nvr == 0) return fmi2OK;
-  if (!glue_given(s, vr, "vr", function) || !glue_given(s, order, "order", function) || !glue_given(s, value, "value", function) ||
-      !glue_known(s, vr, nvr, 'r', "Real", function, NULL))
-    return fmi2Error;
+  if (!glue_given(s, order, "order", function) || !glue_listed(s, vr, nvr, value, nvr, 'r', "Real", function)) return fmi2Error;
   for (size_t i = 0; i < nvr; i++) {
     const fmu_variable *const v = &fmu_variables[vr[i]];
     if (order[i] == 1 && v->rate != FMU_NO_RATE && value[i] - value[i] == 0.0) continue;
@@ -171,11 +122,4 @@ DOES(fmi2GetDirectionalDerivative,
 
 /* ------------------------------------------------------------------------------------------- state */
 
-DOES(fmi2GetFMUstate, (fmi2Component c, fmi2FMUstate *state), glue_save(s, function, state))
-DOES(fmi2SetFMUstate, (fmi2Component c, fmi2FMUstate state), glue_restore(s, function, state))
-DOES(fmi2FreeFMUstate, (fmi2Component c, fmi2FMUstate *state), glue_drop(s, function, state))
-DOES(fmi2SerializedFMUstateSize, (fmi2Component c, fmi2FMUstate state, size_t *size), glue_state_size(s, function, state, size))
-DOES(fmi2SerializeFMUstate, (fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size),
-     glue_serialize(s, function, state, (unsigned char *)bytes, size))
-DOES(fmi2DeSerializeFMUstate, (fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state),
-     glue_deserialize(s, function, (const unsigned char *)bytes, size, state))
+GLUE_STATES(fmi2, FMUstate, DeSerializeFMUstate)

@@ -11,7 +11,7 @@ static void emit(glue_function *logger, void *environment, const char *name, glu
   ((fmi3LogMessageCallback)logger)(environment, (fmi3Status)status, category, text);
 }
 
-static const glue_api api = { "fmi3Terminate", "instantiation token", "FMUState", "Float64", "Int32", "Boolean", 1, emit };
+static const glue_api api = { "fmi3Terminate", "instantiation token", "FMUState", "valueReferences", "values", "Float64", "Int32", "Boolean", 1, emit };
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
@@ -44,8 +44,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
 
 void fmi3FreeInstance(fmi3Instance c) { glue_free(c); }
 
-DOES(fmi3SetDebugLogging, (fmi3Instance c, fmi3Boolean on, size_t count, const fmi3String names[]),
-     glue_debug_logging(s, function, on, count, names))
+GLUE_LIFE(fmi3)
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance, fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean has_stop, fmi3Float64 stop)
@@ -56,81 +55,18 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
   return (fmi3Status)glue_enter_initialization(s, function);
 }
 
-DOES(fmi3ExitInitializationMode, (fmi3Instance c), glue_exit_initialization(s, function))
-DOES(fmi3Terminate, (fmi3Instance c), glue_terminate(s, function))
-DOES(fmi3Reset, (fmi3Instance c), glue_reset(s))
-
 /* ------------------------------------------------------------------------------------------ values */
 
-/* The arguments fit together: `count` values for these variables, of this kind. */
-static int listed(const instance *s, const fmi3ValueReference vr[], size_t nvr, const void *value, size_t count, char kind,
-                  const char *type, const char *function)
-{
-  size_t wanted = 0;
-  if (!glue_given(s, vr, "valueReferences", function) || !glue_given(s, value, "values", function) ||
-      !glue_known(s, vr, nvr, kind, type, function, &wanted))
-    return 0;
-  return glue_counted(s, count, wanted, function);
-}
-
-/* A call about no variable: nothing to do, if it has no values either. */
-static glue_status none(const instance *s, size_t count, const char *function)
-{
-  return glue_counted(s, count, 0, function) ? GLUE_OK : GLUE_ERROR;
-}
-
-/* Checks of all values come first: a call that is refused sets none. */
-#define GET(Type, kind, from_number)                                                                                       \
-  fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count)    \
-  {                                                                                                                        \
-    static const char function[] = "fmi3Get" #Type;                                                                       \
-    instance *const s = glue_instance_of(c);                                                                                                       \
-    if (!s) return fmi3Error;                                                                                             \
-    if (nvr == 0) return (fmi3Status)none(s, count, function);                                                                        \
-    if (!listed(s, vr, nvr, value, count, kind, #Type, function) || !glue_readable(s, function)) return fmi3Error;        \
-    for (size_t i = 0, at = 0; i < nvr; i++)                                                                              \
-      for (int32_t k = 0; k < glue_elements(s, vr[i]); k++, at++) {                                                       \
-        const double number = glue_get(s, glue_variable(s, vr[i]), k);                                                    \
-        value[at] = (from_number);                                                                                        \
-      }                                                                                                                   \
-    return fmi3OK;                                                                                                        \
-  }
-/* Arrays are outputs: what can be set has one value. */
-#define SET(Type, kind)                                                                                                   \
-  fmi3Status fmi3Set##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count) \
-  {                                                                                                                        \
-    static const char function[] = "fmi3Set" #Type;                                                                       \
-    instance *const s = glue_instance_of(c);                                                                                                       \
-    if (!s || !glue_allowed(s, GLUE_INSTANTIATED | GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi3Error;        \
-    if (nvr == 0) return (fmi3Status)none(s, count, function);                                                                        \
-    if (!listed(s, vr, nvr, value, count, kind, #Type, function)) return fmi3Error;                                       \
-    for (size_t i = 0, at = 0; i < nvr; at += (size_t)glue_elements(s, vr[i]), i++)                                       \
-      if (!glue_settable(s, glue_variable(s, vr[i]), (double)value[at], function)) return fmi3Error;                      \
-    for (size_t i = 0; i < nvr; i++) glue_set(s, glue_variable(s, vr[i]), (double)value[i]);                              \
-    glue_was_set(s);                                                                                                      \
-    return fmi3OK;                                                                                                        \
-  }
-GET(Float64, 'r', number)
-GET(Int32, 'i', (fmi3Int32)number)
-GET(Int64, 'e', (fmi3Int64)number)
-GET(Boolean, 'b', number > 0.0)
-SET(Float64, 'r')
-SET(Int32, 'i')
-SET(Int64, 'e')
-SET(Boolean, 'b')
+#define COUNT , size_t count
+GLUE_TYPE(fmi3, Float64, 'r', number, value[i], COUNT, count)
+GLUE_TYPE(fmi3, Int32, 'i', (fmi3Int32)number, value[i], COUNT, count)
+GLUE_TYPE(fmi3, Int64, 'e', (fmi3Int64)number, value[i], COUNT, count)
+GLUE_TYPE(fmi3, Boolean, 'b', number > 0.0, value[i], COUNT, count)
 
 /* Types that no variable has. */
-#define ABSENT(name, arguments, type, count)                                   \
-  fmi3Status name arguments                                                    \
-  {                                                                            \
-    const instance *const s = glue_instance_of(c);                                                      \
-    if (s && nvr == 0) return (fmi3Status)none(s, count, #name);                           \
-    if (s) (void)listed(s, vr, nvr, value, count, 0, type, #name);             \
-    return fmi3Error;                                                          \
-  }
 #define NO_TYPE(Type)                                                                                                            \
-  ABSENT(fmi3Get##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), #Type, count) \
-  ABSENT(fmi3Set##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count), #Type, count)
+  GLUE_ABSENT(fmi3Get##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), #Type, count) \
+  GLUE_ABSENT(fmi3Set##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count), #Type, count)
 NO_TYPE(Float32)
 NO_TYPE(Int8)
 NO_TYPE(UInt8)
@@ -139,13 +75,13 @@ NO_TYPE(UInt16)
 NO_TYPE(UInt32)
 NO_TYPE(UInt64)
 NO_TYPE(String)
-ABSENT(fmi3GetBinary,
-       (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[], size_t count), "Binary", count)
-ABSENT(fmi3SetBinary,
-       (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const size_t sizes[], const fmi3Binary value[], size_t count),
-       "Binary", count)
-ABSENT(fmi3GetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[]), "Clock", nvr)
-ABSENT(fmi3SetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Clock value[]), "Clock", nvr)
+GLUE_ABSENT(fmi3GetBinary,
+            (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[], size_t count), "Binary", count)
+GLUE_ABSENT(fmi3SetBinary,
+            (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const size_t sizes[], const fmi3Binary value[], size_t count),
+            "Binary", count)
+GLUE_ABSENT(fmi3GetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[]), "Clock", nvr)
+GLUE_ABSENT(fmi3SetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Clock value[]), "Clock", nvr)
 
 /* ------------------------------------------------------------------------------------------- steps */
 
@@ -165,14 +101,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
 
 /* ------------------------------------------------------------------------------------------- state */
 
-DOES(fmi3GetFMUState, (fmi3Instance c, fmi3FMUState *state), glue_save(s, function, state))
-DOES(fmi3SetFMUState, (fmi3Instance c, fmi3FMUState state), glue_restore(s, function, state))
-DOES(fmi3FreeFMUState, (fmi3Instance c, fmi3FMUState *state), glue_drop(s, function, state))
-DOES(fmi3SerializedFMUStateSize, (fmi3Instance c, fmi3FMUState state, size_t *size), glue_state_size(s, function, state, size))
-DOES(fmi3SerializeFMUState, (fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size),
-     glue_serialize(s, function, state, bytes, size))
-DOES(fmi3DeserializeFMUState, (fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state),
-     glue_deserialize(s, function, bytes, size, state))
+GLUE_STATES(fmi3, FMUState, DeserializeFMUState)
 
 /* ------------------------------------------------------------------- what there is not, and is refused */
 
@@ -186,7 +115,7 @@ static const char no_structure[] = "there are no structural parameters";
 
 DOES(fmi3GetOutputDerivatives,
      (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Int32 order[], fmi3Float64 value[], size_t count),
-     nvr == 0 ? none(s, count, function) : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
+     nvr == 0 ? glue_none(s, count, function) : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
 REFUSES(fmi3GetDirectionalDerivative,
         (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[], size_t knowns,
          const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities),

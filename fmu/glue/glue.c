@@ -130,7 +130,7 @@ int32_t glue_elements(const instance *s, uint32_t vr)
   return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
 }
 
-int glue_counted(const instance *s, size_t values, size_t wanted, const char *function)
+static int counted(const instance *s, size_t values, size_t wanted, const char *function)
 {
   char text[FMU_TEXT];
   if (values == wanted) return 1;
@@ -155,10 +155,11 @@ static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
 }
 
-int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, const char *type, const char *function, size_t *values)
+int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count, char kind, const char *type, const char *function)
 {
   char text[FMU_TEXT];
-  size_t count = 0;
+  size_t wanted = 0;
+  if (!glue_given(s, vr, s->api->references, function) || !glue_given(s, value, s->api->values, function)) return 0;
   for (size_t i = 0; i < nvr; i++) {
     const fmu_variable *const v = glue_variable(s, vr[i]);
     if (!v)
@@ -167,15 +168,16 @@ int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, co
       (void)snprintf(text, sizeof text, "value reference %lu, %s, is of type %s, not %s", (unsigned long)vr[i], v->name,
                      kind_name(s, v->kind), type);
     else {
-      count += (size_t)glue_elements(s, vr[i]);
+      wanted += (size_t)glue_elements(s, vr[i]);
       continue;
     }
     (void)glue_refuse(s, function, text);
     return 0;
   }
-  if (values) *values = count;
-  return 1;
+  return counted(s, count, wanted, function);
 }
+
+glue_status glue_none(const instance *s, size_t count, const char *function) { return counted(s, count, 0, function) ? GLUE_OK : GLUE_ERROR; }
 
 /* -------------------------------------------------------------------------------------- values */
 

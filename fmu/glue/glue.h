@@ -46,6 +46,7 @@ typedef void glue_function(void); /* some logger: its version knows which */
 /* What a version of FMI calls things, and what it has. */
 typedef struct glue_api {
   const char *terminate, *token, *state; /* function that ends a run; identity of a description; argument that is a saved state       */
+  const char *references, *values;       /* arguments: value references, values of variables                                           */
   const char *real, *integer, *boolean;  /* types                                                                                      */
   int extended;                          /* also the variables of fmu_arrays, and the time: value references behind fmu_variable_count */
   void (*emit)(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text);
@@ -85,13 +86,15 @@ int glue_given(const instance *s, const void *argument, const char *name, const 
 /* The variable of a value reference; NULL: there is none. */
 const fmu_variable *glue_variable(const instance *s, uint32_t vr);
 
-/* How many values it has, and that a call has room for as many as its variables have. */
+/* How many values it has. */
 int32_t glue_elements(const instance *s, uint32_t vr);
-int glue_counted(const instance *s, size_t values, size_t wanted, const char *function);
 
-/* All value references of a call exist and are of this kind, which its version calls `type`; kind 0: nothing is.
- *   Returned:  values  how many values they have in all; may be NULL */
-int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, const char *type, const char *function, size_t *values);
+/* The arguments fit together: all value references exist and are of this kind, which its version calls `type`, and there are `count` values
+ * for them; kind 0: nothing is. */
+int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count, char kind, const char *type, const char *function);
+
+/* A call about no variable: nothing to do, if it has no values either. */
+glue_status glue_none(const instance *s, size_t count, const char *function);
 
 /* ---- life cycle */
 
@@ -130,6 +133,46 @@ void glue_set(instance *s, const fmu_variable *v, double value);
 void glue_set_rate(instance *s, const fmu_variable *v, double rate);
 void glue_was_set(instance *s);
 
+/* Define the functions of a version that get and set values of a type, and refuse to where no variable has it.
+ *   from_number, to_number  what becomes of `number`, a double, and what of value[i]; more, count  arguments behind the values, and how many
+ *                           values they say there are */
+#define GLUE_TYPE(fmi, Type, kind, from_number, to_number, more, count)                                                            \
+  fmi_status fmi##Get##Type(void *c, const fmi##ValueReference vr[], size_t nvr, fmi##Type value[] more)                           \
+  {                                                                                                                                \
+    static const char function[] = #fmi "Get" #Type;                                                                               \
+    instance *const s = glue_instance_of(c);                                                                                       \
+    if (!s) return (fmi_status)GLUE_ERROR;                                                                                         \
+    if (nvr == 0) return (fmi_status)glue_none(s, count, function);                                                                \
+    if (!glue_listed(s, vr, nvr, value, count, kind, #Type, function) || !glue_readable(s, function)) return (fmi_status)GLUE_ERROR; \
+    for (size_t i = 0, at = 0; i < nvr; i++)                                                                                       \
+      for (int32_t k = 0; k < glue_elements(s, vr[i]); k++, at++) {                                                                \
+        const double number = glue_get(s, glue_variable(s, vr[i]), k);                                                             \
+        value[at] = (from_number);                                                                                                 \
+      }                                                                                                                            \
+    return (fmi_status)GLUE_OK;                                                                                                    \
+  }                                                                                                                                \
+  fmi_status fmi##Set##Type(void *c, const fmi##ValueReference vr[], size_t nvr, const fmi##Type value[] more)                     \
+  {                                                                                                                                \
+    static const char function[] = #fmi "Set" #Type;                                                                               \
+    instance *const s = glue_instance_of(c);                                                                                       \
+    if (!s || !glue_allowed(s, GLUE_INSTANTIATED | GLUE_INITIALIZING | GLUE_STEPPING, function)) return (fmi_status)GLUE_ERROR;    \
+    if (nvr == 0) return (fmi_status)glue_none(s, count, function);                                                                \
+    if (!glue_listed(s, vr, nvr, value, count, kind, #Type, function)) return (fmi_status)GLUE_ERROR;                              \
+    for (size_t i = 0; i < nvr; i++) /* an array before it is refused: each has one value */                                       \
+      if (!glue_settable(s, glue_variable(s, vr[i]), (double)(to_number), function)) return (fmi_status)GLUE_ERROR;                \
+    for (size_t i = 0; i < nvr; i++) glue_set(s, glue_variable(s, vr[i]), (double)(to_number));                                    \
+    glue_was_set(s);                                                                                                               \
+    return (fmi_status)GLUE_OK;                                                                                                    \
+  }
+#define GLUE_ABSENT(name, arguments, type, count)                                \
+  fmi_status name arguments                                                      \
+  {                                                                              \
+    const instance *const s = glue_instance_of(c);                               \
+    if (s && nvr == 0) return (fmi_status)glue_none(s, count, #name);            \
+    if (s) (void)glue_listed(s, vr, nvr, value, count, 0, type, #name);          \
+    return (fmi_status)GLUE_ERROR;                                               \
+  }
+
 /* ---- steps and states */
 
 glue_status glue_step(instance *s, const char *function, double time, double step);
@@ -139,5 +182,19 @@ glue_status glue_drop(const instance *s, const char *function, void **state);
 glue_status glue_state_size(const instance *s, const char *function, const void *state, size_t *size);
 glue_status glue_serialize(const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size);
 glue_status glue_deserialize(const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state);
+
+/* Define the functions that all versions have. */
+#define GLUE_LIFE(fmi)                                                                                                                                   \
+  DOES(fmi##SetDebugLogging, (void *c, fmi##Boolean on, size_t count, const fmi##String names[]), glue_debug_logging(s, function, on, count, names))     \
+  DOES(fmi##ExitInitializationMode, (void *c), glue_exit_initialization(s, function))                                                                    \
+  DOES(fmi##Terminate, (void *c), glue_terminate(s, function))                                                                                           \
+  DOES(fmi##Reset, (void *c), glue_reset(s))
+#define GLUE_STATES(fmi, State, Deserialize)                                                                                                             \
+  DOES(fmi##Get##State, (void *c, void **state), glue_save(s, function, state))                                                                          \
+  DOES(fmi##Set##State, (void *c, void *state), glue_restore(s, function, state))                                                                        \
+  DOES(fmi##Free##State, (void *c, void **state), glue_drop(s, function, state))                                                                         \
+  DOES(fmi##Serialized##State##Size, (void *c, void *state, size_t *size), glue_state_size(s, function, state, size))                                    \
+  DOES(fmi##Serialize##State, (void *c, void *state, fmi##Byte bytes[], size_t size), glue_serialize(s, function, state, (unsigned char *)bytes, size))  \
+  DOES(fmi##Deserialize, (void *c, const fmi##Byte bytes[], size_t size, void **state), glue_deserialize(s, function, (const unsigned char *)bytes, size, state))
 
 #endif
