@@ -258,6 +258,21 @@ def car_class() -> list[str]:
     ]
 
 
+def copied(group: str) -> Iterator[str]:
+    """Yield the constants that a setting of a table is as it is."""
+    for name, row in settings(group).items():
+        constant = row.get("constant", [])
+        yield from (f"COPY({x}, {name})," for x in ([constant] if isinstance(constant, str) else constant))
+
+
+def copies() -> list[str]:
+    return packed(row for group in CONFIG if group != "velocity" for row in copied(group))
+
+
+def velocity_copies() -> list[str]:
+    return packed(copied("velocity"))
+
+
 def uncalibrated() -> list[str]:
     return packed(f"SET({n}, {c(r['value'])})," for n, r in read("uncalibrated")["setting"].items())
 

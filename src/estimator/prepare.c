@@ -231,12 +231,9 @@ static uint32_t fingerprint(const tse_config *c)
   return mix(h, TSE_MAX_PARTICLES);
 }
 
-/* Mix a setting that gives relative stiffness its meaning. In single precision, so that builds of every format agree; only there
- * both differ in nothing but how a decimal number is rounded. */
-static uint32_t mix_vehicle(uint32_t h, tse_setting value) { return mix(h, r_single_bits(value)); }
-
-/* Mix an effect that is on: it changes what a stiffness means; one that is off leaves the fingerprint as it was before there were
- * effects. */
+/* Mix a setting that gives relative stiffness its meaning; of an effect one that is on: one that is off leaves the fingerprint as it was
+ * before there were effects. Numbers in single precision, so that builds of every format agree; only there both differ in nothing but
+ * how a decimal number is rounded. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
@@ -247,7 +244,7 @@ static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting val
 static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_vehicle(h, real_at(c, &reals[i]));
+  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix(h, r_single_bits(real_at(c, &reals[i])));
   const uint64_t on = effects_on(c) & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* the filter's are, whatever the setting says */
   for (int i = 0; i < COUNT_EFFECTS; i++)
     h = mix_effect(h, (int)(on >> effect_settings[i].effect & 1u), reals[FIRST_EFFECTS + i].name, real_at(c, &reals[FIRST_EFFECTS + i]));
@@ -328,39 +325,17 @@ static tse_status fits(const tse_params *p, const tse_config *c, const char **wr
 }
 #endif
 
-static void make_params(const tse_config *settings, tse_params *p);
-
-tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **wrong)
+/* Take the constants that are settings as they are. */
+static void prepare_copies(const tse_config *c, tse_params *p)
 {
-  const tse_status status = tse_config_check(settings, wrong);
-  if (status < 0) return status;
-  if (!p) return TSE_E_NULL;
-#if defined(TSE_REAL_FIXED)
-  tse_params made;
-  make_params(settings, &made);
-  const tse_status fit = fits(&made, settings, wrong);
-  if (fit < 0) return fit; /* p is unchanged */
-  *p = made;
-#else
-  make_params(settings, p);
-#endif
-  return TSE_OK;
-}
-
-/* Take noise, priors and walks of a measured velocity. */
-static void prepare_velocity(const tse_config *c, tse_params *p)
-{
-#if defined(TSE_NO_VELOCITY)
-  (void)c, (void)p;
-#else
-  const tse_setting sd[TSE_VELOCITIES] = { c->ins_velocity_sd, c->ins_velocity_sd, c->gnss_speed_sd, c->gnss_course_sd };
-  const tse_setting prior[TSE_EXTRAS] = { 0, 0, 0, c->velocity_heading, 0, c->velocity_lever_x, c->velocity_lever_y };
-  const tse_setting prior_sd[TSE_EXTRAS] = { 1, 0, c->velocity_scale_sd, c->velocity_heading_sd, c->velocity_latency_sd, c->velocity_lever_sd, c->velocity_lever_sd };
-  for (int i = 0; i < TSE_VELOCITIES; i++) p->velocity_sd[i] = real_of(sd[i]);
-  for (int i = 0; i < TSE_EXTRAS; i++) {
-    p->extra[i] = real_of(prior[i]);
-    p->extra_sd[i] = real_of(prior_sd[i]);
+  for (size_t i = 0; i < sizeof copied / sizeof copied[0]; i++) {
+    tse_setting x;
+    memcpy(&x, (const uint8_t *)c + copied[i].from, sizeof x);
+    const tse_real constant = real_of(x);
+    memcpy((uint8_t *)p + copied[i].to, &constant, sizeof constant);
   }
+#if !defined(TSE_NO_VELOCITY)
+  p->extra_sd[0] = TSE_R(1); /* of the heading, whose zero is anywhere */
 #endif
 }
 
@@ -375,8 +350,6 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   car->load_front = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lr), span));
   car->load_rear = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lf), span));
   car->grip = real_of(friction);
-  car->shape = real_of(c->tyre_saturation_shape);
-  car->load_gain = real_of(c->longitudinal_load_transfer_gain);
   car->side_front = real_of(r_mul(c->lateral_load_transfer_gain, one + c->lateral_load_transfer_balance));
   car->side_rear = real_of(r_mul(c->lateral_load_transfer_gain, one - c->lateral_load_transfer_balance));
   car->height_front = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lr)));
@@ -406,7 +379,6 @@ static void prepare_body(const tse_config *c, tse_params *p)
   car->roll_leak = real_of(rolls ? STANDARD_GRAVITY : 0);
   car->roll_height = real_of(rolls ? c->body_roll_height : 0);
   car->roll_coupling = real_of(rolls ? c->body_roll_coupling : 0);
-  car->roll_steer = real_of(c->rear_roll_steer_gain);
   p->steer_lag = real_of(r_div(c->steering_lag_time, one + c->steering_lag_second));
   p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
 }
@@ -416,53 +388,30 @@ static void prepare_readings(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front), speed_sd = wheel > LEAST_WHEEL_SD ? wheel : LEAST_WHEEL_SD;
-  const tse_setting sensor[TSE_SENSORS] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd, speed_sd, speed_sd };
   car->pitch_leak = real_of(r_mul(STANDARD_GRAVITY, c->pitch_leak_gain));
   car->pitch_height = real_of(r_mul(c->pitch_leak_gain, c->pitch_leak_height));
-  car->pitch_frequency = real_of(c->pitch_leak_frequency);
-  car->pitch_damping = real_of(c->pitch_leak_damping);
-  car->lever_x = real_of(c->imu_lever_arm_x);
-  car->lever_y = real_of(c->imu_lever_arm_y);
   sin_cos(real_of(c->imu_misalignment_angle), &car->mount_sin, &car->mount_cos);
   car->scale_x = real_of(one + c->imu_scale_ax_error);
   car->scale_y = real_of(one + c->imu_scale_ay_error);
   car->scale_r = real_of(one + c->gyro_scale_error);
-  for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = real_of(sensor[i]);
+  for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = i < IMU_CHANNELS ? p->sd[i] : real_of(speed_sd);
 }
 
-/* Take means, sds and walks of the state from the settings, and the sds of what is uncertain and no state. */
+/* Find what of means and sds of the state is no setting as it is. */
 static void prepare_prior(const tse_config *c, tse_params *p)
 {
-  const tse_setting uncertain[TSE_DOUBTS] = {
-    c->yaw_inertia_sd, c->cg_sd, c->trail_sd,              /* DOUBT_INERTIA, CENTRE, MOMENT */
-    c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd,  /* LENGTH_FRONT, LENGTH_REAR, ROLL_STEER */
-    c->accel_y_scale_sd, c->gyro_scale_sd,                 /* SCALE, GYRO */
-    c->wheel_delay_sd, c->accel_delay_sd                   /* WHEELS_LATE, ACCEL_LATE */
-  };
-  const tse_setting sd[STATES - BX] = {
-    c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,                           /* BX BY BR */
-    c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd,           /* LCX LCF LCR LMU */
-    c->steer_offset_sd, c->steer_ratio_sd, c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd /* OFF GAIN LATE RAD LEAN */
-  };
-  const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
-  for (int i = 0; i < TSE_DOUBTS; i++) p->uncertain[i] = real_of(uncertain[i]);
+  const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear };
   p->prior_sd[GX] = real_of(r_mul(STANDARD_GRAVITY, c->grade_sd));
   p->prior_sd[GY] = BANK_SD;
-  for (int i = BX; i < STATES; i++) p->prior_sd[i] = real_of(sd[i - BX]);
   for (int i = 0; i < 3; i++) {
     p->prior[LCX + i] = logarithm(real_of(initial[i]));
-    p->bias_sd_walk[i] = real_of(walk[i]);
+    p->mu0[i] = real_of(initial[i] - TSE_S(1));
   }
-  p->prior[OFF] = real_of(c->steering_offset_angle);
-  p->prior[GAIN] = real_of(c->steering_ratio_change);
   p->prior[LATE] = real_of(c->steering_delay_time + c->imu_delay_time);
-  p->prior[LEAN] = real_of(c->bank_superelevation);
   p->prior[GX] = gravity_along(real_of(c->grade_angle));
   p->prior[GY] = -gravity_along(real_of(c->bank_angle));
-  p->steady_sd_walk = real_of(c->steady_walk);
   p->log_min = logarithm(real_of(c->stiffness_min));
   p->log_max = logarithm(real_of(c->stiffness_max));
-  p->model_sd = real_of(c->model_sd);
 }
 
 /* Make the car of form 0, and what its filter starts from.   Given: c  with CONSTANT effects   Updated: p  holds stiffness and geometry */
@@ -472,8 +421,6 @@ static void prepare_car(const tse_config *c, tse_params *p)
   prepare_body(c, p);
   prepare_readings(c, p);
   prepare_prior(c, p);
-  prepare_velocity(c, p);
-  p->no_torque = real_of(c->wheel_torque_least);
 }
 
 /* Take stiffness over mass, geometry and radii from the settings. */
@@ -484,35 +431,25 @@ static void prepare_vehicle(const tse_config *c, tse_params *p)
   car->kx_rear = real_of(r_div(c->longitudinal_stiffness_rear, c->mass));
   car->ky_front = real_of(r_div(c->cornering_stiffness_front, c->mass));
   car->ky_rear = real_of(r_div(c->cornering_stiffness_rear, c->mass));
-  car->lf = real_of(c->lf);
-  car->lr = real_of(c->lr);
   car->jf = real_of(r_div(r_mul(c->mass, c->lf), c->yaw_inertia));
   car->jr = real_of(r_div(r_mul(c->mass, c->lr), c->yaw_inertia));
-  p->follow = real_of(c->rear_longitudinal_follows_front);
-  p->radius_front = real_of(c->wheel_radius_front);
-  p->radius_rear = real_of(c->wheel_radius_rear);
   p->mass_var = real_of(square(c->mass_sd));
 }
 
-/* Take sds, biases and their walks of the IMU from the settings, in units of the sensors' sds. */
-static void prepare_imu(const tse_config *c, tse_params *p)
+/* Find sds, biases and their walks of the IMU in units of the sensors' sds.   Given: p  these in SI units */
+static void prepare_imu(tse_params *p)
 {
-  const tse_setting sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
-  const tse_setting bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
-  const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
-    p->sd[i] = real_of(sd[i]);
-    p->inv_sd[i] = real_of(r_div(TSE_S(1), sd[i]));
-    p->bias_var0[i] = real_of(square(r_div(bias_sd[i], sd[i])));
-    p->bias_walk[i] = real_of(square(r_div(walk[i], sd[i])));
-    p->log_sd[i] = r_log2(real_of(sd[i]));
+    p->inv_sd[i] = r_div(TSE_R(1), p->sd[i]);
+    p->bias_var0[i] = r_sqr(r_div(p->prior_sd[BX + i], p->sd[i]));
+    p->bias_walk[i] = r_sqr(r_div(p->bias_sd_walk[i], p->sd[i]));
+    p->log_sd[i] = r_log2(p->sd[i]);
   }
 }
 
 /* Take times and limits of a row from the settings, and the longest step of form 1 by how fast the car damps its motion. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
-  p->sample_time = real_of(c->sample_time);
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
   p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
   /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the cornering stiffnesses */
@@ -524,11 +461,7 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   damping = yaw > damping ? yaw : damping;
   p->damping = real_of(r_mul(TSE_S(4), damping));
   p->least_step = r_max(real_of(r_div(c->hold_speed, r_mul(TSE_S(4), damping))), r_mul(TSE_R(0.125), p->max_step));
-  p->max_gap = real_of(c->max_gap);
-  p->max_slip = real_of(c->max_slip);
   p->noise_max_var = real_of(square(c->noise_max));
-  p->hold_speed = real_of(c->hold_speed);
-  p->max_steer = real_of(c->max_steer);
   p->valid_var = real_of(square(c->valid_sd));
 }
 
@@ -537,20 +470,12 @@ static void prepare_rows(const tse_config *c, tse_params *p)
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = square(c->initial_spread);
-  const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };
-  const tse_setting x_sd[3] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd };
   p->log2_forgetting = r_log2(real_of(c->forgetting));
   p->forgetting_mean = real_of(c->forgetting_mean > TSE_S(0.5) ? c->forgetting_mean : c->forgetting);
   p->log2_forgetting_mean = r_log2(p->forgetting_mean);
-  p->forgetting_change = real_of(c->forgetting_change);
   p->memory = real_of(r_div(one, one - c->forgetting));
   p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
-  for (int i = 0; i < 3; i++) {
-    p->mu0[i] = real_of(w0[i]);
-    p->x_sd0[i] = real_of(x_sd[i]);
-  }
   /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of the mean */
-  p->nu0 = real_of(c->initial_dof);
   p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
   p->gamma0 = real_of(r_div(square(c->initial_mean_sd), spread_var));
   p->mean_var0 = real_of(square(c->initial_mean_sd));
@@ -559,7 +484,6 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->kernel = real_of(r_mul(c->spread_kernel, TSE_S(1.4426950408889634)));
   p->learnt_floor = real_of(square(c->learnt_floor));
   p->learnt_walk = real_of(square(c->learnt_walk_day));
-  p->vel_x0 = real_of(c->initial_vel_x);
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
   p->w_low = c->reflect_draws ? p->w_min : -p->w_max;
@@ -585,13 +509,31 @@ static void make_params(const tse_config *settings, tse_params *p)
   p->integration = settings->integration;
   p->seed[0] = (uint32_t)settings->seed;
   p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
+  prepare_copies(&car, p);
   prepare_vehicle(&car, p);
-  prepare_imu(&car, p);
+  prepare_imu(p);
   prepare_rows(&car, p);
   prepare_statistics(&car, p);
   prepare_latencies(&car, p);
   prepare_effects(&car, mask, p);
   prepare_car(&car, p);
+}
+
+tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **wrong)
+{
+  const tse_status status = tse_config_check(settings, wrong);
+  if (status < 0) return status;
+  if (!p) return TSE_E_NULL;
+#if defined(TSE_REAL_FIXED)
+  tse_params made;
+  make_params(settings, &made);
+  const tse_status fit = fits(&made, settings, wrong);
+  if (fit < 0) return fit; /* p is unchanged */
+  *p = made;
+#else
+  make_params(settings, p);
+#endif
+  return TSE_OK;
 }
 
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])

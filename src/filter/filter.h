@@ -48,17 +48,6 @@
 #define STAGE
 #endif
 
-/* States of a measured velocity, behind those of the car (model/car.h): [rad] heading of the car, in the axes of the course;
- * [m/s] what the model does not explain of the speed across; [1] scale; [rad] heading offset of the INS; [s] latency beyond the
- * setting; [m] where it is measured. */
-enum { PSI = STATES,
-       V_OFF,
-       V_SCALE,
-       V_TURN,
-       V_LATE,
-       V_LEVER_X,
-       V_LEVER_Y };
-
 /* One decoded row. z, use: by channel, ACCEL_X ...; wheel speeds times radius; use: 0 missing, 1 to be used. used: accelerometers and
  * gyro of them. same: both axles read the same speed. one_speed: they are one signal. rolls: which axle rolls freely in this row, so that its wheels show the speed of the car. */
 typedef struct decoded {
@@ -93,18 +82,6 @@ enum { EVENT_NONE,
        EVENT_STEER,
        EVENT_SENSOR,
        EVENT_KINDS = EVENT_SENSOR + TSE_SENSORS };
-
-/* Uncertain quantities that are no state: the first as BY_INERTIA ... */
-enum { DOUBT_INERTIA,
-       DOUBT_CENTRE,
-       DOUBT_MOMENT,
-       DOUBT_LENGTH_FRONT,
-       DOUBT_LENGTH_REAR,
-       DOUBT_ROLL_STEER,
-       DOUBT_SCALE,
-       DOUBT_GYRO,
-       DOUBT_WHEELS_LATE,
-       DOUBT_ACCEL_LATE };
 
 /* Unit of each state in the covariance: numbers of one magnitude in every number format. */
 extern const tse_real state_unit[TSE_ALL];

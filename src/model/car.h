@@ -76,15 +76,30 @@ enum {
   FAST = BX    /* states before this one: with noise in every row */
 };
 
-/* Beside the state, quantities that are no state and uncertain: columns of the slopes after it. */
+/* Behind it states of a measured velocity: [rad] heading of the car, in the axes of the course;
+ * [m/s] what the model does not explain of the speed across; [1] scale; [rad] heading offset of the INS; [s] latency beyond the
+ * setting; [m] where it is measured. */
+enum { PSI = STATES,
+       V_OFF,
+       V_SCALE,
+       V_TURN,
+       V_LATE,
+       V_LEVER_X,
+       V_LEVER_Y };
+
+/* Quantities that are no state and uncertain: the first, of the car, are columns of the slopes after the state; then those of the sensors. */
 enum {
-  BY_INERTIA = STATES,
-  BY_CENTRE,
-  BY_MOMENT,
-  BY_LENGTH_FRONT,
-  BY_LENGTH_REAR,
-  BY_ROLL_STEER,
-  COLUMNS
+  DOUBT_INERTIA,
+  DOUBT_CENTRE,
+  DOUBT_MOMENT,
+  DOUBT_LENGTH_FRONT,
+  DOUBT_LENGTH_REAR,
+  DOUBT_ROLL_STEER,
+  DOUBT_SCALE,
+  DOUBT_GYRO,
+  DOUBT_WHEELS_LATE,
+  DOUBT_ACCEL_LATE,
+  COLUMNS = STATES + DOUBT_SCALE
 };
 
 /* What the sensors measure, in the order of every array of TSE_SENSORS. The first are the IMU's. */
