@@ -113,32 +113,35 @@ void sensitivities_clear(tse_kalman *k, int count)
     for (int i = 0; i < count; i++) k->doubt[q][i] = r_short(TSE_R(0));
 }
 
-void sensitivities_fade(tse_kalman *k, int i, tse_real left)
+static void fade_short(tse_short *v, tse_real left)
 {
-  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][i] = r_short(r_mul(left, r_long(k->doubt[q][i])));
-  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[i] = r_short(r_mul(left, r_long(k->event[n].v[i])));
+  if (*v != TSE_R(0)) *v = r_short(r_mul(left, r_long(*v))); /* few are not */
 }
 
-/* Move a sensitivity with the row: the motion by M, what has noise in every row by what it keeps. */
-static void move(tse_short v[STATES], tse_short M[MOTION][COLUMNS], const tse_real keep[STATES])
+void sensitivities_fade(tse_kalman *k, int i, tse_real left)
+{
+  for (int q = 0; q < TSE_DOUBTS; q++) fade_short(&k->doubt[q][i], left);
+  for (int n = 0; n < TSE_EVENTS; n++) fade_short(&k->event[n].v[i], left);
+}
+
+static void move(tse_short v[STATES], tse_short M[MOTION][COLUMNS])
 {
   tse_short to[MOTION];
   for (int i = 0; i < MOTION; i++) to[i] = r_slope_sum(r_short(TSE_R(0)), M[i], v, STATES);
   for (int i = 0; i < MOTION; i++) v[i] = to[i];
-  for (int i = MOTION; i < FAST; i++) v[i] = r_short(r_mul(r_long(v[i]), keep[i]));
 }
 
-void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt)
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], tse_real dt)
 {
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const e = &k->event[n];
     if (e->kind == EVENT_NONE) continue;
-    move(e->v, M, keep);
+    move(e->v, M);
     e->age += dt;
   }
   for (int q = 0; q < TSE_DOUBTS; q++) {
     if (!(p->uncertain[q] > TSE_R(0))) continue;
-    move(k->doubt[q], M, keep);
+    move(k->doubt[q], M);
     for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->doubt[q][i] = r_short(r_long(k->doubt[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
   }
 }

@@ -154,7 +154,7 @@ enum { NO_SENSOR_GOING = -1,
        NO_SENSOR_TURNING = -2 };
 
 /* events.c   sensitivities: of the state to the amplitude of an event, and to what is uncertain and no state, tse_kalman.doubt
- *                move   with the row.  Given: M  its transition, in units (ud_move(); behind the states r_short())      keep  what the states behind the motion keep
+ *                move   with the motion of the row.  Given: M  its transition, in units (ud_move(); behind the states r_short())
  *                clear  of states before count, which were placed anew
  *                fade   of state i, which keeps so much of itself
  *            learn: use a measurement of a channel (or NO_SENSOR_*).   Given: h  slopes   gain   e  innovation   s  its variance
@@ -162,7 +162,7 @@ enum { NO_SENSOR_GOING = -1,
  *            decide: weigh, believe, open */
 void sensitivities_clear(tse_kalman *k, int count);
 void sensitivities_fade(tse_kalman *k, int i, tse_real left);
-void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], tse_real dt);
 void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd);
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 /* What the samples say of an event. A second amplitude is integrated out: of the first times v - part times its own v, and beside it. */

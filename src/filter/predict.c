@@ -41,11 +41,13 @@ static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
   k->since_slow = TSE_R(0);
 }
 
-/* Let state i decay to a share of it, about 0, towards a process sd: Ornstein-Uhlenbeck. */
+/* Let state i, and how far events and uncertain quantities have moved it, decay to a share, about 0, towards a process sd:
+ * Ornstein-Uhlenbeck. */
 static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 {
   k->x[i] = r_mul(k->x[i], left);
   ud_fade(&k->p, i, left);
+  sensitivities_fade(k, i, left);
   ud_add_at(&k->p, i, r_mul(r_sqr(r_div(sd, state_unit[i])), TSE_R(1) - r_sqr(left)));
 }
 
@@ -82,8 +84,8 @@ static void scale_transition(tse_short M[MOTION][COLUMNS], const tse_real share[
 steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   tse_short M[MOTION][COLUMNS];
-  tse_real noise[MOTION], keep[STATES], share[3];
-  const tse_real dt = z->dt;
+  tse_real noise[MOTION], share[3];
+  const tse_real dt = z->dt, left = left_of(dt, SLIP_TIME);
   const steering u = delayed(p, k, z);
   signal_shares(k, share);
   car_move(&p->car, k->x, u, M);
@@ -93,12 +95,9 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   }
   scale_transition(M, share, z->no_slip);
   ud_move(&k->p, M, noise);
-  for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
-  keep[SF] = keep[SR] = left_of(dt, SLIP_TIME);
-  keep[GX] = keep[GY] = left_of(dt, ROAD_TIME);
-  sensitivities_move(p, k, M, keep, dt);
-  fade(k, SF, keep[SF], SLIP_SD);
-  fade(k, SR, keep[SR], SLIP_SD);
+  sensitivities_move(p, k, M, dt);
+  fade(k, SF, left, SLIP_SD);
+  fade(k, SR, left, SLIP_SD);
   rest_row(p, k, dt);
   return u;
 }

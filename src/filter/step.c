@@ -58,15 +58,14 @@ static passage classify(const tse_params *p, const tse_filter *f, const decoded 
   return w;
 }
 
-/* Return whether all that says whether channels agree is numbers. */
+/* Return whether all that says whether channels agree is numbers: what stands before `apart`. */
 static int agreement_finite(const tse_agreement *a)
 {
-  int fine = r_is_finite(a->moved[0][0]) && r_is_finite(a->moved[0][1]) && r_is_finite(a->moved[1][0]) && r_is_finite(a->moved[1][1]);
-  for (int i = 0; i < 6; i++) fine = fine && r_is_finite(a->smooth[i]);
-  for (int i = 0; i < TSE_PAIRS; i++) {
-    const tse_pair *const q = &a->pair[i];
-    fine = fine && r_is_finite(q->time) && r_is_finite(q->mean[0]) && r_is_finite(q->mean[1]);
-    fine = fine && r_is_finite(q->var[0]) && r_is_finite(q->var[1]) && r_is_finite(q->both);
+  int fine = 1;
+  for (size_t at = 0; at < offsetof(tse_agreement, apart); at += sizeof(tse_real)) {
+    tse_real x;
+    memcpy(&x, (const uint8_t *)a + at, sizeof x);
+    fine = fine && r_is_finite(x);
   }
   return fine;
 }
@@ -115,12 +114,7 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = TSE_R(0); /* nothing is weighed */
   k->nis = k->log_likelihood = TSE_R(0);
   velocity_lose(k);
-  if (f->started) {
-    const tse_real left = left_of(r_min(z->dt, MOST_AGE), ROAD_TIME);
-    rest_row(p, k, z->dt);
-    sensitivities_fade(k, GX, left);
-    sensitivities_fade(k, GY, left);
-  }
+  if (f->started) rest_row(p, k, z->dt);
   if (!f->lost || !f->started) start_motion(p, k, z);
   if (!(f->still_for < STILL_TIME)) update_still(p, k, z);
   f->started = f->started || (z->has_steer && has_wheel_speed(z));

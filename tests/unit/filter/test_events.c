@@ -90,12 +90,10 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
     double dense_h[ALL], z, e;
     if (row % 2) {
       tse_short M[MOTION][COLUMNS];
-      tse_real noise[MOTION], keep[STATES];
+      tse_real noise[MOTION];
       double F[STATES][STATES], q[MOTION], x[STATES];
-      for (int i = 0; i < STATES; i++) {
-        keep[i] = TSE_R(1);
+      for (int i = 0; i < STATES; i++)
         for (int j = 0; j < STATES; j++) F[i][j] = i == j;
-      }
       for (int i = 0; i < MOTION; i++) {
         noise[i] = real(0.01);
         q[i] = number(noise[i]);
@@ -107,7 +105,7 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
         for (int j = 0; j < STATES; j++) x[i] += F[i][j] * t->x[j];
       }
       memcpy(t->x, x, sizeof x);
-      sensitivities_move(&t->p, &t->k, M, keep, real(0.01));
+      sensitivities_move(&t->p, &t->k, M, real(0.01));
       ud_move(&t->k.p, M, noise);
       plain_move(&t->without, F, q);
       plain_move(&t->with, F, q);
@@ -477,11 +475,9 @@ static void test_events_are_opened_in_turn(void)
       k.change_kind = TSE_CHANGE_ROAD, k.change_age = TSE_R(100);
     }
     tse_short M[MOTION][COLUMNS];
-    tse_real keep[STATES];
-    for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
     for (int i = 0; i < MOTION; i++)
       for (int j = 0; j < COLUMNS; j++) M[i][j] = slope_of(i == j);
-    sensitivities_move(&p, &k, M, keep, real(0.01));
+    sensitivities_move(&p, &k, M, real(0.01));
     events_decide(&p, &k, real(0.01));
     for (int i = 0; i < TSE_EVENTS; i++) {
       TEST_ASSERT_TRUE(k.event[i].kind >= EVENT_NONE && k.event[i].kind < EVENT_KINDS);
