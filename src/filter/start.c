@@ -1,25 +1,15 @@
 /* filter/start.c - the prior, and the motion from wheel speed and gyro. */
 #include "filter/filter.h"
 
-const tse_real state_unit[TSE_ALL] = {
-  TSE_R(0.2), TSE_R(0.1), TSE_R(0.02),                          /* VX VY YAW         */
-  TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5),              /* AF AR PHI DPHI    */
-  TSE_R(0.01), TSE_R(0.01), TSE_R(0.3), TSE_R(0.15),             /* SF SR GX GY       */
-  TSE_R(0.05), TSE_R(0.05), TSE_R(0.002),                         /* BX BY BR          */
-  TSE_R(0.1), TSE_R(0.1), TSE_R(0.1), TSE_R(0.2),              /* LCX LCF LCR LMU   */
-  TSE_R(0.002), TSE_R(0.02), TSE_R(0.01), TSE_R(0.005), TSE_R(0.05), /* OFF GAIN LATE RAD LEAN */
-#if !defined(TSE_NO_VELOCITY)
-  TSE_R(0.02), TSE_R(0.1), TSE_R(0.01), TSE_R(0.01), TSE_R(0.02), TSE_R(0.2), TSE_R(0.2) /* PSI, V_OFF ... */
+#define STATE_UNIT(name, unit, most) TSE_R(unit),
+#define STATE_MOST(name, unit, most) TSE_R(most),
+#if defined(TSE_NO_VELOCITY)
+const tse_real state_unit[TSE_ALL] = { STATE_ROWS(STATE_UNIT) };
+const tse_real state_most[TSE_ALL] = { STATE_ROWS(STATE_MOST) };
+#else
+const tse_real state_unit[TSE_ALL] = { STATE_ROWS(STATE_UNIT) EXTRA_ROWS(STATE_UNIT) };
+const tse_real state_most[TSE_ALL] = { STATE_ROWS(STATE_MOST) EXTRA_ROWS(STATE_MOST) };
 #endif
-};
-
-const tse_real state_most[TSE_ALL] = {
-  TSE_R(200), TSE_R(60), TSE_R(20), TSE_R(1.5), TSE_R(1.5), TSE_R(0.5), TSE_R(10), TSE_R(10), TSE_R(10), TSE_R(5), TSE_R(5),
-  TSE_R(50), TSE_R(50), TSE_R(6), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(0.2), TSE_R(0.5), TSE_R(0.2), TSE_R(0.2), TSE_R(0.9),
-#if !defined(TSE_NO_VELOCITY)
-  TSE_R(10), TSE_R(30), TSE_R(0.5), TSE_R(1), TSE_R(0.3), TSE_R(30), TSE_R(30)
-#endif
-};
 
 void along_start(tse_kalman *k, tse_real var)
 {

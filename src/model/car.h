@@ -46,46 +46,48 @@
 #define car_pitch   TSE_NAME(tse_car_pitch)
 #define car_measure TSE_NAME(tse_car_measure)
 
-/* The state x. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
+/* The state x: ROW(name, its unit in the covariance, no car goes beyond), SI. The unit makes numbers of one magnitude in every number
+ * format. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
+/* clang-format off */
+#define STATE_ROWS(ROW) \
+  ROW(VX,   0.2,   200) /* [m/s] speed along the car, and across */ \
+  ROW(VY,   0.1,   60)  \
+  ROW(YAW,  0.02,  20)  /* [rad/s] */ \
+  ROW(AF,   0.01,  1.5) /* [rad] slip angle of each axle, after the tyres' relaxation */ \
+  ROW(AR,   0.01,  1.5) \
+  ROW(PHI,  0.01,  0.5) /* [rad] roll angle, and its rate [rad/s] */ \
+  ROW(DPHI, 0.5,   10)  \
+  ROW(SF,   0.01,  10)  /* [1] slip of each axle */ \
+  ROW(SR,   0.01,  10)  \
+  ROW(GX,   0.3,   5)   /* [m/s2] gravity along the road, > 0 uphill, and across, > 0 to the left */ \
+  ROW(GY,   0.15,  5)   \
+  ROW(BX,   0.05,  50)  /* [m/s2] [m/s2] [rad/s] biases of accel_x, accel_y, yaw_rate */ \
+  ROW(BY,   0.05,  50)  \
+  ROW(BR,   0.002, 6)   \
+  ROW(LCX,  0.1,   4)   /* [1] logarithm of stiffness over nominal: longitudinal, front, rear cornering; of grip */ \
+  ROW(LCF,  0.1,   4)   \
+  ROW(LCR,  0.1,   4)   \
+  ROW(LMU,  0.2,   4)   \
+  ROW(OFF,  0.002, 0.2) /* [rad] steering offset */ \
+  ROW(GAIN, 0.02,  0.5) /* [1] error of the steering ratio */ \
+  ROW(LATE, 0.01,  0.2) /* [s] lateness of the steering */ \
+  ROW(RAD,  0.005, 0.2) /* [1] error of the front radius */ \
+  ROW(LEAN, 0.05,  0.9) /* [1] share of v r that roads lean into their curves */
+#define EXTRA_ROWS(ROW) /* behind them, of a measured velocity */ \
+  ROW(PSI,       0.02, 10)  /* [rad] heading of the car, in the axes of the course */ \
+  ROW(V_OFF,     0.1,  30)  /* [m/s] what the model does not explain of the speed across */ \
+  ROW(V_SCALE,   0.01, 0.5) /* [1] */ \
+  ROW(V_TURN,    0.01, 1)   /* [rad] heading offset of the INS */ \
+  ROW(V_LATE,    0.02, 0.3) /* [s] latency beyond the setting */ \
+  ROW(V_LEVER_X, 0.2,  30)  /* [m] where it is measured */ \
+  ROW(V_LEVER_Y, 0.2,  30)
+/* clang-format on */
+#define STATE_NAME(name, unit, most) name,
 enum {
-  VX,   /* [m/s] speed along the car, and across */
-  VY,
-  YAW,  /* [rad/s] */
-  AF,   /* [rad] slip angle of each axle, after the tyres' relaxation */
-  AR,
-  PHI,  /* [rad] roll angle, and its rate [rad/s] */
-  DPHI,
-  SF,   /* [1] slip of each axle */
-  SR,
-  GX,   /* [m/s2] gravity along the road, > 0 uphill, and across, > 0 to the left */
-  GY,
-  BX,   /* [m/s2] [m/s2] [rad/s] biases of accel_x, accel_y, yaw_rate */
-  BY,
-  BR,
-  LCX,  /* [1] logarithm of stiffness over nominal: longitudinal, front, rear cornering; of grip */
-  LCF,
-  LCR,
-  LMU,
-  OFF,  /* [rad] steering offset */
-  GAIN, /* [1] error of the steering ratio */
-  LATE, /* [s] lateness of the steering */
-  RAD,  /* [1] error of the front radius */
-  LEAN, /* [1] share of v r that roads lean into their curves */
-  STATES,
+  STATE_ROWS(STATE_NAME) EXTRA_ROWS(STATE_NAME) STATES = PSI,
   MOTION = SF, /* states before this one: in motion */
   FAST = BX    /* states before this one: with noise in every row */
 };
-
-/* Behind it states of a measured velocity: [rad] heading of the car, in the axes of the course;
- * [m/s] what the model does not explain of the speed across; [1] scale; [rad] heading offset of the INS; [s] latency beyond the
- * setting; [m] where it is measured. */
-enum { PSI = STATES,
-       V_OFF,
-       V_SCALE,
-       V_TURN,
-       V_LATE,
-       V_LEVER_X,
-       V_LEVER_Y };
 
 /* Quantities that are no state and uncertain: the first, of the car, are columns of the slopes after the state; then those of the sensors. */
 enum {
