@@ -33,7 +33,6 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 # Limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
 LEAST_GRIP_SD, LEAST_INVERSE = 0.1, 0.2
 CALIBRATED_MODEL_SD = 0.05
-LEAST_LATE_SD = 0.008  # s
 FOUND_SENSORS = (  # what a calibration says of sensors is of its own residuals: the filter finds their noise while driving
     "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk", "wheel_noise_sd",
 )  # fmt: skip
@@ -113,7 +112,6 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     stated = {name: x for name, x in v.items() if name not in FOUND_SENSORS}
     sensors = {name: stated.get(name, ordinary.get(name, float(getattr(plain, name)))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
-    sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
     return {"cg_height": ordinary["cg_height"], "grade_sd": ordinary["grade_sd"], **v, **sensors, **found}
 
 

@@ -115,7 +115,7 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
 
 
 def sure(warnings: Sequence[str]) -> list[str]:
-    """Return of what check_car() says that which is no guess: a road that leans, or a tyre that fails, may look like a wrong unit."""
+    """Return of what check_car() says that which is no guess: roads that lean, or a tyre that fails, may look like a wrong unit."""
     return [text for text in warnings if PERHAPS not in text]
 
 
