@@ -145,7 +145,7 @@ def test_remarks_name_noise_and_contradictions():
     assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "diverging"))[0]
 
 
-@pytest.mark.parametrize(("late", "said"), [(0.0, ""), (0.031, ""), (-0.015, ""), (-0.017, "17 ms later"), (0.033, "33 ms earlier")])
+@pytest.mark.parametrize(("late", "said"), [(0.031, ""), (-0.015, ""), (-0.017, "17 ms later"), (0.033, "33 ms earlier")])
 def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
     from tse.impl.core import Config
     from tse.impl.verdict import late_steering
