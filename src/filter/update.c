@@ -131,14 +131,22 @@ static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *
   k->before[2] = k->x[VX];
 }
 
-/* Measure that the axle that is not driven rolls freely while the car does not brake, which forces show where nothing else does. */
+/* Return whether the car brakes, which forces show where nothing else does: those of the slip, unless accel_x contradicts them. A slip that
+ * ripples with the wheels would choose the half of each turn in which it is too large. */
+static int brakes(const tse_params *p, const tse_kalman *k, const forces *f)
+{
+  const tse_real off = k->innovation[ACCEL_X], likely = r_mul(r_mul(TAIL, k->noise[ACCEL_X]), r_sqr(p->sensor_sd[ACCEL_X]));
+  return f->x + (r_sqr(off) > likely && works(k, ACCEL_X) ? off : TSE_R(0)) + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
+}
+
+/* Measure that the axle that is not driven rolls freely while the car does not brake. */
 static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
   const tse_car *const c = &p->car;
   scalar m;
   tse_real state;
   int32_t axle = z->rolls;
-  if (axle == ROLLS_UNKNOWN) axle = f->x + r_mul(c->drag, r_sqr(k->x[VX])) < TSE_R(0) ? ROLLS_NONE : not_driven(c);
+  if (axle == ROLLS_UNKNOWN) axle = brakes(p, k, f) ? ROLLS_NONE : not_driven(c);
   if (axle < ROLLS_FRONT) return;
   const int at = axle == ROLLS_REAR ? SR : SF;
   for (int i = 0; i < TSE_ALL; i++) m.h[i] = TSE_R(0);

@@ -105,6 +105,32 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
   }
 }
 
+/* Slips of wheels that ripple say that the car brakes. Where accel_x reads that force they are believed; where it reads none, by
+ * many sd, the rear axle of a front-driven car rolls freely, and its slip is as well known as that says. */
+static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
+{
+  const tse_params p = prepared(a_car(1, 0.03));
+  const steering straight = { TSE_R(0), TSE_R(0), real(0.01) };
+  for (int contradicts = 0; contradicts < 2; contradicts++) {
+    static tse_kalman k;
+    decoded z;
+    forces by_slip;
+    memset(&k, 0, sizeof k);
+    memset(&z, 0, sizeof z);
+    for (int i = 0; i < STATES; i++) k.p.d[i] = i == SF || i == SR ? TSE_R(1) : TSE_R(0);
+    for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
+    k.x[VX] = real(20);
+    k.x[SF] = k.x[SR] = real(-0.004);
+    car_forces(&p.car, k.x, straight, TSE_R(1), &by_slip);
+    z.dt = real(0.01), z.has_steer = 1, z.rolls = ROLLS_UNKNOWN;
+    z.use[ACCEL_X] = 1, z.z[ACCEL_X] = contradicts ? TSE_R(0) : by_slip.x;
+    TEST_ASSERT_TRUE(number(by_slip.x) < -0.5);
+    update_row(&p, &k, &z, straight);
+    const double sd = sqrt(number(ud_variance(&k.p, SR))) * number(state_unit[SR]); /* accel_x shows the sum of both slips alone */
+    TEST_ASSERT_EQUAL_INT(contradicts, sd < 1.01 * number(FREE_SLIP_SD));
+  }
+}
+
 /* While the car brakes, on a road that may climb, nothing is learnt of the longitudinal stiffness; on a flat one it is. */
 static void test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone(void)
 {
