@@ -171,7 +171,7 @@ def estimate(
             notes.append(f"the channels contradict each other, so nothing was learnt: {save_learnt} is not written")
         else:
             notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
-    odd = [*warnings, *log.warnings]
+    odd = [*warnings, *prepared.doubts, *log.warnings]
     if table is not None:
         results.write_rows(table, results.rows(log_path, est, found, changes, odd), results.COLUMNS)
     written = {"estimates": out, "report": report if ran.reported else None, "table": table}

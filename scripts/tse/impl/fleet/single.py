@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +26,15 @@ from tse.impl.verdict import Finding, findings, implausible, late_steering, of_u
 
 @dataclass
 class Prepared:
-    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other. `own`: what a calibration
-    on the log itself has found."""
+    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other; so are `doubts`: in what
+    they perhaps do, if the rows say so, too. `own`: what a calibration on the log itself has found."""
 
     vehicle: Vehicle
     log: Log
     config: Config
     notes: list[str]
     warnings: list[str]
+    doubts: list[str] = field(default_factory=list)
     own: Own | None = None
 
 
@@ -95,9 +96,8 @@ def assemble(
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
-    warnings = sure(said)
     if calibrate is not None and form == "default" and uncalibrated(stated):
-        if warnings:
+        if said:
             found = of_class("its channels contradict each other")
         else:
             try:
@@ -117,9 +117,8 @@ def assemble(
         *notes,
         *vehicle.notes,
     ]
-    return Prepared(
-        vehicle, replace(log, warnings=[*log.warnings, *(w for w in said if w not in warnings)]), config, notes, warnings
-    )
+    warnings = sure(said)
+    return Prepared(vehicle, log, config, notes, warnings, [w for w in said if w not in warnings])
 
 
 # ---- the run
@@ -165,7 +164,10 @@ def run(prepared: Prepared, out: Path | None, report: Path | None, learnt: Learn
 def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
     """Return whether the rows speak against a log of which the preparation had nothing to say; it is among the warnings then."""
     said = "" if prepared.warnings else implausible(table)
-    if said:
+    if said and prepared.doubts:
+        prepared.warnings += prepared.doubts
+        prepared.doubts = []
+    elif said:
         prepared.warnings.append(said)
         prepared.notes.insert(0, said)
     return bool(said)

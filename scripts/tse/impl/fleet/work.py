@@ -112,7 +112,9 @@ def _work(task: Task) -> Outcome:
         page = report.read_bytes() if report is not None and ran.reported else None
     time = ran.estimate.table["time"]
     return Outcome(
-        rows=results.rows(task.log, ran.estimate, ran.findings, ran.changes, [*prepared.warnings, *prepared.log.warnings]),
+        rows=results.rows(
+            task.log, ran.estimate, ran.findings, ran.changes, [*prepared.warnings, *prepared.doubts, *prepared.log.warnings]
+        ),
         learnt=None if prepared.warnings else ran.estimate.learnt,  # what contradicts itself teaches the next drive nothing
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
