@@ -405,21 +405,21 @@ def controller() -> str:
     return table([*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9)))
 
 
-def results(name: str, rows: Sequence[str], keep: Sequence[int], first: str = "") -> str:
-    """Return rows of a table of scripts/results: those that begin so, of them the columns `keep`."""
-    text = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8")
-    lines = [line for line in text.splitlines() if line.startswith("|")]
+def results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
+    """Return rows of a table of scripts/results: the first that begins with each of these cells, of it the columns `keep`."""
+    lines = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8").splitlines()
     head = next(i for i, line in enumerate(lines) if line.startswith("|---")) - 1
-    cells = [[c.strip() for c in line.strip("|").split("|")] for line in (lines[head], *lines[head + 2 :])]
-    found = [next(row for row in cells[1:] if " ".join(row[: len(start.split("|"))]) == start.replace("|", " ")) for start in rows]
-    return table([first or cells[0][keep[0]], *(cells[0][k] for k in keep[1:])], ([row[k] for k in keep] for row in found))
+    found = [lines[head], *(next(line for line in lines if line.startswith(f"| {start} |")) for start in rows)]
+    cells = [[c.strip() for c in line.strip("|").split("|")] for line in found]
+    kept = [[row[k] for k in keep] for row in cells]
+    return table(kept[0], kept[1:])
 
 
 def measured_cars() -> str:
     """Return how far estimates of calibrated cars are from the truth, and what bounds them."""
     names = ("calibrated", "calibrated, beside the secant without relaxation", "calibrated, beside the stiffness at no slip",
              "constant of the calibration", "best constant, from the truth", "not calibrated")  # fmt: skip
-    return results("cars-fresh", [f"all|{name}" for name in names], (1, 2, 3, 4, 5, 6))
+    return results("cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6))
 
 
 def measured_events() -> str:
@@ -430,7 +430,7 @@ def measured_events() -> str:
 def measured_logs() -> str:
     """Return what a log of a real car leaves of its stiffness."""
     logs = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs", "rav4_comma2k19", "subaru_sti")
-    return results("real", [f"{name}|the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11))
+    return results("real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11))
 
 
 def tuning() -> str:

@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+import tables
 from tests.cars import SCENARIOS, make_cars, make_logs
 from tests.cars.study import PRIOR, RESULTS, driven, estimated, outputs
 from tse.impl.core import NOMINAL, STIFFNESS, Config, Library
@@ -29,7 +30,8 @@ from tse.impl.tables import markdown_table
 EVENTS = [s for s in SCENARIOS if s != "dry"]
 ON = ("highway", "mountain")
 OFF, AFTER, ROW, SMOOTH = 0.2, 60.0, 0.01, 51  # relative error; s; s; rows of the truth: half a second of a new road
-SURE, CHANGE_SD = 1.96, 0.4  # sd; relative sd of a stiffness that may have changed: src/tables/constants.toml
+SURE = 1.96  # sd
+CHANGE_SD = float(tables.read("constants")["events"]["CHANGE_SD"]["value"])  # of a stiffness that may have changed, relative
 
 
 def share(of: np.ndarray, among: np.ndarray) -> float:

@@ -96,12 +96,12 @@ def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: 
 def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
     """Findings that belong together, that with most evidence first. The evidence is that of a quadratic: half the square of how far
     the numbers are from what the vehicle file had, in their joint covariance."""
-    found, sd = [], np.sqrt(np.diag(fit.covariance))
-    correlation = fit.covariance / np.outer(sd, sd)
+    found = []
     for name in dict.fromkeys(r.group for r in rows):
         sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]  # else the prior would speak
         off = np.array([(rows[k].value - rows[k].before) / rows[k].sd for k in sizes])
-        inverse = np.linalg.pinv(correlation[np.ix_(sizes, sizes)])
+        sd = np.sqrt(np.diag(fit.covariance)[sizes])
+        inverse = np.linalg.pinv(fit.covariance[np.ix_(sizes, sizes)] / np.outer(sd, sd))
         found.append(Group(name, 0.5 * float(off @ inverse @ off), tuple(r for r in rows if r.group == name)))
     return sorted(found, key=lambda g: -g.nats)
 

@@ -15,7 +15,7 @@ from tse.impl.config import check_effect, make_config
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, Learnt, estimate_to
-from tse.impl.logs.agree import MOST_ROWS, check_car, stood, sure
+from tse.impl.logs.agree import MOST_ROWS, PERHAPS, check_car, stood, sure
 from tse.impl.logs.log import read_log
 from tse.impl.regimes import Change
 from tse.impl.rows import Log, Reading, liveliest, sampling_notes, steering_notes
@@ -98,7 +98,7 @@ def assemble(
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
     if calibrate is not None and form == "default" and uncalibrated(stated):
         if said:
-            found = of_class("its channels contradict each other")
+            found = of_class(f"its channels {'' if sure(said) else PERHAPS}contradict each other")
         else:
             try:
                 found = calibrated(stated, [logged, *calibrate.others], calibrate.say)

@@ -89,12 +89,12 @@ def work(task: Task) -> Outcome:
 def _work(task: Task) -> Outcome:
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
-    itself, left_out = None, list[str]()
+    itself, of_others = None, list[str]()
     if task.calibrate and uncalibrated(car := read_vehicle(task.vehicle)):
         others: list[Log] = []
         for log, signals in task.others:
             with suppress(UserError):
-                others += read_agreeing([log], left_out, replace(reading, signals=signals, car=car))
+                others += read_agreeing([log], of_others, replace(reading, signals=signals, car=car))
         itself = Calibrate(others=others)
     prepared = prepare(task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself)
     made = prepared.own.text if prepared.own else ""
@@ -119,6 +119,6 @@ def _work(task: Task) -> Outcome:
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
         code=results.exit_code(ran.findings),
-        notes=[*prepared.vehicle.found, *(n for n in left_out if n.startswith("left out")), *ran.notes],
+        notes=[*prepared.vehicle.found, *of_others, *ran.notes],
         calibrated=made,
     )

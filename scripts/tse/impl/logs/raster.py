@@ -204,7 +204,7 @@ def _times(
     own: Mapping[str, tuple[np.ndarray, np.ndarray]], rates: Mapping[str, float], core: list[str], rate: float
 ) -> np.ndarray:
     """Rows from where the driver's channels begin to where the first of them ends, on the beat of the clock: the gyro, if it can.
-    None where no channel has an entry."""
+    No row where no channel has an entry."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     if not spans:
         return np.zeros(0)
