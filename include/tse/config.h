@@ -1,5 +1,5 @@
 /* tse/config.h - settings. Names, defaults, ranges and units follow from the tables of src/tables: unit, default, least .. most; meaning.
- * Defaults: the mid-size car and sensors of the paper's Sec. IV-A. */
+ * Defaults: a mid-size car, and particles, forgetting and noise as in Sec. IV of the paper, which prints no vehicle. */
 #ifndef TSE_CONFIG_H
 #define TSE_CONFIG_H
 

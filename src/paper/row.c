@@ -87,6 +87,7 @@ static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *
     else if (!k->excited[a]) why = TSE_NOT_EXCITED;
     else if (r_mul(now->stiffness_sd[a], now->stiffness_sd[a]) > p->valid_var) why = TSE_UNCERTAIN;
     now->reason[a] = (int32_t)why;
+    now->spread_seen[a] = why == TSE_VALID;
     if (why != TSE_VALID) status = worse(status, TSE_W_NOT_VALID);
     else f->filter.known[a] = TSE_KNOWN;
   }
@@ -112,6 +113,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   c->v_rear = y.u.v_rear;
 
   memset(&now, 0, sizeof now);
+  if (k.gap) y.dt = p->sample_time; /* a gap is no row, and (17) forgets by rows */
   if (k.held || k.predicted) hold(p, f, &now);
   else {
     paper_update(p, f, &y, &now, &evidence);

@@ -165,6 +165,11 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
     paper_estimate(&p, &before, &was);
     expect_near(number(was.stiffness[a]), number(y.stiffness[a]), 0.05, "stiffness", a);
   }
+  tse_output next;
+  tse_input usual = u;
+  usual.dt = real(0.01);
+  tse_step(&p, &f.filter, &usual, &next);
+  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(next.stiffness_sd[a]) < 1.1 * number(y.stiffness_sd[a])); /* the gap forgets nothing */
   /* without any measurement not a bit of the statistics moves */
   u.missing |= TSE_MISSING_yaw_rate;
   TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &other.filter, &u, &y));
@@ -298,7 +303,11 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
     }
     const tse_output y = run(&p, &f, &d, 1);
     TEST_ASSERT_TRUE(outputs_are_finite(&y));
-    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
+    for (int a = 0; a < 3; a++) {
+      TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
+      TEST_ASSERT_EQUAL_INT(y.reason[a] == TSE_VALID, y.spread_seen[a]);
+      if (i == 5999) TEST_ASSERT_EQUAL_INT(1, y.spread_seen[a]); /* a minute of both */
+    }
   }
 }
 
