@@ -74,6 +74,7 @@ def calibrate(
     from tse.impl.vehicle import read_vehicle, stiffness_words
 
     _distinct(logs, hold_out)
+    check_writable(out)
     formula = read_vehicle(vehicle_path).formula_path
     numbers, html = out.with_suffix(".json"), out.with_suffix(".html")
     kept_formula = output.formula_beside(out) if formula else None
@@ -82,7 +83,6 @@ def calibrate(
         {"--vehicle": vehicle_path, "the formula of --vehicle": formula, "--signals": reading.signals}
         | {str(p): p for p in (*logs, *hold_out)},
     )
-    check_writable(out)
     results.check_table(table)
     if table is not None:
         check_writable(table)

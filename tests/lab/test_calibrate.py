@@ -253,6 +253,7 @@ def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_
         (["log_highway.csv", "--hold-out", "log_highway.csv", "--out", "x.toml"], "--hold-out"),
         (["log_highway.csv", "--out", "car.toml"], "same file"),
         (["log_highway.csv", "--out", "nowhere/x.toml"], "does not exist"),
+        (["log_highway.csv", "--out", ""], "is a directory"),
     ],
 )
 def test_bad_arguments_end_in_a_sentence(case: Path, arguments: list[str], said: str) -> None:
