@@ -22,6 +22,7 @@ COMMANDS = {  # name: module of tselab, what it does
     "gap": ("gap", "Find, name and add what the model lacks."),
     "montecarlo": ("studies", "Monte-Carlo studies: accuracy, peers, stress ..."),
     "paper": ("studies", "The paper's figures: as printed, robust, default."),
+    "replay": ("replay", "A log beside what the model of a car says of it."),
     "settings": ("car", "List all settings."),
     "signals": ("signals", "What a log holds, and a proposal of signals.toml."),
     "simulate": ("simulate", "Simulate a manoeuvre: log and truth."),

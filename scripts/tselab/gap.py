@@ -227,6 +227,40 @@ def check(
     return found.code
 
 
+@gap.command(short_help="The effects that it knows.")
+@for_programs
+def catalogue(as_json: bool, table: Path | None) -> None:
+    """List the effects that the workflow knows: what each is, where it enters, what shows it, how large it usually is.
+
+    \b
+    tselab gap catalogue
+    tselab gap catalogue --table effects.csv
+    """
+    from tse.impl import results
+    from tse.impl.core import library
+    from tse.impl.files import check_writable
+
+    results.check_table(table)
+    if table is not None:
+        check_writable(table)
+    rows = [
+        {"id": e.id, "effect": e.title, "enters": ", ".join(e.entry_points), "shows_in": e.channels,
+         "look_alikes": ", ".join(e.look_alikes), "setting": p.setting, "unit": p.unit, "typical_low": p.typical[0],
+         "typical_high": p.typical[1], "negligible": p.negligible, "meaning": p.text}
+        for e in library().effects.values() for p in e.parameters
+    ]  # fmt: skip
+    if table is not None:
+        results.write_rows(table, rows)
+    if as_json:
+        results.say_json({"effects": rows})
+        return
+    for e in library().effects.values():
+        click.echo(f"{e.id}: {e.title}; enters at {', '.join(e.entry_points)}; shows in {e.channels}")
+        for p in e.strengths:
+            typical = f"typical {p.typical[0]:g} .. {p.typical[1]:g}, negligible below {p.negligible:g}"
+            click.echo(f"    {p.setting} [{p.unit}]  {typical}: {p.text}")
+
+
 @gap.command(short_help="Which manoeuvre tells two effects apart.")
 @click.option("--separate", metavar="ID,ID", required=True, help="The effects; ids as 'tselab gap check' lists them.")
 @VEHICLE

@@ -122,6 +122,10 @@ def test_a_replay_is_the_car_without_noise(folder, tmp_path):
         assert rms < off if off else rms > 0.1
     page = shown(result, tmp_path / "replay.html")
     assert "measured less simulated" in page
+    late = log.assign(accel_y=log["accel_y"].shift(5, fill_value=0.0))
+    apart = [tse.replay(x, CAR, settings=s).apart()["accel_y"].rms
+             for x, s in ((log, None), (late, {"accel_y_latency": 0.05}), (late, None))]  # fmt: skip
+    assert apart[1] == pytest.approx(apart[0], rel=0.05) and apart[2] > 3 * apart[0]
     holes = log.copy()
     holes.loc[100:103, "steer_angle"] = np.nan
     assert np.isfinite(tse.replay(holes, CAR).to_frame()["accel_y_simulated"]).all()

@@ -138,6 +138,8 @@ def folder(tmp_path_factory):
         (("signals", "log.csv"), {0, 3}, {"signals", "proposal"}),
         (("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv"), {0, 3, 4}, {"usable", "stretches", "written"}),
         (("gap", "check", "log.csv", "--vehicle", "car.toml"), {0, 3, 4}, {"exit_code", "logs"}),
+        (("gap", "catalogue"), {0}, {"effects"}),
+        (("replay", "log.csv", "--vehicle", "car.toml", "--out", "r.csv", "--report", "r.html"), {0}, {"apart", "written"}),
         (("gap", "plan", "--separate", "steering_delay,steering_lag", "--vehicle", "car.toml"), {0}, {"separable", "manoeuvres"}),
         (
             ("montecarlo", "--study", "stress", "--cases", "nominal", "--runs", 1, "--jobs", 1, "--out", "study"),

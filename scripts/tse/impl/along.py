@@ -1,0 +1,76 @@
+"""The car of the settings, simulated along a log: what its sensors should have read, and how far that is from what they did."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tse.impl.core import Config, Replay
+from tse.impl.errors import UserError
+from tse.impl.noise import channel_noise
+from tse.impl.plots import CHANNEL_UNITS
+from tse.impl.rows import DRIVES, MEASURES, Log
+
+SLOWEST = 3.0  # m/s: below it tyres and wheel speeds are another matter, and at rest all agrees
+Values = np.ndarray[Any, np.dtype[np.float64]]
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How far measured and simulated are apart, above SLOWEST, and by channel."""
+
+    rms: float  # without the mean, which is the sensor's bias; NaN: the log does not have it
+    over_noise: float  # that over the white noise of the channel in this log
+    mean: float
+    unit: str
+
+
+def along(log: Log, config: Config) -> pd.DataFrame:
+    """Return time, accel_x, accel_y, yaw_rate as logged, and simulated with the end _simulated; vel_x, vel_y. Inputs are read as
+    much later as the settings call them late, and what is simulated is as late as the settings call it."""
+    late = {c: float(getattr(config, f"{c}_latency", 0.0)) for c in (*DRIVES, *MEASURES)}
+    inputs = {c: _later(log.time, _whole(c, log.data[c].to_numpy(float)), late[c]) for c in DRIVES}
+    simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs).run(config)
+    table = {"time": log.time, **{c: log.data[c].to_numpy(float) for c in MEASURES}}
+    for name, x in simulated.items():
+        table[f"{name}_simulated" if name in MEASURES else name] = _later(log.time, np.array(x, float), -late.get(name, 0.0))
+    return pd.DataFrame(table)
+
+
+def _later(time: Values, x: Values, by: float) -> Values:
+    """What a channel is `by` seconds later."""
+    return np.asarray(np.interp(time + by, time, x)) if by else x
+
+
+def _whole(name: str, x: Values) -> Values:
+    """Values without holes."""
+    there = np.isfinite(x)
+    if not there.any():
+        raise UserError(f"{name} is missing: nothing drives the model")
+    at = np.arange(len(x))
+    return np.asarray(np.interp(at, at[there], x[there]))
+
+
+def apart(table: pd.DataFrame) -> dict[str, Apart]:
+    """Return how far each channel of along() is from what was measured."""
+    fast = np.abs(table["vel_x"].to_numpy()) > SLOWEST
+    found = {}
+    for c in MEASURES:
+        off = (table[c] - table[f"{c}_simulated"])[fast]
+        noise = channel_noise(c, table[c].to_numpy(), fast)
+        rms = float(off.std(ddof=0))
+        found[c] = Apart(rms, rms / noise.unraised if noise and noise.unraised else np.nan, float(off.mean()), CHANNEL_UNITS[c])
+    return found
+
+
+def sentences(found: Mapping[str, Apart]) -> tuple[str, ...]:
+    """The same in words, a line per channel."""
+    return tuple(
+        f"{c}: measured less simulated {a.rms:.3g} {a.unit} rms above {SLOWEST:g} m/s, {a.over_noise:.1f} times its noise; "
+        f"without its mean of {a.mean:.2g}"
+        if np.isfinite(a.rms)
+        else f"{c}: nothing to compare above {SLOWEST:g} m/s"
+        for c, a in found.items()
+    )

@@ -1,0 +1,103 @@
+"""The command `tselab replay`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tselab.gap import VEHICLE
+from tselab.options import FILE, JSON, key_values, reading
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from tse.impl.rows import Reading
+
+
+@click.command()
+@click.argument("log_path", metavar="LOG", type=FILE)
+@VEHICLE
+@click.option("--out", metavar="TABLE.csv", type=FILE, help="Every row, measured and simulated.")
+@click.option("--report", metavar="PAGE.html", type=FILE, help="The picture of it, for a browser.")
+@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the car; may be repeated.")
+@reading
+@JSON
+def replay(
+    log_path: Path,
+    vehicle_path: Path,
+    out: Path | None,
+    report: Path | None,
+    pairs: tuple[str, ...],
+    reading: Reading,
+    as_json: bool,
+) -> None:
+    """Show a log beside what the model of a car says of it.
+
+    \b
+    tselab replay drive.csv --vehicle car.toml --report before.html
+    tselab replay drive.csv --vehicle found/vehicle_improved.toml --report after.html
+
+    The single-track model is driven by the logged steering angle and wheel speeds, with the effects, latencies and the formula of
+    the vehicle file; accel_x, accel_y and yaw_rate are compared. Nothing is fitted.
+    """
+    from dataclasses import replace
+
+    from tse.impl.along import along, apart, sentences
+    from tse.impl.core import Config
+    from tse.impl.estimate import write_table
+    from tse.impl.files import check_distinct, check_writable
+    from tse.impl.logs.log import read_log
+    from tse.impl.report import write_page
+    from tse.impl.results import say_json
+    from tse.impl.vehicle import read_vehicle
+
+    check_distinct({"--out": out, "--report": report}, {"LOG": log_path, "--vehicle": vehicle_path, "--signals": reading.signals})
+    for path in (out, report):
+        if path is not None:
+            check_writable(path)
+    car = read_vehicle(vehicle_path)
+    config = Config(car.values)
+    for key, value in key_values(pairs).items():
+        config.set(key, value, source="option --set")
+    log = read_log(log_path, reading=replace(reading, car=car))
+    table = along(log, config)
+    found = apart(table)
+    if out is not None:
+        write_table(table, out)
+    if report is not None:
+        title = f"{log_path.name}, measured and simulated"
+        text = "Drag to zoom, double-click to reset; nothing is fitted."
+        write_page(report, "replay.html.j2", [("Measured and simulated", text, _figure(table))],
+                   title=title, vehicle=car.name, words=sentences(found))  # fmt: skip
+    written = [str(p) for p in (out, report) if p is not None]
+    if as_json:
+        say_json({"log": log_path, "vehicle": vehicle_path, "apart": {c: vars(a) for c, a in found.items()}, "written": written})
+        return
+    for line in sentences(found):
+        click.echo(line)
+    if written:
+        click.echo(f"Written: {', '.join(written)}")
+
+
+def _figure(table: pd.DataFrame) -> Any:
+    """Measured and simulated over time."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    from tse.impl.plots import BLUE, CHANNEL_UNITS, ORANGE, layout
+    from tse.impl.rows import MEASURES
+
+    drawn = make_subplots(len(MEASURES), 1, shared_xaxes=True, subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURES])
+    for row, c in enumerate(MEASURES, 1):
+        for name, colour, column in (("measured", ORANGE, c), ("simulated", BLUE, f"{c}_simulated")):
+            drawn.add_trace(
+                go.Scattergl(
+                    x=table["time"], y=table[column], name=name, legendgroup=name, showlegend=row == 1, mode="lines",
+                    line={"color": colour, "width": 1},
+                ),
+                row=row, col=1,
+            )  # fmt: skip
+    drawn.update_xaxes(title="time [s]", row=len(MEASURES), col=1)
+    return layout(drawn, 620)
