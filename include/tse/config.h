@@ -41,14 +41,14 @@ typedef struct tse_config {
   tse_setting accel_y_scale_sd;                 /* [1] 0, 0 .. 0.5; sd of the scale of accel_y: body roll adds to it */
   tse_setting wheel_delay_sd;                   /* [s] 0, 0 .. 0.2; sd of how late the wheel speeds are behind the IMU */
   tse_setting accel_delay_sd;                   /* [s] 0, 0 .. 0.2; sd of how late the accelerometers are behind the gyro */
-  tse_setting relaxation_sd;                    /* [m] 0, 0 .. 2; length over which the tyres' side forces build up, when nothing is known of it */
+  tse_setting relaxation_sd;                    /* [m] 0, 0 .. 2; sd of the relaxation length of each axle */
   tse_setting lean_sd;                          /* [1] 0, 0 .. 0.5; sd of the share of speed times yaw rate by which roads lean into their curves */
   tse_setting gyro_scale_sd;                    /* [1] 0, 0 .. 0.2; sd of the scale of yaw_rate */
   tse_setting trail_sd;                         /* [m] 0, 0 .. 0.2; sd of how far the lateral forces act behind the axles */
   tse_setting roll_steer_sd;                    /* [1] 0, 0 .. 0.5; sd of the rear axle's roll steer */
   tse_setting wheel_radius_sd;                  /* [1] 0, 0 .. 0.2; sd of the wheel radius rear over front, relative */
   tse_setting model_sd;                         /* [1] 0, 0 .. 0.5; model discrepancy: sd of what the model does not explain of a channel, as a share of what happens, lasting about a second */
-  tse_setting grade_sd;                         /* [rad] 0, 0 .. 0.3; sd of the grade of the road, a state of the filter: accel_x feels it, and the car does not gain by it */
+  tse_setting grade_sd;                         /* [rad] 0, 0 .. 0.3; sd of road grade, a state: v_x' = a_x - g grade, accel_x reads a_x */
   tse_setting accel_x_sd;                       /* [m/s2] 0.15, 0.001 .. 10; noise of accel_x, one sample */
   tse_setting accel_y_sd;                       /* [m/s2] 0.15, 0.001 .. 10; noise of accel_y, one sample */
   tse_setting yaw_rate_sd;                      /* [rad/s] 0.003490658504, 1e-05 .. 1; noise of yaw_rate, one sample */
@@ -68,7 +68,7 @@ typedef struct tse_config {
   tse_setting ins_velocity_sd;                  /* [m/s] 0.1, 0.001 .. 10; error of ins_vel_x and ins_vel_y, one value; the noise is found while driving */
   tse_setting gnss_speed_sd;                    /* [m/s] 0.1, 0.001 .. 10; error of gnss_speed, one value */
   tse_setting gnss_course_sd;                   /* [rad] 0.01, 0.0001 .. 1; error of gnss_course, one value, above 10 m/s; below in inverse proportion to the speed */
-  tse_setting velocity_latency;                 /* [s] 0, -0.2 .. 0.2; how much later than yaw_rate a velocity is logged that was true before */
+  tse_setting velocity_latency;                 /* [s] 0, -0.2 .. 0.2; latency of measured velocities behind yaw_rate */
   tse_setting velocity_latency_sd;              /* [s] 0.03, 0 .. 0.2; its sd */
   tse_setting velocity_lever_x;                 /* [m] 0, -20 .. 20; where the antenna, or the place that the INS speaks of, is before the centre of gravity */
   tse_setting velocity_lever_y;                 /* [m] 0, -20 .. 20; the same, to the left of it */
@@ -177,7 +177,7 @@ typedef struct tse_config {
   tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; how uncertain the start of vel_x is */
   tse_setting initial_vel_y_sd;                 /* [m/s] 0.1, 0 .. 10; how uncertain the start of vel_y is (mean 0) */
   tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; how uncertain the start of yaw_rate is (mean: first sample, else 0) */
-  tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; no stiffness falls below this share of nominal */
+  tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; no stiffness falls below this share of nominal; form 1 without reflect_draws: only its start does not */
   tse_setting stiffness_max;                    /* [1] 5, 1.1 .. 20; no stiffness rises above this share of nominal */
   tse_setting hold_speed;                       /* [m/s] 3, 0.5 .. 20; below this wheel speed, and in reverse, statistics are held */
   tse_setting max_steer;                        /* [rad] 0.7, 0.05 .. 1.2; beyond this steering angle nothing is learnt */

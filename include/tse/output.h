@@ -13,7 +13,7 @@ enum {
   TSE_CY_REAR = 2
 };
 
-/* What may be so at a row: index of its probability in tse_output.regime. */
+/* Regimes: index of the probability of each in tse_output.regime. */
 enum {
   /* table: regimes */
   TSE_REGIME_STEADY,    /* tyres as before */
@@ -53,12 +53,12 @@ typedef struct tse_output {
   tse_real yaw_rate;             /* [rad/s] yaw rate */
   tse_real yaw_rate_sd;          /* [rad/s] its sd */
   tse_real stiffness_secant[3];  /* [1] stiffness in effect: force over slip, or slip angle, at the slip and the load of this row; sd: the same share of it */
-  tse_real stiffness_spread[3];  /* [1] process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample */
+  tse_real stiffness_spread[3];  /* [1] form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma) */
   tse_real bias[3];              /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate: what the channel reads too much */
   tse_real bias_sd[3];           /* [m/s2 m/s2 rad/s] its sd */
   tse_real noise[5];             /* [1] noise as found, over the setting: accel_x, accel_y, yaw_rate, wheel speeds front and rear; form 0 */
   tse_real innovation[5];        /* [m/s2 m/s2 rad/s m/s m/s] what each of them read less what was predicted; 0 where it was not used; form 0 */
-  tse_real nis;                  /* [1] normalised innovation squared, summed over the channels used; their number where all fits; form 0 */
+  tse_real nis;                  /* [1] normalised innovation squared, summed over the channels used; expected value: number of channels used; form 0 */
   tse_real fault_factor;         /* [1] how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 no factor: exchanged, stuck; form 0 */
   tse_real regime[TSE_REGIMES];  /* [1] probability of each regime, by TSE_REGIME_STEADY ... */
   tse_real change_age;           /* [s] time since the last change; 0 while there was none */

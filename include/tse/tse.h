@@ -1,8 +1,8 @@
 /* tse/tse.h - the public API of tse, a tyre-stiffness estimator.
  *
- * One Kalman filter of a car: exact kinematics, slip and slip angle of each axle as states, tyres with a stiffness at no slip and a grip.
- * Both wheel speeds are measured, the steering angle is the only input. What may happen - another road, an axle's tyres, sliding wheels, a
- * channel at fault - is weighed by likelihood ratios. Or, for who asks, the marginalized adaptive particle filter of Berntorp & Di Cairano
+ * One Kalman filter of a car: exact kinematics, slip and slip angle of each axle as states. Tyres have a stiffness at zero slip and
+ * saturate at the friction limit. Both wheel speeds are measured, the steering angle is the only input. Road changes, axle changes, sliding
+ * and sensor faults are tested by likelihood ratios. Form 1 is the marginalized adaptive particle filter of Berntorp & Di Cairano
  * (2016). Equation numbers refer to that paper; src/EQUATIONS.md says where each equation is computed and tested, src/tables/constants.toml what
  * every threshold and rate of the default form is.
  *
@@ -122,13 +122,14 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     any other dt                               up to TSE_SUBSTEPS steps; a late row loses information and biases nothing
  *     a measurement missing or out of range      the others are used, wheel speeds, too; all missing: predicts only
  *     steering angle missing                     held up to max_gap, then nothing is known of the motion until it is back
- *     one measurement beyond 3 sd                pulls the less the further off
- *     a channel at fault                         p_fault, fault_channel: it is left out until it agrees again; of the steering angle
- *                                                the offset is estimated anew, one that is frozen is missing
- *     slip of an axle beyond max_slip            p_sliding: nothing is valid
- *     another road, an axle's tyres              p_changed, p_axle: stiffness and grip move, and are uncertain
- *     noise other than the setting               found, noise_...; at most noise_max times
- *     what the model does not explain            model_sd: a share of what happens, discrepancy_...
+ *     one measurement beyond 3 sd                is down-weighted: its S is at least e^2/9
+ *     a channel at fault                         regime[TSE_REGIME_FAULT], fault_channel: it is left out until it agrees again; of the
+ *                                                steering angle the offset is estimated anew, one that is frozen is missing
+ *     slip of an axle beyond max_slip            regime[TSE_REGIME_SLIDING]: nothing is valid
+ *     another road, an axle's tyres              regime[TSE_REGIME_CHANGED], [TSE_REGIME_AXLE]: stiffness and grip move, and are
+ *                                                uncertain
+ *     noise other than the setting               found, noise[]; at most noise_max times
+ *     model discrepancy                          a share model_sd of the recent rms of each IMU channel, discrepancy[]
  *     a velocity is given (tse_input.given)      a measurement, late by velocity_latency; a value that repeats the one before is no
  *                                                new one; out of range or NaN: not there; one that does not fit is left out until
  *                                                it does. In form 1: refused, TSE_E_INPUT
@@ -142,8 +143,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *   Bounded time, O(1) or O(particles); no allocation, no recursion, no global state. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
 
-/* Say whether a filter that was copied from somewhere - a file, another program - is one to go on with. tse_step() believes what
- * it finds in f; whoever did not write those bytes himself asks here first. p is to be made anew from the settings.
+/* Check a filter struct copied from a file or another program before it is stepped: tse_step() trusts the contents of f. Make p
+ * anew from the settings.
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: of other parameters, or something in it is outside its range.
  *              O(N) time. */
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
@@ -155,17 +156,17 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
  *              O(1) time. */
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3]);
 
-/* Stiffness of y in N (longitudinal) and N/rad (cornering) per axle: nominal value times relative one.
+/* Convert the stiffnesses to N (longitudinal) and N/rad (cornering) per axle: nominal value times relative one.
  *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; each may be NULL. */
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3]);
 
-/* Does this build round as IEEE 754 says and as the library is tested? What can be seen when it is compiled is an error there
- * (-ffast-math, sums that are wider than a number); contraction, -mrecip and the like cannot. Once, before the first filter.
+/* Check that this build rounds as IEEE 754 says and as the library is tested. What can be seen when it is compiled is an error there
+ * (-ffast-math, sums that are wider than a number); contraction, -mrecip and the like cannot. Call it once, before the first filter.
  *   Returned:  TSE_OK, or TSE_E_BUILD: estimates will have other bits than elsewhere, or wrong ones; then *wrong (if not NULL)
  *              says what is found and the option that cures it, a string constant */
 tse_status tse_self_test(const char **wrong);
 
-/* The sentence of a status or reason code from tse/status.h; never NULL. */
+/* Return the sentence of a status or reason code from tse/status.h; never NULL. */
 const char *tse_status_text(int32_t status);
 const char *tse_reason_text(int32_t reason);
 

@@ -147,7 +147,7 @@ class Estimate(EstimateBase):
     cx_front_sd: float
     """Sd of that mean [N]."""
     cx_front_spread: float
-    """Process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample [N]."""
+    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma) [N]."""
     cx_front_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cx_front_valid: bool
@@ -159,7 +159,7 @@ class Estimate(EstimateBase):
     cy_front_sd: float
     """Sd of that mean [N/rad]."""
     cy_front_spread: float
-    """Process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample [N/rad]."""
+    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma) [N/rad]."""
     cy_front_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cy_front_valid: bool
@@ -171,7 +171,7 @@ class Estimate(EstimateBase):
     cy_rear_sd: float
     """Sd of that mean [N/rad]."""
     cy_rear_spread: float
-    """Process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample [N/rad]."""
+    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma) [N/rad]."""
     cy_rear_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cy_rear_valid: bool
@@ -243,7 +243,7 @@ class Estimate(EstimateBase):
     innovation_wheel_rear: float
     """Innovation of the rear wheel speed times radius [m/s]."""
     nis: float
-    """Normalised innovation squared, summed over the channels used; their number where all fits; form 0."""
+    """Normalised innovation squared, summed over the channels used; expected value: number of channels used; form 0."""
     lag_steer: float
     """How late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0 [s]."""
     lag_steer_sd: float

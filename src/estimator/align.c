@@ -17,7 +17,7 @@
 
 static int32_t older(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
 
-/* The newest row, `before` seconds after the one kept last. What is out of range was refused, or is missing. */
+/* Append a row to the ring, `before` seconds after the one kept last. A value out of range is stored as missing. */
 static void keep_row(tse_alignment *m, const tse_input *u, tse_real before)
 {
   const int32_t at = m->count > 0 && m->newest + 1 < TSE_LATENCY_ROWS ? m->newest + 1 : 0;
@@ -34,7 +34,7 @@ static void keep_row(tse_alignment *m, const tse_input *u, tse_real before)
   if (m->count < TSE_LATENCY_ROWS) m->count++;
 }
 
-/* Do the rows kept reach back as far as from the earliest to the latest channel?   Updated: m  rows beyond are given up */
+/* Return whether the stored rows span all latencies.   Updated: m  rows beyond that are dropped */
 static int reaches(const tse_params *p, tse_alignment *m)
 {
   tse_real age = TSE_R(0);
@@ -50,8 +50,8 @@ static int reaches(const tse_params *p, tse_alignment *m)
   return 0;
 }
 
-/* Channel c as it was logged `age` before the newest row, and the share of its noise's variance that interpolation takes.
- * Returned: 1 known, 0 missing, *value is then 0 */
+/* Interpolate channel c to `age` before the newest row.
+ * Returned: 1 known, 0 missing: *value is then 0; *lost: share of the noise variance that interpolation removes */
 static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, tse_real *lost)
 {
   const uint32_t bit = 1u << c;
@@ -75,7 +75,7 @@ static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, 
   return (m->missing[at] & bit) == 0;
 }
 
-/* The row of the newest time at which all channels are known.   Updated: m->lost */
+/* Compose the row of the newest time at which all channels are known.   Updated: m->lost */
 static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, tse_input *row)
 {
   tse_real lost[TSE_CHANNELS];

@@ -1,4 +1,4 @@
-/* estimator/filter.c - reset and step of both filters: start here.
+/* estimator/filter.c - reset and step of both filters.
  *
  * Which form of the filter runs is a setting:
  *   0  the car's Kalman filter          filter/step.c
@@ -28,7 +28,7 @@ static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input 
   return step_row(p, f, u, out);
 }
 
-/* What is known since the last step, where a row makes none. */
+/* Report the estimates of the last step, or of the start, for a row that makes no step. */
 static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
 {
   now->estimate_age = f->step > 0 ? r_add_sat(p->latency, f->waiting.since) : p->latency;
@@ -50,7 +50,7 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   now->status = (int32_t)TSE_W_WAITING;
 }
 
-/* A row where channels are logged late: the step is that of an earlier time, when there is one. */
+/* Keep the row where channels are logged late, and step to the newest time at which all are known, if that is new. */
 static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   tse_input row;

@@ -205,7 +205,7 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
   return latencies_fit(c, wrong);
 }
 
-/* Mix a word into a hash, FNV-1a: of every setting it tells filters and parameters that do not belong together. */
+/* Mix a word into the FNV-1a fingerprint that detects a filter reset with other parameters. */
 static uint32_t mix(uint32_t h, uint32_t word)
 {
   for (int i = 0; i < 4; i++) {

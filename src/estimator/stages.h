@@ -50,16 +50,16 @@ void report_particles(const tse_params *p, const tse_filter *f, tse_output *now,
 /* learnt.c */
 uint32_t crc32_of(const uint8_t *bytes, size_t count);
 
-/* Is a channel of a row missing, by its bit or as NaN? */
+/* Return whether the channel is missing, by its bit or as NaN. */
 static inline int is_missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
 
-/* Was the filter reset with these parameters? */
+/* Return whether the filter was reset with these parameters. */
 static inline int belong(const tse_params *p, const tse_filter *f)
 {
   return p->magic == TSE_PARAMS_MAGIC && f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint;
 }
 
-/* The larger code, of two that are not negative. */
+/* Return the larger of two codes that are not negative. */
 static inline tse_status worse(tse_status a, tse_status b) { return a > b ? a : b; }
 
 #endif

@@ -1,11 +1,11 @@
 /* filter/events.c - what may have happened: another road, an axle's tyres, wheels that slide, a channel at fault.
  *
- * An event moves the state by an amplitude, N(0, 1), times what it opens. If it happened, the state of the filter, which does not know,
- * is off by the amplitude times v: v follows the filter's own transition and gains, and every innovation is shifted by h v. That gives the
- * amplitude's likelihood exactly (Willsky & Jones 1976), for a hundredth of the cost of a second filter. Each kind has places that are
- * opened in turn; when the probability that nothing has happened is below 1 - BELIEVED, the likeliest event is believed, whatever its
- * own: the state moves, and what it opens is uncertain. One that is given up leaves that by its weight. After a change the tyres may be back where they were, a patch of ice or water behind: that
- * amplitude is known, and what was known before comes back. */
+ * An event is a hypothesis: it shifts the state by w v, w ~ N(0, 1). v follows the filter's transition and gains, so each innovation has
+ * the mean w h v: that gives the likelihood of w exactly (Willsky & Jones 1976), for a hundredth of the cost of a second filter.
+ * Each kind has slots that are opened in turn. When the posterior of "none" in a group falls below 1 - BELIEVED, accept the most
+ * probable hypothesis of the group, even if its own posterior is below BELIEVED: shift the state, and widen what the kind opens. One that is
+ * discarded is merged with a weight. After a change the tyres may be back on the road before, behind a patch of ice or water: then the
+ * amplitude is known, w = 1, and the stiffness of that road is recalled. */
 #include "filter/filter.h"
 
 /* State and sd that one amplitude of an event moves it by, SI; state -1: none. */
@@ -169,8 +169,8 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
 /* Return whether an event may name a channel that is frozen: one at a time is named. None that is frozen is used. */
 static int names_frozen(const tse_kalman *k, int32_t which) { return which >= EVENT_SENSOR && k->fault == NO_FAULT; }
 
-/* Return log2 of how unlikely the stiffness is that an axle would have: the prior is of a road with grip. Another has less, and more
- * only where the axle is below its prior. */
+/* Return the log2 penalty for a cornering stiffness that an event raises above nominal: nominal is of a road with grip, another road
+ * lowers it. */
 static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
   tse_real most = TSE_R(0);
@@ -243,7 +243,7 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
 /* Return whether a state is a setting that nothing changes: a grip. */
 static int is_known(const tse_params *p, int32_t state) { return state == LMU && !(p->prior_sd[LMU] > TSE_R(0)); }
 
-/* Let place n be of a kind from now on: v is what one amplitude of it moves the state by. */
+/* Initialise slot n with a hypothesis of this kind; v is the state shift for amplitude 1. */
 static void open_place(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   tse_event *const a = &k->event[n];
@@ -256,7 +256,7 @@ static void open_place(const tse_params *p, tse_kalman *k, int n, int32_t which)
   for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
 
-/* Let an event of a kind begin at place n, and its second amplitude with it. */
+/* Open an event of a kind in slot n, and its second amplitude with it. */
 static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   open_place(p, k, n, which);
@@ -306,8 +306,8 @@ static int place_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int 
   return youngest < due ? -1 : oldest;
 }
 
-/* Move the state.
- *   Given:    by    as far, of the stiffness of tyres a share of their force     Returned: over  what a slope over by is over the state */
+/* Shift the state by `by`; for stiffness and grip of a road or an axle that is a share of the force.
+ *   Returned: over  derivative of the shifted state with respect to `by` */
 static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real over[TSE_ALL])
 {
   for (int i = 0; i < TSE_ALL; i++) over[i] = TSE_R(1);
@@ -323,7 +323,7 @@ static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const 
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
 }
 
-/* Add a variance along slopes, which are over what move_state() has moved. */
+/* Add var times v v' to the covariance, v the slopes rescaled (over) to the state after move_state(). */
 static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real over[TSE_ALL], tse_real var)
 {
   tse_real v[TSE_ALL];
@@ -345,8 +345,8 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4], tse_real 
   }
 }
 
-/* Return the weight that event n keeps as it is given up, 0 where it moves no digit: its probability, and that once more, because
- * events of small probability are mostly errors of the model. Wheels' slips are found anew in every row. */
+/* Return the weight with which a discarded lateral hypothesis is merged: its posterior squared, because events of small posterior are
+ * mostly model errors. 0 if it is below LEAST_WEIGHT, or longitudinal: slip is estimated anew in every row. */
 static tse_real weight_left(const tse_kalman *k, int n)
 {
   const tse_real weight = k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == TURNING ? r_sqr(k->weight[n]) : TSE_R(0);

@@ -95,9 +95,9 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
 /* start.c    Note that the slip stiffness itself is where LCX is now, with this variance */
 STAGE void along_start(tse_kalman *k, tse_real var);
 
-/* output.c   Return how far the slip stiffness itself follows LCX, which has the variance own [unit2] by now, and *var: its own.
- *            B, what the model lacks along the car, lasts: where the stiffness had the variance P and LCX has V of it left, data say
- *            of the sum what 1/(1/V - 1/P) is the variance of, and of the stiffness B^2 more */
+/* output.c   Return w = P^2/(P^2 + B^2 (P - V)), the share of a move of LCX that is one of the slip stiffness itself.
+ *            P: its variance before anything was learnt, V: variance of LCX now, B: sd of a constant model error along the car.
+ *            Given: own  V [unit2]      Returned: *var = P - w (P - V) */
 STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var);
 
 /* start.c    Place all by the prior, or by what was loaded; the motion alone, by wheel speed and gyro; the steering
@@ -191,7 +191,7 @@ static inline int32_t fault_of(int32_t a)
   return 1 + (a < IMU_CHANNELS ? a + (int32_t)TSE_CHANNEL_accel_x : a - WHEEL_FRONT + (int32_t)TSE_CHANNEL_wheel_speed_front);
 }
 
-/* What kind of row it is. */
+/* Classification of a row: gap, held, predicted only, wheel speeds that are one signal, freely rolling axle (ROLLS_UNKNOWN ...). */
 typedef struct passage {
   int gap, held, predicted, one_speed, rolls;
 } passage;

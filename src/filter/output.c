@@ -1,7 +1,7 @@
 /* filter/output.c - what the filter reports of a row, and whether to act on it. */
 #include "filter/filter.h"
 
-/* Return the variance of state i over the posterior and the uncertain quantities, in its units. */
+/* Return the variance of state i, A_ii plus that from the consider parameters [unit^2]. */
 static tse_real own_variance_of(const tse_kalman *k, int i)
 {
   tse_real var = ud_variance(&k->p, i);
@@ -45,7 +45,7 @@ static tse_real variance_of(const tse_kalman *k, const possible *e, int i, tse_r
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
-/* Return the probability that no event waits to be believed, of both groups. */
+/* Return the posterior probability of no event, or of one too small to act on; product of both groups. */
 static tse_real nothing_happened(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
 /* Return the regime when no event is waiting to be believed. */
@@ -58,8 +58,8 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion. The rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may
- * be off by, and however straight the car goes ASKEW; a measured velocity shows both. */
+/* Report the motion. Without a measured velocity, add to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2.
+ * lr r - v_y is the rear axle's sideways speed, its force over its stiffness, which is as uncertain as that. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };

@@ -24,7 +24,7 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
   return u;
 }
 
-/* Add the process noise of states that walk: all that is due, every so many rows as there are of them, or once a second. */
+/* Add the accumulated process noise of the random-walk states every STATES - FAST rows, or once WALK_TIME has passed. */
 static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   const int slow = STATES - FAST;
@@ -41,8 +41,8 @@ static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
   k->since_slow = TSE_R(0);
 }
 
-/* Let state i, and how far events and uncertain quantities have moved it, decay to a share, about 0, towards a process sd:
- * Ornstein-Uhlenbeck. */
+/* Propagate state i as an Ornstein-Uhlenbeck process about 0: multiply x, its row and column of the covariance and its sensitivities by
+ * `left`; add (1 - left^2) sd^2. */
 static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 {
   k->x[i] = r_mul(k->x[i], left);
@@ -64,8 +64,9 @@ void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
   k->change_age = k->change_kind ? r_min(k->change_age + dt, LONGEST_TIME) : TSE_R(0);
 }
 
-/* Bring the transition of the motion into units of the state. Slopes over a stiffness count by how much of the slip is no error.
- *   Updated: M      from car_move() to ud_move() */
+/* Scale the transition to state units. Multiply derivatives with respect to a stiffness by share: slip^2/(slip^2 + var slip), of
+ * signal_shares().
+ *   Given: no_slip  1: v_x does not depend on the longitudinal stiffness      Updated: M  from car_move() to ud_move() */
 static void scale_transition(tse_short M[MOTION][COLUMNS], const tse_real share[3], int no_slip)
 {
   r_factored unit[STATES];

@@ -24,7 +24,7 @@ static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z
 /* Return the speed of an axle, where it is missing that of the other. */
 static tse_real axle_speed(const decoded *z, int axle) { return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle]; }
 
-/* Return the speed that the faster axle shows, without any that of the state. */
+/* Return the larger absolute axle speed, or |v_x| of the state when both are missing. */
 static tse_real speed_of(const tse_filter *f, const decoded *z)
 {
   return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR))) : r_abs(f->k.x[VX]);
@@ -45,7 +45,7 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   if (z->use[WHEEL_REAR]) f->v_rear = z->z[WHEEL_REAR];
 }
 
-/* Return what kind of row it is.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it */
+/* Classify the row.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it */
 static passage classify(const tse_params *p, const tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
   const int reverse = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR)) < -p->hold_speed;
@@ -58,7 +58,7 @@ static passage classify(const tse_params *p, const tse_filter *f, const decoded 
   return w;
 }
 
-/* Return whether all that says whether channels agree is numbers: what stands before `apart`. */
+/* Return whether all numbers of tse_agreement before `apart` are finite. */
 static int agreement_finite(const tse_agreement *a)
 {
   int fine = 1;
@@ -70,7 +70,7 @@ static int agreement_finite(const tse_agreement *a)
   return fine;
 }
 
-/* Return whether every state and variance is a number. */
+/* Return whether every state and variance is finite, and no variance negative. */
 static int all_finite(const tse_kalman *k)
 {
   int fine = 1;
@@ -89,7 +89,7 @@ static int near_saturation(const tse_kalman *k)
   return near;
 }
 
-/* Return the worst that is to be said of a row. */
+/* Return the most severe caution that applies to the row: the largest code. */
 static tse_status status_of(const tse_filter *f, const decoded *z, const passage *w, const tse_output *out)
 {
   tse_status status = TSE_OK;
@@ -106,7 +106,9 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const passage
   return status;
 }
 
-/* Step over a row that the motion is not followed through: place it anew if it can be, let only what changes at rest change.
+/* Process a row without predicting the motion: clear the innovations, predict only the parameters, reinitialise the motion from wheels
+ * and gyro unless it is lost, and update the gyro bias at standstill. Until the filter has started, nothing is predicted and the motion is
+ * always reinitialised.
  * Given: z, with steering angle or not */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
@@ -146,8 +148,8 @@ static void recover(const tse_params *p, tse_filter *f, const decoded *z)
   }
 }
 
-/* Start again after the steering angle has been frozen for a while: the tyres have made up for it, and offset and gain of the
- * steering. */
+/* Restart from the prior, or from what was loaded, when the steering angle is found frozen: until then stiffness, steering offset and
+ * ratio absorbed its error. Keep what shows that it is frozen. */
 static void start_over(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;

@@ -1,9 +1,9 @@
 /* filter/update.c - scalar measurements, one after the other, with heavy tails and noise that is found. */
 #include "filter/filter.h"
 
-/* Note how unlikely it is that a channel at work repeats its reading as often as it just has: repeats follow repeats.
- *   Given: off  how far the reading is from the prediction, squared, over its noise; one that is right may repeat itself
- *          least  share of readings that repeat, of a channel at work */
+/* Update the log2 evidence that channel c is frozen: each repeated value adds -log2 of the repeat probability, times min(off, 1); a new
+ * value resets it. The repeat probability is the larger one of all values and of values after a repeat, at least `least`.
+ *   Given: off  squared innovation over the noise variance: a value that agrees with the prediction may repeat itself */
 static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real least, tse_real dt)
 {
   const int same = !(z < k->reading[c] || z > k->reading[c]), again = k->frozen[c] > TSE_R(0);
@@ -30,9 +30,9 @@ int watch_steering(tse_kalman *k, decoded *z)
   return !was && !z->has_steer;
 }
 
-/* Return how much larger than thought slow innovations of a channel usually are, at least 1: the mean of slow^2 over its variance.
- * What this car's model does not explain is no event.
- *   Given: e  innovation   s  its variance   Updated: what is usual of the channel */
+/* Return the mean over USUAL_TIME of the squared low-passed innovation over its predicted variance, at least 1. It inflates S in event
+ * tests, so that steady model error does not look like an event.
+ *   Given: e  innovation   s  its variance   Updated: low-passed innovation, its predicted variance, the mean */
 static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
   const tse_real g = r_div(dt, dt + MODEL_TIME), left = r_div(dt, USUAL_TIME), most = r_sqrt(r_mul(TAIL, s));
@@ -89,7 +89,7 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   return s;
 }
 
-/* Move the state by what all measurements of a row have found, within the bounds of a car. */
+/* Add the summed correction to x, within its bounds; add (OWN_SHARE times the correction)^2 to the variance of each stiffness. */
 static void finish(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->p.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
@@ -139,7 +139,8 @@ static int brakes(const tse_params *p, const tse_kalman *k, const forces *f)
   return f->x + (r_sqr(off) > likely && works(k, ACCEL_X) ? off : TSE_R(0)) + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
 }
 
-/* Measure that the axle that is not driven rolls freely while the car does not brake. */
+/* Apply a pseudo-measurement of slip to the freely rolling axle: the one that brake switch and wheel torques name, else the undriven one
+ * while the car does not brake. */
 static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
   const tse_car *const c = &p->car;
@@ -176,9 +177,9 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
   slopes_of_sensors(p, k, f, z->dt, s->doubts);
 }
 
-/* Follow what happens to the car: mean squares over MODEL_TIME. An uneven road, which shows as noise, happens too, as large
- * as the largest of it that is no outlier. It counts by the square of linear over actual force, up to MOST_ENDLESS: near saturation
- * the force shows little of the slip angle, and the form of the curve and combined slip decide, which nobody knows. */
+/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME), weighted by (linear force/force)^2, limited to
+ * 1 .. MOST_ENDLESS; add a floor and TAIL times the noise variance of accel_y, for the yaw rate over v_x^2. The weight is for
+ * saturation, where the unknown form of the tyre curve decides; the noise of accel_y is that of an uneven road. */
 static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(LEAST_ACTIVITY));
@@ -189,9 +190,8 @@ static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f,
   for (int a = 0; a < IMU_CHANNELS; a++) k->activity[a] += r_mul(r_div(dt, dt + MODEL_TIME), r_mul(r_sqr(happens[a]), over) + at_least[a] - k->activity[a]);
 }
 
-/* Return the variance of what the model does not explain of a channel: a share of what happens, that lasts. As white noise that
- * is the same at low frequencies, which is where parameters are learnt, it has 2 MODEL_TIME/dt times the variance. Wheel speeds:
- * 0. */
+/* Return the variance of the model discrepancy of an IMU channel: coloured noise of time constant MODEL_TIME and sd model_sd times the
+ * root of activity, replaced by white noise of the same low-frequency power. 0 for wheel speeds. */
 static tse_real unexplained(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
 {
   if (channel >= IMU_CHANNELS) return TSE_R(0);
@@ -220,7 +220,8 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   m->r = m->white + unexplained(p, k, channel, z->dt);
 }
 
-/* Watch a channel that is not used: one that is frozen, or at fault, of which for how long it has agreed. */
+/* Compute e and S, without parameter uncertainty, of a channel that is not used. If it is the channel at fault, count how long
+ * e^2 < TAIL S and it is not frozen. */
 static void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];

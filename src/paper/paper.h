@@ -45,7 +45,7 @@
 #define paper_weighted_means    TSE_NAME(tse_paper_weighted_means)
 #define paper_excitation        TSE_NAME(tse_paper_excitation)
 
-/* What all particles have in common at one row. */
+/* Quantities that are the same for all particles at one row. */
 typedef struct common {
   observation_gains g;       /* of h and d, (9); 0 where the measurement is missing                */
   tse_real l[3];             /* (P + R)^-1/2, R = 1: makes innovations unit-free                   */
@@ -96,7 +96,7 @@ TSE_INLINE void condition(innovation *e, tse_real d0, tse_real d1, tse_real d2, 
   *scale = s;
 }
 
-/* Innovation of particle i. */
+/* Find the innovation of particle i. */
 TSE_INLINE innovation innovation_of(const tse_params *p, const common *c, const sample *y, const tse_particles *q, int32_t i)
 {
   innovation e;
@@ -126,7 +126,7 @@ TSE_INLINE innovation innovation_of(const tse_params *p, const common *c, const 
   return e;
 }
 
-/* algorithm1.c  start here: lines 17, 18 of Algorithm 1, which bring the particles to this row; lines 3 .. 16 for its
+/* algorithm1.c  form 1: start here: lines 17, 18 of Algorithm 1, which bring the particles to this row; lines 3 .. 16 for its
  *               sample. now: estimates; log_evidence: of the sample [log2] */
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
 void paper_update(const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence);

@@ -50,17 +50,17 @@
   REASON(grip, grip_reason, grip_valid, "the grip") \
   STIFFNESS(cx_front, stiffness[0], mean[0], "N", "longitudinal stiffness, front axle, mean") \
   STIFFNESS(cx_front_sd, stiffness_sd[0], sd[0], "N", "sd of that mean") \
-  STIFFNESS(cx_front_spread, stiffness_spread[0], spread[0], "N", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample") \
+  STIFFNESS(cx_front_spread, stiffness_spread[0], spread[0], "N", "form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma)") \
   FLAG(cx_front_spread_seen, spread_seen[0], "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show") \
   REASON(cx_front, reason[0], valid[0], "the stiffness") \
   STIFFNESS(cy_front, stiffness[1], mean[1], "N/rad", "cornering stiffness, front axle, mean") \
   STIFFNESS(cy_front_sd, stiffness_sd[1], sd[1], "N/rad", "sd of that mean") \
-  STIFFNESS(cy_front_spread, stiffness_spread[1], spread[1], "N/rad", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample") \
+  STIFFNESS(cy_front_spread, stiffness_spread[1], spread[1], "N/rad", "form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma)") \
   FLAG(cy_front_spread_seen, spread_seen[1], "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show") \
   REASON(cy_front, reason[1], valid[1], "the stiffness") \
   STIFFNESS(cy_rear, stiffness[2], mean[2], "N/rad", "cornering stiffness, rear axle, mean") \
   STIFFNESS(cy_rear_sd, stiffness_sd[2], sd[2], "N/rad", "sd of that mean") \
-  STIFFNESS(cy_rear_spread, stiffness_spread[2], spread[2], "N/rad", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample") \
+  STIFFNESS(cy_rear_spread, stiffness_spread[2], spread[2], "N/rad", "form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma)") \
   FLAG(cy_rear_spread_seen, spread_seen[2], "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show") \
   REASON(cy_rear, reason[2], valid[2], "the stiffness") \
   NUMBER(bias_accel_x, bias[0], "m/s2", "bias of accel_x: what it reads too much") \
@@ -95,7 +95,7 @@
   NUMBER(innovation_yaw_rate, innovation[2], "rad/s", "innovation of yaw_rate") \
   NUMBER(innovation_wheel_front, innovation[3], "m/s", "innovation of the front wheel speed times radius") \
   NUMBER(innovation_wheel_rear, innovation[4], "m/s", "innovation of the rear wheel speed times radius") \
-  NUMBER(nis, nis, "1", "normalised innovation squared, summed over the channels used; their number where all fits; form 0") \
+  NUMBER(nis, nis, "1", "normalised innovation squared, summed over the channels used; expected value: number of channels used; form 0") \
   NUMBER(lag_steer, lag_steer, "s", "how late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0") \
   NUMBER(lag_steer_sd, lag_steer_sd, "s", "its standard deviation") \
   NUMBER(estimate_age, estimate_age, "s", "how long before this row the time lies that the estimates speak of (settings ..._latency)") \

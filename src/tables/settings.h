@@ -90,14 +90,14 @@
   REAL("uncertainty.accel_y_scale_sd", accel_y_scale_sd, 0.0, 0.0, 0.5, "1", "sd of the scale of accel_y: body roll adds to it") \
   REAL("uncertainty.wheel_delay_sd", wheel_delay_sd, 0.0, 0.0, 0.2, "s", "sd of how late the wheel speeds are behind the IMU") \
   REAL("uncertainty.accel_delay_sd", accel_delay_sd, 0.0, 0.0, 0.2, "s", "sd of how late the accelerometers are behind the gyro") \
-  REAL("uncertainty.relaxation_sd", relaxation_sd, 0.0, 0.0, 2.0, "m", "length over which the tyres' side forces build up, when nothing is known of it") \
+  REAL("uncertainty.relaxation_sd", relaxation_sd, 0.0, 0.0, 2.0, "m", "sd of the relaxation length of each axle") \
   REAL("uncertainty.lean_sd", lean_sd, 0.0, 0.0, 0.5, "1", "sd of the share of speed times yaw rate by which roads lean into their curves") \
   REAL("uncertainty.gyro_scale_sd", gyro_scale_sd, 0.0, 0.0, 0.2, "1", "sd of the scale of yaw_rate") \
   REAL("uncertainty.trail_sd", trail_sd, 0.0, 0.0, 0.2, "m", "sd of how far the lateral forces act behind the axles") \
   REAL("uncertainty.roll_steer_sd", roll_steer_sd, 0.0, 0.0, 0.5, "1", "sd of the rear axle's roll steer") \
   REAL("uncertainty.wheel_radius_sd", wheel_radius_sd, 0.0, 0.0, 0.2, "1", "sd of the wheel radius rear over front, relative") \
   REAL("uncertainty.model_sd", model_sd, 0.0, 0.0, 0.5, "1", "model discrepancy: sd of what the model does not explain of a channel, as a share of what happens, lasting about a second") \
-  REAL("uncertainty.grade_sd", grade_sd, 0.0, 0.0, 0.3, "rad", "sd of the grade of the road, a state of the filter: accel_x feels it, and the car does not gain by it")
+  REAL("uncertainty.grade_sd", grade_sd, 0.0, 0.0, 0.3, "rad", "sd of road grade, a state: v_x' = a_x - g grade, accel_x reads a_x")
 #define SETTINGS_SENSORS(REAL, WHOLE) \
   REAL("sensors.accel_x_sd", accel_x_sd, 0.15, 0.001, 10.0, "m/s2", "noise of accel_x, one sample") \
   REAL("sensors.accel_y_sd", accel_y_sd, 0.15, 0.001, 10.0, "m/s2", "noise of accel_y, one sample") \
@@ -120,7 +120,7 @@
   REAL("velocity.ins_velocity_sd", ins_velocity_sd, 0.1, 0.001, 10.0, "m/s", "error of ins_vel_x and ins_vel_y, one value; the noise is found while driving") \
   REAL("velocity.gnss_speed_sd", gnss_speed_sd, 0.1, 0.001, 10.0, "m/s", "error of gnss_speed, one value") \
   REAL("velocity.gnss_course_sd", gnss_course_sd, 0.01, 0.0001, 1.0, "rad", "error of gnss_course, one value, above 10 m/s; below in inverse proportion to the speed") \
-  REAL("velocity.velocity_latency", velocity_latency, 0.0, -0.2, 0.2, "s", "how much later than yaw_rate a velocity is logged that was true before") \
+  REAL("velocity.velocity_latency", velocity_latency, 0.0, -0.2, 0.2, "s", "latency of measured velocities behind yaw_rate") \
   REAL("velocity.velocity_latency_sd", velocity_latency_sd, 0.03, 0.0, 0.2, "s", "its sd") \
   REAL("velocity.velocity_lever_x", velocity_lever_x, 0.0, -20.0, 20.0, "m", "where the antenna, or the place that the INS speaks of, is before the centre of gravity") \
   REAL("velocity.velocity_lever_y", velocity_lever_y, 0.0, -20.0, 20.0, "m", "the same, to the left of it") \
@@ -177,7 +177,7 @@
   REAL("filter.initial_vel_x_sd", initial_vel_x_sd, 0.1, 0.0, 20.0, "m/s", "how uncertain the start of vel_x is") \
   REAL("filter.initial_vel_y_sd", initial_vel_y_sd, 0.1, 0.0, 10.0, "m/s", "how uncertain the start of vel_y is (mean 0)") \
   REAL("filter.initial_yaw_rate_sd", initial_yaw_rate_sd, 0.01, 0.0, 2.0, "rad/s", "how uncertain the start of yaw_rate is (mean: first sample, else 0)") \
-  REAL("filter.stiffness_min", stiffness_min, 0.1, 0.02, 0.9, "1", "no stiffness falls below this share of nominal") \
+  REAL("filter.stiffness_min", stiffness_min, 0.1, 0.02, 0.9, "1", "no stiffness falls below this share of nominal; form 1 without reflect_draws: only its start does not") \
   REAL("filter.stiffness_max", stiffness_max, 5.0, 1.1, 20.0, "1", "no stiffness rises above this share of nominal") \
   REAL("filter.hold_speed", hold_speed, 3.0, 0.5, 20.0, "m/s", "below this wheel speed, and in reverse, statistics are held") \
   REAL("filter.max_steer", max_steer, 0.7, 0.05, 1.2, "rad", "beyond this steering angle nothing is learnt") \
