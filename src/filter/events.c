@@ -14,50 +14,52 @@ typedef struct opens {
   tse_real sd;
 } opens;
 
-/* Places of another road, the first ones; each has a second amplitude, as many places behind it. */
+/* Slots of another road, the first ones; each has a second amplitude, as many slots behind it. Each kind behind these two has one slot. */
 enum { ROADS = 2 };
+typedef char roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
+typedef char kinds_fill_the_slots[2 * ROADS + (EVENT_KINDS - EVENT_ROAD_RETURN) == TSE_EVENTS ? 1 : -1];
 
 /* Events are weighed in two groups: lateral (cornering stiffness, steering angle, accel_y, gyro) and longitudinal (slip, wheel speeds,
  * accel_x); of each group one may have happened. */
-enum { TURNING,
-       GOING };
+enum { LATERAL,
+       LONGITUDINAL };
 
 /* A kind of event. */
 typedef struct kind {
   opens common[3], own[3]; /* what one amplitude moves; what is uncertain beside it once it is believed */
   tse_real every;          /* [s] between openings */
-  int32_t places;          /* that are open at a time */
+  int32_t slots;           /* events that are open at a time */
   tse_real rate;           /* [1/s] how often it happens */
   tse_real least;          /* [1] amplitude below which nothing has happened that one would act on */
   int32_t group, regime;
 } kind;
 
-/* One row a kind, in the order of EVENT_NONE ... (filter.h). Rows of NONE: what BACK moves is found as it is opened (open_event()),
- * ALONG raises the alarm alone (log2_ratio()), a faulty channel is what its measurements say (events_learn()). */
+/* One row a kind, in the order of EVENT_NONE ... (filter.h). Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()),
+ * ROAD_LONGITUDINAL raises the alarm alone (log2_ratio()), a faulty channel is what its measurements say (events_learn()). */
 #define NO { -1, TSE_R(0) }
 #define NONE { NO, NO, NO }
 #define SENSOR(group) { NONE, NONE, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
 static const kind *kind_of(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), TURNING, TSE_REGIME_STEADY },
+    { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
     /* another road, and by how much it is not the same for both axles; back on the one before; a road that shows along the car alone */
-    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, TURNING, TSE_REGIME_CHANGED },
-    { { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO }, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), TURNING, TSE_REGIME_CHANGED },
-    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, TURNING, TSE_REGIME_CHANGED },
-    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, GOING, TSE_REGIME_CHANGED },
+    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
+    { { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO }, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
+    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
+    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LONGITUDINAL, TSE_REGIME_CHANGED },
     /* tyres of the front axle, of the rear axle; wheels of it that slide */
-    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
-    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, TURNING, TSE_REGIME_AXLE },
-    { { { SF, SLIP_OPENS }, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, GOING, TSE_REGIME_SLIDING },
-    { { { SR, SLIP_OPENS }, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, GOING, TSE_REGIME_SLIDING },
+    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
+    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
+    { { { SF, SLIP_OPENS }, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
+    { { { SR, SLIP_OPENS }, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
     /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
-    { { { OFF, STEER_OPENS }, NO, NO }, { { OFF, STEER_OWN }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, TURNING, TSE_REGIME_FAULT },
-    SENSOR(GOING),
-    SENSOR(TURNING),
-    SENSOR(TURNING),
-    SENSOR(GOING),
-    SENSOR(GOING),
+    { { { STEER_OFFSET, STEER_OPENS }, NO, NO }, { { STEER_OFFSET, STEER_OWN }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, LATERAL, TSE_REGIME_FAULT },
+    SENSOR(LONGITUDINAL),
+    SENSOR(LATERAL),
+    SENSOR(LATERAL),
+    SENSOR(LONGITUDINAL),
+    SENSOR(LONGITUDINAL),
   };
   return &kinds[which];
 }
@@ -69,17 +71,17 @@ static int32_t group_of(int32_t which) { return kind_of(which)->group; }
 /* Return the group whose events a measurement of a channel speaks of. */
 static int group_of_channel(int channel)
 {
-  return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_TURNING ? TURNING : GOING;
+  return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_LATERAL ? LATERAL : LONGITUDINAL;
 }
 
-/* Return whether a place holds an event that may have happened by itself. */
-static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_APART; }
+/* Return whether a slot holds an event that may have happened by itself. */
+static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
 /* Integrate the second amplitude out, if there is one. Both are N(0, 1) before the samples.
  *   Returned: all but mean and variance of the first */
 static event_says integrated(const tse_kalman *k, int n)
 {
-  const tse_event *const a = &k->event[n], *const b = n < ROADS && k->event[n + ROADS].kind == EVENT_APART ? &k->event[n + ROADS] : NULL;
+  const tse_event *const a = &k->event[n], *const b = n < ROADS && k->event[n + ROADS].kind == EVENT_ROAD_AXLE_DIFF ? &k->event[n + ROADS] : NULL;
   event_says s;
   memset(&s, 0, sizeof s);
   s.info = a->info;
@@ -98,7 +100,7 @@ static event_says integrated(const tse_kalman *k, int n)
 /* The amplitude of tyres that are back is known: 1. */
 event_says event_of(const tse_kalman *k, int n)
 {
-  const int known = k->event[n].kind == EVENT_BACK;
+  const int known = k->event[n].kind == EVENT_ROAD_RETURN;
   event_says s = integrated(k, n);
   s.var = known ? TSE_R(0) : r_div(TSE_R(1), TSE_R(1) + s.info);
   s.amplitude = known ? TSE_R(1) : r_mul(s.score, s.var);
@@ -156,10 +158,10 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
     if (a->kind == EVENT_NONE) continue;
     const tse_real y = r_sum_sparse(channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(r_sqr(TAIL), sd) : TSE_R(0), a->v, h, h->count);
     const tse_real ys = r_mul(y, over);
-    if (a->kind == EVENT_BACK || group_of(a->kind) == group_of_channel(channel)) {
+    if (a->kind == EVENT_ROAD_RETURN || group_of(a->kind) == group_of_channel(channel)) {
       a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
       a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
-      if (a->kind == EVENT_APART && n >= ROADS && n < 2 * ROADS) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
+      if (a->kind == EVENT_ROAD_AXLE_DIFF && n >= ROADS && n < 2 * ROADS) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
     }
     if (n < ROADS) of_road[n] = y;
     if (y != TSE_R(0)) r_add_row(a->v, gain->m, r_factor(-y, gain->up), all);
@@ -189,22 +191,22 @@ static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event
 static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
-  if (a->kind == EVENT_ALONG) return k->unusual > TSE_R(1) ? r_mul(HALF_LOG2_OF_E, k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
-  if (a->kind == EVENT_BACK) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
+  if (a->kind == EVENT_ROAD_LONGITUDINAL) return k->unusual > TSE_R(1) ? r_mul(HALF_LOG2_OF_E, k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
+  if (a->kind == EVENT_ROAD_RETURN) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
   const event_says s = event_of(k, n);
   tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(s.score, s.amplitude)) - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.info));
   if (s.second) ratio += r_mul(HALF_LOG2_OF_E, r_mul(s.second->score, s.beside)) - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.second->info));
   if (a->kind < EVENT_STEER) return ratio - beyond(p, k, a, s.amplitude);
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
-  const tse_real off = changed ? r_min(ratio, TSE_R(0)) : ratio, frozen = names_frozen(k, a->kind) ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
-  return frozen > TSE_R(0) ? r_max(off, frozen) : off;
+  const tse_real likelier = changed ? r_min(ratio, TSE_R(0)) : ratio, frozen = names_frozen(k, a->kind) ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
+  return frozen > TSE_R(0) ? r_max(likelier, frozen) : likelier;
 }
 
 int event_is_small(const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
   if (names_frozen(k, a->kind) && is_frozen(k, a->kind - EVENT_SENSOR)) return 0;
-  if (a->kind == EVENT_BACK) return 0;
+  if (a->kind == EVENT_ROAD_RETURN) return 0;
   /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
   const event_says s = integrated(k, n);
   const tse_real one = TSE_R(1) + s.info;
@@ -244,7 +246,7 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
 static int is_known(const tse_params *p, int32_t state) { return state == LMU && !(p->prior_sd[LMU] > TSE_R(0)); }
 
 /* Initialise slot n with a hypothesis of this kind; v is the state shift for amplitude 1. */
-static void open_place(const tse_params *p, tse_kalman *k, int n, int32_t which)
+static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   tse_event *const a = &k->event[n];
   const kind *const what = kind_of(which);
@@ -253,14 +255,14 @@ static void open_place(const tse_params *p, tse_kalman *k, int n, int32_t which)
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
     if (what->common[i].state >= 0 && !is_known(p, what->common[i].state)) a->v[what->common[i].state] = r_short(r_div(what->common[i].sd, state_unit[what->common[i].state]));
-  for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
+  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
 
 /* Open an event of a kind in slot n, and its second amplitude with it. */
 static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
-  open_place(p, k, n, which);
-  if (which == EVENT_ROAD && n < ROADS) open_place(p, k, n + ROADS, EVENT_APART);
+  open_slot(p, k, n, which);
+  if (which == EVENT_ROAD && n < ROADS) open_slot(p, k, n + ROADS, EVENT_ROAD_AXLE_DIFF);
 }
 
 /* Measure state i to be where it was before the last change, as well as it was known then. */
@@ -284,22 +286,22 @@ int may_be_back(const tse_kalman *k)
   return !(k->change_from_var[LCF - LCX] > ud_variance(&k->p, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->p, LCR));
 }
 
-/* Find a place for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its place for
+/* Find a slot for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its slot for
  * ROAD_TIME, since a driver who hardly turns shows little in a second: what is still not believed then is a model that does not fit,
  * or drift.
- *   Given:     first, places  of the kind      due  age of the youngest from which another is opened
+ *   Given:     first, slots  of the kind      due  age of the youngest from which another is opened
  *   Returned:  -1 if none is to be opened now */
-static int place_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int first, int places, tse_real due)
+static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int first, int slots, tse_real due)
 {
   int best = first, oldest = -1;
   tse_real youngest = LONGEST_TIME, age = TSE_R(-1);
-  for (int n = first; n < first + places; n++) {
+  for (int n = first; n < first + slots; n++) {
     if (k->event[n].kind == EVENT_NONE) return n;
     youngest = r_min(youngest, k->event[n].age);
     if (ratio[n] > ratio[best]) best = n;
   }
-  for (int n = first; n < first + places; n++) {
-    if ((places > 1 && n == best && k->event[n].age < ROAD_TIME) || !(k->event[n].age > age)) continue;
+  for (int n = first; n < first + slots; n++) {
+    if ((slots > 1 && n == best && k->event[n].age < ROAD_TIME) || !(k->event[n].age > age)) continue;
     age = k->event[n].age;
     oldest = n;
   }
@@ -307,28 +309,28 @@ static int place_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int 
 }
 
 /* Shift the state by `by`; for stiffness and grip of a road or an axle that is a share of the force.
- *   Returned: over  derivative of the shifted state with respect to `by` */
-static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real over[TSE_ALL])
+ *   Returned: rescale  derivative of the shifted state with respect to `by` */
+static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
 {
-  for (int i = 0; i < TSE_ALL; i++) over[i] = TSE_R(1);
+  for (int i = 0; i < TSE_ALL; i++) rescale[i] = TSE_R(1);
   for (int i = 0; i < STATES + k->p.extras; i++) {
     tse_real shift = r_mul(by[i], state_unit[i]);
     if (which <= EVENT_REAR && i >= LCX && i <= LMU) {
       const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
       shift = r_div(r_log2(force), LOG2_OF_E);
-      over[i] = r_div(TSE_R(1), force);
+      rescale[i] = r_div(TSE_R(1), force);
     }
     k->x[i] += shift;
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
 }
 
-/* Add var times v v' to the covariance, v the slopes rescaled (over) to the state after move_state(). */
-static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real over[TSE_ALL], tse_real var)
+/* Add var times v v' to the covariance, v the slopes rescaled to the state after move_state(). */
+static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
 {
   tse_real v[TSE_ALL];
   if (!(var > TSE_R(0))) return;
-  for (int i = 0; i < TSE_ALL; i++) v[i] = r_mul(slopes[i], over[i]);
+  for (int i = 0; i < TSE_ALL; i++) v[i] = r_mul(slopes[i], rescale[i]);
   ud_add(&k->p, v, STATES - 1, var);
 }
 
@@ -349,7 +351,7 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4], tse_real 
  * mostly model errors. 0 if it is below LEAST_WEIGHT, or longitudinal: slip is estimated anew in every row. */
 static tse_real weight_left(const tse_kalman *k, int n)
 {
-  const tse_real weight = k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == TURNING ? r_sqr(k->weight[n]) : TSE_R(0);
+  const tse_real weight = k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == LATERAL ? r_sqr(k->weight[n]) : TSE_R(0);
   return weight < LEAST_WEIGHT ? TSE_R(0) : weight;
 }
 
@@ -358,7 +360,7 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const event_says s = event_of(k, n);
   const int32_t which = k->event[n].kind;
-  tse_real was[4], first[TSE_ALL], second[TSE_ALL], mean[TSE_ALL], by[TSE_ALL], over[TSE_ALL];
+  tse_real was[4], first[TSE_ALL], second[TSE_ALL], mean[TSE_ALL], by[TSE_ALL], rescale[TSE_ALL];
   for (int i = 0; i < 4; i++) was[i] = k->x[LCX + i];
   for (int i = 0; i < TSE_ALL; i++) {
     second[i] = s.second ? r_long(s.second->v[i]) : TSE_R(0);
@@ -366,10 +368,10 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
     mean[i] = r_mul(s.amplitude, first[i]) + r_mul(s.beside, second[i]);
     by[i] = r_mul(weight, mean[i]);
   }
-  move_state(p, k, which, by, over);
-  add_along(k, first, over, r_mul(weight, s.var));
-  add_along(k, second, over, r_mul(weight, s.beside_var));
-  add_along(k, mean, over, r_mul(weight, TSE_R(1) - weight));
+  move_state(p, k, which, by, rescale);
+  add_along(k, first, rescale, r_mul(weight, s.var));
+  add_along(k, second, rescale, r_mul(weight, s.beside_var));
+  add_along(k, mean, rescale, r_mul(weight, TSE_R(1) - weight));
   widen(k, which, was, weight);
 }
 
@@ -381,17 +383,17 @@ static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
   k->along.var += r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
-/* Open the next event of each kind when it is due, in the place of one that is given up: of these one a row, which bounds its time.
- * Places of the kinds lie one after the other. */
+/* Open the next event of each kind when it is due, in the slot of one that is given up: of these one a row, which bounds its time.
+ * Slots of the kinds lie one after the other. */
 static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0, given_up = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
     const kind *const what = kind_of(which);
-    const int possible = which != EVENT_APART && (which != EVENT_BACK || may_be_back(k));
-    const int at = possible ? place_for(k, ratio, first, what->places, what->every - r_mul(TSE_R(0.5), dt)) : -1;
+    const int possible = which != EVENT_ROAD_AXLE_DIFF && (which != EVENT_ROAD_RETURN || may_be_back(k));
+    const int at = possible ? slot_for(k, ratio, first, what->slots, what->every - r_mul(TSE_R(0.5), dt)) : -1;
     const tse_real left = at >= 0 ? weight_left(k, at) : TSE_R(0);
-    first += what->places;
+    first += what->slots;
     if (at < 0 || (left > TSE_R(0) && given_up)) continue;
     if (left > TSE_R(0)) {
       give_up(p, k, at, left);
@@ -406,9 +408,9 @@ static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_E
 static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
-  const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_BACK;
-  k->change_kind = which <= EVENT_ALONG ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
-                                                                                 : TSE_CHANGE_REAR;
+  const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_ROAD_RETURN;
+  k->change_kind = which <= EVENT_ROAD_LONGITUDINAL ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
+                                                                                             : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */
   if (same) return;
   k->change_age = TSE_R(0);
@@ -430,7 +432,7 @@ static void close_events(tse_kalman *k, int group)
   k->none[group] = TSE_R(1);
 }
 
-/* Take place n for another road that begins now, or return the place of a likelier one: for a road that shows along the car alone,
+/* Take slot n for another road that begins now, or return the slot of a likelier one: for a road that shows along the car alone,
  * which has changed as far as it shows across. One that began earlier and less likely is of the road before. */
 static int likeliest_road(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS], int n)
 {
@@ -447,7 +449,7 @@ static int likeliest_road(const tse_params *p, tse_kalman *k, tse_real ratio[TSE
 static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real own)
 {
   tse_real var;
-  if (which == EVENT_BACK) {
+  if (which == EVENT_ROAD_RETURN) {
     k->along = k->along_from;
     return;
   }
@@ -459,9 +461,9 @@ static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_
 static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS], int n)
 {
   tse_real was[4], was_var[4];
-  if (k->event[n].kind == EVENT_ALONG) {
+  if (k->event[n].kind == EVENT_ROAD_LONGITUDINAL) {
     k->weight[n] = TSE_R(0);
-    k->none[GOING] = TSE_R(1);
+    k->none[LONGITUDINAL] = TSE_R(1);
     n = likeliest_road(p, k, ratio, n);
   }
   const int32_t which = k->event[n].kind;
@@ -471,13 +473,13 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     was_var[i] = ud_variance(&k->p, LCX + i);
   }
   mix_in(p, k, n, TSE_R(1));
-  for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) recall(k, i);
+  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN; i++) recall(k, i);
   if (which >= EVENT_STEER) {
     k->fault = which == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(which - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
-  k->slow[ACCEL_X] = which <= EVENT_BACK ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
-  if (which <= EVENT_BACK) along_change(p, k, which, was_var[0]);
+  k->slow[ACCEL_X] = which <= EVENT_ROAD_RETURN ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
+  if (which <= EVENT_ROAD_RETURN) along_change(p, k, which, was_var[0]);
   if (which <= EVENT_REAR) note_change(k, which, was, was_var, along);
   close_events(k, group_of(which));
 }

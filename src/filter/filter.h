@@ -22,7 +22,7 @@
 #define velocity_lose   TSE_NAME(tse_velocity_lose)
 #define velocity_update TSE_NAME(tse_velocity_update)
 #define velocity_fault  TSE_NAME(tse_velocity_fault)
-#define velocity_off TSE_NAME(tse_velocity_off)
+#define velocity_discrepancy TSE_NAME(tse_velocity_discrepancy)
 #define velocity_across_var TSE_NAME(tse_velocity_across_var)
 #define sensitivities_move  TSE_NAME(tse_sensitivities_move)
 #define sensitivities_clear TSE_NAME(tse_sensitivities_clear)
@@ -72,9 +72,9 @@ static inline int32_t not_driven(const tse_car *c)
 /* Kinds of events, and what each opens: events.c. */
 enum { EVENT_NONE,
        EVENT_ROAD,
-       EVENT_APART,
-       EVENT_BACK,
-       EVENT_ALONG,
+       EVENT_ROAD_AXLE_DIFF,
+       EVENT_ROAD_RETURN,
+       EVENT_ROAD_LONGITUDINAL,
        EVENT_FRONT,
        EVENT_REAR,
        EVENT_SLIP_FRONT,
@@ -146,12 +146,12 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 void velocity_lose(tse_kalman *k);
 void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]);
 int32_t velocity_fault(const tse_kalman *k);
-tse_real velocity_off(const tse_kalman *k); /* what the model does not explain of the speed across, m/s */
+tse_real velocity_discrepancy(const tse_kalman *k); /* model discrepancy of the speed across, m/s */
 tse_real velocity_across_var(const tse_kalman *k); /* of the speed across with what the model does not explain of it, m2/s2 */
 
-/* Channel of use_scalar() that is no sensor: of what makes the car go, of what makes it turn. */
-enum { NO_SENSOR_GOING = -1,
-       NO_SENSOR_TURNING = -2 };
+/* Channel of use_scalar() that is no sensor: of longitudinal, of lateral motion. */
+enum { NO_SENSOR_LONGITUDINAL = -1,
+       NO_SENSOR_LATERAL = -2 };
 
 /* events.c   sensitivities: of the state to the amplitude of an event, and to what is uncertain and no state, tse_kalman.doubt
  *                move   with the motion of the row.  Given: M  its transition, in units (ud_move(); behind the states r_short())
@@ -171,7 +171,7 @@ typedef struct event_says {
   tse_real part, beside, beside_var;    /* 0 where there is no second */
   const tse_event *second;              /* NULL: none */
 } event_says;
-event_says event_of(const tse_kalman *k, int n); /* of place n */
+event_says event_of(const tse_kalman *k, int n); /* of slot n */
 int event_is_small(const tse_kalman *k, int n); /* it may explain the samples, and calls for nothing */
 /* something has changed, and before it an axle was known better than now: behind a patch the patch itself is nothing to go back to */
 int may_be_back(const tse_kalman *k);
@@ -192,13 +192,13 @@ static inline int32_t fault_of(int32_t a)
 }
 
 /* Classification of a row: gap, held, predicted only, wheel speeds that are one signal, freely rolling axle (ROLLS_UNKNOWN ...). */
-typedef struct passage {
+typedef struct row_class {
   int gap, held, predicted, one_speed, rolls;
-} passage;
+} row_class;
 
 /* output.c   Report estimates and probabilities; judge whether each stiffness is valid, and why not */
 STAGE void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);
-void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out);
+void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out);
 
 /* plausible.c  let a row say whether the channels agree: wrong units, signs, axles
  *              Updated:   k->agreement      O(1) time */

@@ -37,16 +37,16 @@ static tse_real variance_of(const tse_kalman *k, const possible *e, int i, tse_r
     const event_says *const s = &e->says[n];
     const tse_real second = s->second ? r_long(s->second->v[i]) : TSE_R(0);
     const tse_real by = r_long(k->event[e->at[n]].v[i]) - r_mul(s->part, second);
-    const tse_real off = r_mul(s->amplitude, by) + r_mul(s->beside, second);
-    mean += r_mul(e->weight[n], off);
-    square += r_mul(e->weight[n], r_mul(off, off) + r_mul(r_sqr(by), s->var) + r_mul(r_sqr(second), s->beside_var));
+    const tse_real moved = r_mul(s->amplitude, by) + r_mul(s->beside, second);
+    mean += r_mul(e->weight[n], moved);
+    square += r_mul(e->weight[n], r_mul(moved, moved) + r_mul(r_sqr(by), s->var) + r_mul(r_sqr(second), s->beside_var));
   }
   *shift = r_mul(mean, state_unit[i]);
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
 /* Return the posterior probability of no event, or of one too small to act on; product of both groups. */
-static tse_real nothing_happened(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
+static tse_real probability_none(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
 /* Return the regime when no event is waiting to be believed. */
 static int regime_now(const tse_params *p, const tse_kalman *k)
@@ -71,7 +71,7 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
   if (k->p.extras) {
-    out->vel_y = r_clamp(out->vel_y + velocity_off(k), -state_most[VY], state_most[VY]);
+    out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
     out->vel_y_sd = r_sqrt(velocity_across_var(k));
   } else {
     const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
@@ -167,7 +167,7 @@ static void report_change(const tse_kalman *k, tse_output *out)
   for (int i = 0; i < 3; i++) out->change_ratio[i] = changed ? exponential(k->x[LCX + i] - k->change_from[i]) : TSE_R(1);
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
-  out->change_probability = changed ? nothing_happened(k) : TSE_R(0);
+  out->change_probability = changed ? probability_none(k) : TSE_R(0);
   const int32_t implausible = plausible_channel(k, &out->fault_factor);
   out->fault_channel = implausible ? implausible : k->fault             ? k->fault
                                                : is_frozen(k, STEERING) ? (int32_t)FAULT_STEER
@@ -188,7 +188,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 }
 
 /* Return the first reason that applies.   Given: sd, mean  of the quantity, whose state is `at` */
-static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const passage *w, const tse_output *out, tse_real sd, tse_real mean, int at)
+static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_class *w, const tse_output *out, tse_real sd, tse_real mean, int at)
 {
   const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
   if (k->agreement.apart || k->agreement.off_scale) return TSE_IMPLAUSIBLE;
@@ -197,14 +197,14 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_DIVERGING;
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
-  if (nothing_happened(k) < BELIEVED) return TSE_MISFIT;
+  if (probability_none(k) < BELIEVED) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
   tse_real doubts = p->mass_var;
   for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(r_long(k->doubt[q][at]), state_unit[at]));
   return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */ ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
-void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out)
+void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
 {
   for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], LCX + a);
   /* No slip is seen where both wheel speeds are one, and none where no axle rolls freely and the road may climb: accel_x then says no speed. */
@@ -228,7 +228,7 @@ static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int 
 {
   if (o.of == OF_MASS) return r_div(r_sqrt(p->mass_var), state_unit[i]);
   if (o.of == OF_MODEL) return r_div(MODEL_FLOOR, state_unit[i]);
-  if (o.of == OF_STATE) return r_div(r_abs(ud_common(&k->p, i, o.at)), r_sqrt(ud_variance(&k->p, o.at)));
+  if (o.of == OF_STATE) return r_div(r_abs(ud_covariance(&k->p, i, o.at)), r_sqrt(ud_variance(&k->p, o.at)));
   if (o.at == DOUBT_LENGTH_FRONT) return r_sqrt(r_sqr(r_long(k->doubt[DOUBT_LENGTH_FRONT][i])) + r_sqr(r_long(k->doubt[DOUBT_LENGTH_REAR][i])));
   return r_abs(r_long(k->doubt[o.at][i]));
 }
@@ -241,7 +241,7 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     { OF_DOUBT, DOUBT_INERTIA },
     { OF_DOUBT, DOUBT_CENTRE },
     { OF_STATE, GAIN },
-    { OF_STATE, OFF },
+    { OF_STATE, STEER_OFFSET },
     { OF_DOUBT, DOUBT_SCALE },
     { OF_DOUBT, DOUBT_WHEELS_LATE },
     { OF_DOUBT, DOUBT_ACCEL_LATE },

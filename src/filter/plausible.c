@@ -60,12 +60,12 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
 static void pair_learn(tse_pair *q, tse_real x, tse_real y, tse_real dt)
 {
   q->time = r_mul(q->time, r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0))) + dt;
-  const tse_real gain = r_div(dt, q->time), keep = TSE_R(1) - gain, off[2] = { x - q->mean[0], y - q->mean[1] };
+  const tse_real gain = r_div(dt, q->time), keep = TSE_R(1) - gain, deviation[2] = { x - q->mean[0], y - q->mean[1] };
   for (int i = 0; i < 2; i++) {
-    q->mean[i] += r_mul(gain, off[i]);
-    q->var[i] = r_mul(keep, q->var[i] + r_mul(gain, r_sqr(off[i])));
+    q->mean[i] += r_mul(gain, deviation[i]);
+    q->var[i] = r_mul(keep, q->var[i] + r_mul(gain, r_sqr(deviation[i])));
   }
-  q->both = r_mul(keep, q->both + r_mul(gain, r_mul(off[0], off[1])));
+  q->both = r_mul(keep, q->both + r_mul(gain, r_mul(deviation[0], deviation[1])));
 }
 
 /* Return the factor between the two of a pair; 0: none, they are not related. */

@@ -46,10 +46,10 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
 }
 
 /* Classify the row.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it */
-static passage classify(const tse_params *p, const tse_filter *f, const decoded *z, tse_real speed, int gap)
+static row_class classify(const tse_params *p, const tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
   const int reverse = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR)) < -p->hold_speed;
-  passage w;
+  row_class w;
   w.gap = gap;
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.one_speed = z->one_speed;
@@ -90,7 +90,7 @@ static int near_saturation(const tse_kalman *k)
 }
 
 /* Return the most severe caution that applies to the row: the largest code. */
-static tse_status status_of(const tse_filter *f, const decoded *z, const passage *w, const tse_output *out)
+static tse_status status_of(const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
 {
   tse_status status = TSE_OK;
   for (int a = 0; a < 3; a++)
@@ -161,7 +161,7 @@ static void start_over(const tse_params *p, tse_filter *f, const decoded *z)
 }
 
 /* Fill the output of a row, and note which stiffness tse_learnt_save() may call known. */
-static void report_step(const tse_params *p, tse_filter *f, const decoded *z, const passage *w, tse_output *now)
+static void report_step(const tse_params *p, tse_filter *f, const decoded *z, const row_class *w, tse_output *now)
 {
   memset(now, 0, sizeof *now);
   report_row(p, &f->k, now);
@@ -185,7 +185,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const int gap = has_jumped(p, f, &z) || z.dt > p->max_gap || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);
   advance_timers(p, f, &z, speed);
-  const passage w = classify(p, f, &z, speed, gap);
+  const row_class w = classify(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!fine || !all_finite(&f->k)) { /* a fault of the memory, or an overflow, to which what was loaded may have led */

@@ -74,7 +74,7 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   }
 }
 
-tse_real ud_common(const tse_ud *p, int i, int k)
+tse_real ud_covariance(const tse_ud *p, int i, int k)
 {
   const int low = i < k ? i : k, high = i < k ? k : i;
   tse_real sum = low == high ? p->d[low] : r_mul(r_long(p->u[ud_column(high) + low]), p->d[high]);
@@ -82,7 +82,7 @@ tse_real ud_common(const tse_ud *p, int i, int k)
   return sum;
 }
 
-tse_real ud_variance(const tse_ud *p, int i) { return ud_common(p, i, i); }
+tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
 void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
 {

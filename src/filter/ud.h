@@ -12,7 +12,7 @@
 #define ud_set      TSE_NAME(tse_ud_set)
 #define ud_set_block TSE_NAME(tse_ud_set_block)
 #define ud_variance TSE_NAME(tse_ud_variance)
-#define ud_common   TSE_NAME(tse_ud_common)
+#define ud_covariance   TSE_NAME(tse_ud_common)
 #define ud_add      TSE_NAME(tse_ud_add)
 #define ud_add_at   TSE_NAME(tse_ud_add_at)
 #define ud_forget   TSE_NAME(tse_ud_forget)
@@ -42,7 +42,7 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT]);
 
 /* Return the variance of state i, the covariance of states i and k.    O(STATES) time */
 tse_real ud_variance(const tse_ud *p, int i);
-tse_real ud_common(const tse_ud *p, int i, int k);
+tse_real ud_covariance(const tse_ud *p, int i, int k);
 
 /* Add c a a' to the covariance.
  *   Given:   a  STATES elements and those of the extra states in use      last  last element of the first STATES that is not 0; -1: none

@@ -1,16 +1,16 @@
 /* filter/update.c - scalar measurements, one after the other, with heavy tails and noise that is found. */
 #include "filter/filter.h"
 
-/* Update the log2 evidence that channel c is frozen: each repeated value adds -log2 of the repeat probability, times min(off, 1); a new
+/* Update the log2 evidence that channel c is frozen: each repeated value adds -log2 of the repeat probability, times min(nis, 1); a new
  * value resets it. The repeat probability is the larger one of all values and of values after a repeat, at least `least`.
- *   Given: off  squared innovation over the noise variance: a value that agrees with the prediction may repeat itself */
-static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real least, tse_real dt)
+ *   Given: nis  squared innovation over the noise variance, not over S: a value that agrees with the prediction may repeat itself */
+static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt)
 {
   const int same = !(z < k->reading[c] || z > k->reading[c]), again = k->frozen[c] > TSE_R(0);
   const tse_real g = r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), now = same ? TSE_R(1) : TSE_R(0);
   const tse_real likely = r_max(r_max(k->repeats[c], k->repeats_again[c]), least);
   k->reading[c] = z;
-  k->frozen[c] = same ? r_min(k->frozen[c] - r_mul(r_min(off, TSE_R(1)), r_log2(r_min(likely, MOST_REPEATS))), MOST_FROZEN) : TSE_R(0);
+  k->frozen[c] = same ? r_min(k->frozen[c] - r_mul(r_min(nis, TSE_R(1)), r_log2(r_min(likely, MOST_REPEATS))), MOST_FROZEN) : TSE_R(0);
   if (again) k->repeats_again[c] += r_mul(g, now - k->repeats_again[c]);
   k->repeats[c] += r_mul(g, now - k->repeats[c]);
 }
@@ -24,8 +24,8 @@ int watch_steering(tse_kalman *k, decoded *z)
   const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], LEAST_SLOW_VAR));
   const int was = is_frozen(k, STEERING), compared = k->innovation_var[YAW_RATE] > TSE_R(0) && works(k, YAW_RATE); /* in the row before */
   if (!z->has_steer) return 0;
-  const tse_real off = compared && r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0);
-  watch_repeats(k, STEERING, z->steer, off, left_of(z->dt, HELD_STILL), z->dt);
+  const tse_real contradicts = compared && r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0);
+  watch_repeats(k, STEERING, z->steer, contradicts, left_of(z->dt, HELD_STILL), z->dt);
   z->has_steer = !is_frozen(k, STEERING);
   return !was && !z->has_steer;
 }
@@ -70,15 +70,15 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   const tse_real r = r_max(m->r, r_div(square, TAIL) - *state), s = *state + r, alone = own + r; /* further off: a smaller gain */
   ud_correct(&k->p, f, v, own, r, gain);
   if (doubt > r_mul(NEGLIGIBLE, s)) {
-    tse_real *const off = f; /* which is used */
+    tse_real *const dgain = f; /* which is used */
     const tse_real share = r_div(alone, s), over = r_div(TSE_R(1), s);
     for (int i = 0; i < n; i++) {
       tse_real best = r_mul(gain[i], share);
       for (int q = 0; q < TSE_DOUBTS; q++) best += r_mul(r_mul(r_long(k->doubt[q][i]), y[q]), over);
-      off[i] = best - gain[i];
+      dgain[i] = best - gain[i];
       gain[i] = best;
     }
-    ud_add(&k->p, off, STATES - 1, alone);
+    ud_add(&k->p, dgain, STATES - 1, alone);
   }
   const tse_real s_event = *state + m->white + r_mul(EVENT_SHARE, m->r - m->white), usual = channel >= 0 ? usual_of(k, channel, m->e, s_event, m->dt) : TSE_R(1);
   const r_scaled scaled = r_scaled_of(gain, n, room);
@@ -90,7 +90,7 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
 }
 
 /* Add the summed correction to x, within its bounds; add (OWN_SHARE times the correction)^2 to the variance of each stiffness. */
-static void finish(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
+static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->p.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
   for (int i = LCX; i <= LCR; i++) ud_add_at(&k->p, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
@@ -110,7 +110,7 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
   /* wheels that are read as standing while the car turns: a bias is no larger than it may be */
   if (!(r_sqr(m.e) < r_mul(TAIL, r_mul(ud_variance(&k->p, BR), r_sqr(m.h[BR])) + m.r))) return;
   (void)use_scalar(k, YAW_RATE, &m, p->sensor_sd[YAW_RATE], change, &state);
-  finish(p, k, change);
+  apply_correction(p, k, change);
 }
 
 /* Find the slopes of the sensors over what is uncertain and no state of the car: latencies, by how fast forces and speed change,
@@ -135,8 +135,8 @@ static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *
  * ripples with the wheels would choose the half of each turn in which it is too large. */
 static int brakes(const tse_params *p, const tse_kalman *k, const forces *f)
 {
-  const tse_real off = k->innovation[ACCEL_X], likely = r_mul(r_mul(TAIL, k->noise[ACCEL_X]), r_sqr(p->sensor_sd[ACCEL_X]));
-  return f->x + (r_sqr(off) > likely && works(k, ACCEL_X) ? off : TSE_R(0)) + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
+  const tse_real e = k->innovation[ACCEL_X], likely = r_mul(r_mul(TAIL, k->noise[ACCEL_X]), r_sqr(p->sensor_sd[ACCEL_X]));
+  return f->x + (r_sqr(e) > likely && works(k, ACCEL_X) ? e : TSE_R(0)) + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
 }
 
 /* Apply a pseudo-measurement of slip to the freely rolling axle: the one that brake switch and wheel torques name, else the undriven one
@@ -155,7 +155,7 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, co
   m.h[at] = state_unit[at];
   m.e = -(at == SR ? c->free_rear : c->free_front) - k->x[at] - r_mul(change[at], state_unit[at]);
   m.r = m.white = r_sqr(FREE_SLIP_SD);
-  (void)use_scalar(k, NO_SENSOR_GOING, &m, TSE_R(1), change, &state);
+  (void)use_scalar(k, NO_SENSOR_LONGITUDINAL, &m, TSE_R(1), change, &state);
 }
 
 /* What the car reads, as the state predicts it, and its slopes over state and uncertain quantities, SI. */
@@ -273,5 +273,5 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0) && !may_be_back(k)) k->unusual = TSE_R(0);
   if (!z->one_speed && z->has_steer) roll_freely(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);
-  finish(p, k, change);
+  apply_correction(p, k, change);
 }

@@ -72,15 +72,15 @@ static void remember(tse_kalman *k, tse_real dt)
 }
 
 /* Find the motion `late` seconds ago less that of now, as far back as it is known.   Returned: how late that is */
-static tse_real past_of(const tse_velocity *m, tse_real late, tse_real off[KEPT])
+static tse_real past_of(const tse_velocity *m, tse_real late, tse_real delta[KEPT])
 {
   tse_real newer = TSE_R(0);
-  for (int i = 0; i < KEPT; i++) off[i] = TSE_R(0);
+  for (int i = 0; i < KEPT; i++) delta[i] = TSE_R(0);
   for (int n = 0; n < m->kept; n++) {
     if (!(m->age[n] > newer)) continue;
     const int within = late < m->age[n];
     const tse_real share = within ? r_div(late - newer, m->age[n] - newer) : TSE_R(1);
-    for (int i = 0; i < KEPT; i++) off[i] += r_mul(share, m->past[n][i] - off[i]);
+    for (int i = 0; i < KEPT; i++) delta[i] += r_mul(share, m->past[n][i] - delta[i]);
     newer = m->age[n];
     if (within) return late;
   }
@@ -95,18 +95,18 @@ static void grow(tse_kalman *k, int i, tse_real q)
   if (q > TSE_R(0)) ud_add(&k->p, a, -1, q);
 }
 
-/* Let what the model does not explain of the speed across decay: a share of how fast the axles slip sideways, which lasts
- * MODEL_TIME. */
-static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
+/* Propagate the model discrepancy of the speed across as an Ornstein-Uhlenbeck process of time constant MODEL_TIME, its sd a share of
+ * how fast the axles slip sideways. */
+static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
   const tse_real sideways = r_max(r_sqr(r_mul(p->car.lr, k->x[YAW]) - k->x[VY]), r_sqr(LEAST_OFF));
   m->activity += r_mul(r_div(dt, dt + MODEL_TIME), sideways - m->activity);
-  k->x[V_OFF] = r_mul(k->x[V_OFF], left);
-  ud_fade_extra(&k->p, V_OFF - STATES, left);
-  sensitivities_fade(k, V_OFF, left);
+  k->x[V_DISCREPANCY] = r_mul(k->x[V_DISCREPANCY], left);
+  ud_fade_extra(&k->p, V_DISCREPANCY - STATES, left);
+  sensitivities_fade(k, V_DISCREPANCY, left);
   const tse_real var = r_mul(r_mul(r_sqr(OFF_SHARE), r_sqr(p->model_sd) + p->mass_var), m->activity);
-  grow(k, V_OFF, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_OFF])));
+  grow(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
 }
 
 /* Turn the heading by the gyro, not by the yaw rate of the model, which is off by what that does not explain; without a gyro, by
@@ -132,7 +132,7 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_real dt = z->dt;
   if (!k->p.extras) return;
   turn_heading(p, k, z);
-  fade_off(p, k, left_of(dt, MODEL_TIME), dt);
+  fade_discrepancy(p, k, left_of(dt, MODEL_TIME), dt);
   grow(k, PSI, r_mul(r_sqr(WALK_SHARE), dt));
   for (int e = V_SCALE; e < TSE_ALL; e++) grow(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));
   for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, MOST_SINCE);
@@ -150,7 +150,7 @@ typedef struct velocity_reading {
 static velocity_reading read_of(int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
 {
   const tse_real scale = TSE_R(1) + extra[V_SCALE - STATES], turn = extra[V_TURN - STATES], lx = extra[V_LEVER_X - STATES], ly = extra[V_LEVER_Y - STATES];
-  const tse_real vx = v[0] - r_mul(v[2], ly), vy = v[1] + extra[V_OFF - STATES] + r_mul(v[2], lx);
+  const tse_real vx = v[0] - r_mul(v[2], ly), vy = v[1] + extra[V_DISCREPANCY - STATES] + r_mul(v[2], lx);
   tse_real along = TSE_R(0), across = TSE_R(0); /* slopes over vx, vy */
   velocity_reading m;
   for (int e = 0; e < TSE_EXTRAS; e++) m.extra[e] = TSE_R(0);
@@ -172,7 +172,7 @@ static velocity_reading read_of(int c, const tse_real v[3], tse_real heading, co
   m.by[0] = along;
   m.by[1] = across;
   m.by[2] = r_mul(across, lx) - r_mul(along, ly);
-  m.extra[V_OFF - STATES] = across;
+  m.extra[V_DISCREPANCY - STATES] = across;
   m.extra[V_LEVER_X - STATES] = r_mul(across, v[2]);
   m.extra[V_LEVER_Y - STATES] = -r_mul(along, v[2]);
   return m;
@@ -183,14 +183,14 @@ static velocity_reading read_of(int c, const tse_real v[3], tse_real heading, co
  *   Returned:  m   innovation without what the row has moved the state by, slopes in units; white: variance of what is no witness */
 static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
 {
-  tse_real off[KEPT], rate[KEPT], h[TSE_ALL], changes = TSE_R(0), late = p->velocity_late + k->x[V_LATE];
+  tse_real delta[KEPT], rate[KEPT], h[TSE_ALL], changes = TSE_R(0), late = p->velocity_late + k->x[V_LATE];
   const tse_real *const x = k->x;
-  const tse_real over = past_of(&k->velocity, r_max(late, BETWEEN), off);
-  for (int i = 0; i < KEPT; i++) rate[i] = over > TSE_R(0) ? -r_div(off[i], over) : TSE_R(0);
+  const tse_real over = past_of(&k->velocity, r_max(late, BETWEEN), delta);
+  for (int i = 0; i < KEPT; i++) rate[i] = over > TSE_R(0) ? -r_div(delta[i], over) : TSE_R(0);
   late = r_min(late, over);
-  for (int i = 0; i < KEPT; i++) off[i] = -r_mul(late, rate[i]); /* ahead, as fast as it changed */
-  const tse_real v[3] = { x[VX] + off[0], x[VY] + off[1], x[YAW] + off[2] };
-  const velocity_reading now = read_of(c, v, x[PSI] + off[KEPT_HEADING], &x[STATES]);
+  for (int i = 0; i < KEPT; i++) delta[i] = -r_mul(late, rate[i]); /* ahead, as fast as it changed */
+  const tse_real v[3] = { x[VX] + delta[0], x[VY] + delta[1], x[YAW] + delta[2] };
+  const velocity_reading now = read_of(c, v, x[PSI] + delta[KEPT_HEADING], &x[STATES]);
   m->e = z - now.z;
   if (c == COURSE) m->e = wrapped(m->e);
   for (int q = 0; q < TSE_DOUBTS; q++) m->doubts[q] = TSE_R(0);
@@ -242,16 +242,16 @@ static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt,
   const tse_real fits = r_div(r_sqr(s->e), ud_measure(&k->p, s->h, f, v) + s->r);
   m->misfit[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, r_sqr(MOST_MISFIT)) - m->misfit[c]);
   if (m->misfit[c] > MOST_MISFIT) {
-    m->off_for[c] = r_min(m->off_for[c] + dt, MOST_SINCE);
-    if (c == COURSE && m->off_for[c] > SETTLE_TIME) { /* its zero is another */
+    m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MOST_SINCE);
+    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* its zero is another */
       m->has_heading = 0;
       m->misfit[c] = TSE_R(1);
-      m->off_for[c] = TSE_R(0);
+      m->rejected_for[c] = TSE_R(0);
     }
     return;
   }
-  m->off_for[c] = TSE_R(0);
-  (void)use_scalar(k, c == INS_Y || c == COURSE ? NO_SENSOR_TURNING : NO_SENSOR_GOING, s, p->velocity_sd[c], change, &state);
+  m->rejected_for[c] = TSE_R(0);
+  (void)use_scalar(k, c == INS_Y || c == COURSE ? NO_SENSOR_LATERAL : NO_SENSOR_LONGITUDINAL, s, p->velocity_sd[c], change, &state);
   learn_noise(p, &m->noise[c], s->e - m->innovation[c], own, r_div(dt, USUAL_TIME));
   m->innovation[c] = s->e;
 }
@@ -282,20 +282,20 @@ void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const
 tse_real velocity_across_var(const tse_kalman *k)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL];
-  for (int i = 0; i < TSE_ALL; i++) h[i] = i == VY || i == V_OFF ? state_unit[i] : TSE_R(0);
+  for (int i = 0; i < TSE_ALL; i++) h[i] = i == VY || i == V_DISCREPANCY ? state_unit[i] : TSE_R(0);
   tse_real var = ud_measure(&k->p, h, f, v);
-  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_mul(r_long(k->doubt[q][VY]), state_unit[VY]) + r_mul(r_long(k->doubt[q][V_OFF]), state_unit[V_OFF]));
+  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_mul(r_long(k->doubt[q][VY]), state_unit[VY]) + r_mul(r_long(k->doubt[q][V_DISCREPANCY]), state_unit[V_DISCREPANCY]));
   return var;
 }
 
 int32_t velocity_fault(const tse_kalman *k)
 {
   for (int32_t c = 0; c < TSE_VELOCITIES && k->p.extras; c++)
-    if (k->velocity.off_for[c] > TSE_R(0)) return (int32_t)FAULT_VELOCITY + c;
+    if (k->velocity.rejected_for[c] > TSE_R(0)) return (int32_t)FAULT_VELOCITY + c;
   return NO_FAULT;
 }
 
-tse_real velocity_off(const tse_kalman *k) { return k->x[V_OFF]; }
+tse_real velocity_discrepancy(const tse_kalman *k) { return k->x[V_DISCREPANCY]; }
 
 #else /* rows that give one are refused */
 
@@ -303,7 +303,7 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z) { (void
 void velocity_lose(tse_kalman *k) { (void)k; }
 void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]) { (void)p, (void)k, (void)z, (void)f, (void)change; }
 int32_t velocity_fault(const tse_kalman *k) { return (void)k, NO_FAULT; }
-tse_real velocity_off(const tse_kalman *k) { return (void)k, TSE_R(0); }
+tse_real velocity_discrepancy(const tse_kalman *k) { return (void)k, TSE_R(0); }
 tse_real velocity_across_var(const tse_kalman *k) { return (void)k, TSE_R(0); }
 
 #endif

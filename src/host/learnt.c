@@ -181,7 +181,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   }
   for (int i = 0; i < TSE_KEPT; i++)
     for (int j = i + 1; j < TSE_KEPT; j++, n++) {
-      tse_real both = ud_common(&k->p, FAST + i, FAST + j);
+      tse_real both = ud_covariance(&k->p, FAST + i, FAST + j);
       for (int q = 0; q < TSE_DOUBTS; q++) both += r_mul_short(k->doubt[q][FAST + i], k->doubt[q][FAST + j]);
       if (i == K_STIFFNESS || j == K_STIFFNESS) both = r_mul(share, both);
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);

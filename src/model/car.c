@@ -83,9 +83,9 @@ static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const t
   f->by_x[VX] = -r_mul(TSE_R(2), r_mul(c->drag, r_abs(x[VX])));
   const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate), -r_mul(TSE_R(1) + x[GAIN], f->rate) };
   for (int i = 0; i < 3; i++) { /* forces turn with the wheels */
-    f->by_x[OFF + i] = -r_mul(by_d[i], ay);
-    f->by_y[OFF + i] = r_mul(by_d[i], ax);
-    f->by_yaw[OFF + i] = r_mul(c->jf, r_mul(by_d[i], ax));
+    f->by_x[STEER_OFFSET + i] = -r_mul(by_d[i], ay);
+    f->by_y[STEER_OFFSET + i] = r_mul(by_d[i], ax);
+    f->by_yaw[STEER_OFFSET + i] = r_mul(c->jf, r_mul(by_d[i], ax));
   }
   f->by_yaw[STATES + DOUBT_INERTIA] = -f->yaw;
   f->by_yaw[STATES + DOUBT_CENTRE] = r_mul(c->m_inertia, ay + t->y_rear.f);
@@ -98,7 +98,7 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   const tyre *const xf = &t.x_front, *const yf = &t.y_front, *const xr = &t.x_rear, *const yr = &t.y_rear;
   f->steer = u.from + r_mul(share, u.to - u.from);
   f->rate = r_div(u.to - u.from, u.dt);
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, yf->f);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[STEER_OFFSET] - r_mul(c->compliance, yf->f);
   sin_cos(d, &f->sin_d, &f->cos_d);
   f->side = yf->f;
   f->endless_x = xf->endless + xr->endless;
@@ -192,7 +192,7 @@ static tse_real substep_slip_angles(const tse_car *c, tse_real x[STATES], tse_re
   const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn), goes = TSE_R(1) - stays;
   const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
   const tse_real steer = from + r_mul(r_mul(h, rate), r_div(turn + TSE_R(3), turn + TSE_R(6)));
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, side);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[STEER_OFFSET] - r_mul(c->compliance, side);
   const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
   const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
   const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mp = M[PHI];
@@ -208,7 +208,7 @@ static tse_real substep_slip_angles(const tse_car *c, tse_real x[STATES], tse_re
     mf[j] = r_end(r_plus(r_product(stay, mf[j]), go, front));
     mb[j] = r_end(r_plus(r_product(stay, mb[j]), go, rear));
   }
-  add_to(&mf[OFF], goes);
+  add_to(&mf[STEER_OFFSET], goes);
   add_to(&mf[GAIN], r_mul(goes, steer));
   add_to(&mf[LATE], -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), rate));
   add_to(&mf[STATES + DOUBT_CENTRE], r_mul(goes, r_mul(kf.by_side, x[YAW])));
@@ -326,7 +326,7 @@ static void measure_wheels(const tse_car *c, const tse_real x[STATES], const for
   front[VY] += sideways;
   front[YAW] += r_mul(c->lf, sideways);
   front[SF] += r_mul(along, radius);
-  front[OFF] += by_d;
+  front[STEER_OFFSET] += by_d;
   front[GAIN] += r_mul(by_d, f->steer - r_mul(x[LATE], f->rate));
   front[LATE] -= r_mul(r_mul(by_d, TSE_R(1) + x[GAIN]), f->rate);
   front[RAD] += r_mul(along, TSE_R(1) + x[SF]);

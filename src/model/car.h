@@ -14,7 +14,7 @@
  *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness
  * Stiffness  along    C = kx_i e^c_x (1 -+ height_i A)
  *            across   C = ky_i e^c_i (1 -+ load_gain A) max(1 - side_i B^2, 0.1)
- * Wheels     d = (1 + gain)(steer - late steer') + off - compliance Y_f
+ * Wheels     d = (1 + gain)(steer - late steer') + steer_offset - compliance Y_f
  * Forces     X, Y: of the front axle in the axes of the car      X = X_f cos d - Y_f sin d      Y = Y_f cos d + X_f sin d
  *            a_x = X + X_r - drag |v_x| v_x - rolling v_x/max(|v_x|, 0.5)
  *            a_y = Y + Y_r + pull_front + pull_rear
@@ -68,19 +68,19 @@
   ROW(LCF,  0.1,   4)   \
   ROW(LCR,  0.1,   4)   \
   ROW(LMU,  0.2,   4)   \
-  ROW(OFF,  0.002, 0.2) /* [rad] steering offset */ \
+  ROW(STEER_OFFSET, 0.002, 0.2) /* [rad] steering offset */ \
   ROW(GAIN, 0.02,  0.5) /* [1] error of the steering ratio */ \
   ROW(LATE, 0.01,  0.2) /* [s] lateness of the steering */ \
   ROW(RAD,  0.005, 0.2) /* [1] error of the front radius */ \
   ROW(LEAN, 0.05,  0.9) /* [1] share of v r that roads lean into their curves */
 #define EXTRA_ROWS(ROW) /* behind them, of a measured velocity */ \
-  ROW(PSI,       0.02, 10)  /* [rad] heading of the car, in the axes of the course */ \
-  ROW(V_OFF,     0.1,  30)  /* [m/s] what the model does not explain of the speed across */ \
-  ROW(V_SCALE,   0.01, 0.5) /* [1] */ \
-  ROW(V_TURN,    0.01, 1)   /* [rad] heading offset of the INS */ \
-  ROW(V_LATE,    0.02, 0.3) /* [s] latency beyond the setting */ \
-  ROW(V_LEVER_X, 0.2,  30)  /* [m] where it is measured */ \
-  ROW(V_LEVER_Y, 0.2,  30)
+  ROW(PSI,           0.02, 10)  /* [rad] heading of the car, in the axes of the course */ \
+  ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] model discrepancy of the speed across */ \
+  ROW(V_SCALE,       0.01, 0.5) /* [1] */ \
+  ROW(V_TURN,        0.01, 1)   /* [rad] heading offset of the INS */ \
+  ROW(V_LATE,        0.02, 0.3) /* [s] latency beyond the setting */ \
+  ROW(V_LEVER_X,     0.2,  30)  /* [m] where it is measured */ \
+  ROW(V_LEVER_Y,     0.2,  30)
 /* clang-format on */
 #define STATE_NAME(name, unit, most) name,
 enum {

@@ -144,7 +144,7 @@ enum { TSE_UNKNOWN,
        TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
 
 #define TSE_GROUPS 2     /* of events that exclude each other */
-#define TSE_EVENTS 16   /* places for what may have happened, src/filter/events.c */
+#define TSE_EVENTS 16   /* slots of events, src/filter/events.c */
 
 typedef struct tse_ud {
   tse_short u[TSE_STATES * (TSE_STATES - 1) / 2];
@@ -157,7 +157,7 @@ typedef struct tse_ud {
 typedef struct tse_velocity {
   tse_real noise[TSE_VELOCITIES];     /* [1] variance of a channel as found, over the setting's */
   tse_real innovation[TSE_VELOCITIES], last[TSE_VELOCITIES], since[TSE_VELOCITIES]; /* [m/s, rad] of the last value, itself; [s] its age */
-  tse_real misfit[TSE_VELOCITIES], off_for[TSE_VELOCITIES]; /* [1] recent innovations squared over their variance; [s] left out for */
+  tse_real misfit[TSE_VELOCITIES], rejected_for[TSE_VELOCITIES]; /* [1] recent innovations squared over their variance; [s] rejected for */
   tse_real past[TSE_PAST][4], age[TSE_PAST]; /* vel_x, vel_y, yaw rate, heading less those now, newest first; [s] */
   tse_real gyro, turned, motion[3];   /* [rad/s] without bias, [rad] heading since, speeds [m/s] and yaw rate [rad/s], at the last row */
   tse_real activity;                  /* [m2/s2] recent square of how fast the axles slip sideways */
@@ -170,7 +170,7 @@ typedef struct tse_event {
   tse_real info, score;               /* [1] 1/variance of the amplitude by the samples since, and that times its mean */
   tse_real both;                      /* [1] of a second amplitude: what the samples say of both at once */
   tse_real age;                       /* [s] */
-  int32_t kind;                       /* src/filter/events.c; 0: free place */
+  int32_t kind;                       /* src/filter/events.c; 0: free slot */
 } tse_event;
 
 /* Two quantities that are the same, and how they went together: src/filter/plausible.c. */

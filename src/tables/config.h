@@ -29,7 +29,7 @@ static const struct {
   /* table: copies */
   COPY(car.lf, lf), COPY(car.lr, lr), COPY(radius_front, wheel_radius_front), COPY(radius_rear, wheel_radius_rear),
   COPY(follow, rear_longitudinal_follows_front), COPY(uncertain[DOUBT_INERTIA], yaw_inertia_sd),
-  COPY(uncertain[DOUBT_CENTRE], cg_sd), COPY(prior_sd[GAIN], steer_ratio_sd), COPY(prior_sd[OFF], steer_offset_sd),
+  COPY(uncertain[DOUBT_CENTRE], cg_sd), COPY(prior_sd[GAIN], steer_ratio_sd), COPY(prior_sd[STEER_OFFSET], steer_offset_sd),
   COPY(uncertain[DOUBT_SCALE], accel_y_scale_sd), COPY(uncertain[DOUBT_WHEELS_LATE], wheel_delay_sd),
   COPY(uncertain[DOUBT_ACCEL_LATE], accel_delay_sd), COPY(uncertain[DOUBT_LENGTH_FRONT], relaxation_sd),
   COPY(uncertain[DOUBT_LENGTH_REAR], relaxation_sd), COPY(prior_sd[LEAN], lean_sd), COPY(uncertain[DOUBT_GYRO], gyro_scale_sd),
@@ -38,14 +38,15 @@ static const struct {
   COPY(prior_sd[LATE], steer_lag_sd), COPY(prior_sd[BX], accel_x_bias_sd), COPY(prior_sd[BY], accel_y_bias_sd),
   COPY(prior_sd[BR], yaw_rate_bias_sd), COPY(bias_sd_walk[0], accel_x_bias_walk), COPY(bias_sd_walk[1], accel_y_bias_walk),
   COPY(bias_sd_walk[2], yaw_rate_bias_walk), COPY(no_torque, wheel_torque_least), COPY(prior[GAIN], steering_ratio_change),
-  COPY(prior[OFF], steering_offset_angle), COPY(car.roll_steer, rear_roll_steer_gain), COPY(car.shape, tyre_saturation_shape),
-  COPY(car.load_gain, longitudinal_load_transfer_gain), COPY(prior[LEAN], bank_superelevation),
-  COPY(car.lever_x, imu_lever_arm_x), COPY(car.lever_y, imu_lever_arm_y), COPY(car.pitch_frequency, pitch_leak_frequency),
-  COPY(car.pitch_damping, pitch_leak_damping), COPY(sample_time, sample_time), COPY(forgetting_change, forgetting_change),
-  COPY(prior_sd[LCX], initial_cx_sd), COPY(prior_sd[LCF], initial_cy_front_sd), COPY(prior_sd[LCR], initial_cy_rear_sd),
-  COPY(prior_sd[LMU], grip_sd), COPY(nu0, initial_dof), COPY(vel_x0, initial_vel_x), COPY(x_sd0[0], initial_vel_x_sd),
-  COPY(x_sd0[1], initial_vel_y_sd), COPY(x_sd0[2], initial_yaw_rate_sd), COPY(hold_speed, hold_speed), COPY(max_steer, max_steer),
-  COPY(max_slip, max_slip), COPY(max_gap, max_gap), COPY(steady_sd_walk, steady_walk),
+  COPY(prior[STEER_OFFSET], steering_offset_angle), COPY(car.roll_steer, rear_roll_steer_gain),
+  COPY(car.shape, tyre_saturation_shape), COPY(car.load_gain, longitudinal_load_transfer_gain),
+  COPY(prior[LEAN], bank_superelevation), COPY(car.lever_x, imu_lever_arm_x), COPY(car.lever_y, imu_lever_arm_y),
+  COPY(car.pitch_frequency, pitch_leak_frequency), COPY(car.pitch_damping, pitch_leak_damping), COPY(sample_time, sample_time),
+  COPY(forgetting_change, forgetting_change), COPY(prior_sd[LCX], initial_cx_sd), COPY(prior_sd[LCF], initial_cy_front_sd),
+  COPY(prior_sd[LCR], initial_cy_rear_sd), COPY(prior_sd[LMU], grip_sd), COPY(nu0, initial_dof), COPY(vel_x0, initial_vel_x),
+  COPY(x_sd0[0], initial_vel_x_sd), COPY(x_sd0[1], initial_vel_y_sd), COPY(x_sd0[2], initial_yaw_rate_sd),
+  COPY(hold_speed, hold_speed), COPY(max_steer, max_steer), COPY(max_slip, max_slip), COPY(max_gap, max_gap),
+  COPY(steady_sd_walk, steady_walk),
   /* end of table */
 #if !defined(TSE_NO_VELOCITY)
   /* table: velocity_copies */

@@ -352,7 +352,7 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   for (int i = BX; i < STATES; i++) expect_near(sd[i - BX], number(p.prior_sd[i]), 1e-7, "prior_sd", i);
   const double mean[3] = { log(0.7), log(0.8), log(1.3) };
   for (int i = 0; i < 3; i++) expect_near(mean[i], number(p.prior[LCX + i]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);
-  expect_near(0.004, number(p.prior[OFF]), 1e-9, "offset", 0);
+  expect_near(0.004, number(p.prior[STEER_OFFSET]), 1e-9, "offset", 0);
   expect_near(9.81 * sin(0.02), number(p.prior[GX]), 1e-6, "along the road", 0);
   expect_near(-9.81 * sin(0.01), number(p.prior[GY]), 1e-6, "across the road", 0);
   expect_near(9.81 * 0.03, number(p.prior_sd[GX]), 1e-6, "sd of the grade", 0);

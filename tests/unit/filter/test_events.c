@@ -189,7 +189,7 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
 {
   static trio t;
   static const double first[3] = { 2, 0.7, 0.4 }, second[3] = { 0.5, -0.6, 0.8 };
-  static const int at[3] = { SF, SR, OFF };
+  static const int at[3] = { SF, SR, STEER_OFFSET };
   enum { BEHIND = 2 }; /* of the road's two places */
   uint32_t seed = 10;
   double apart = 0;
@@ -198,7 +198,7 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
     t.n = 0;
     t.with.p[SF][SF] -= 4;
     t.k.x[LCF] = t.k.x[LCR] = TSE_R(-3); /* with less grip than there can be */
-    t.k.event[0].kind = EVENT_ROAD, t.k.event[BEHIND].kind = EVENT_APART;
+    t.k.event[0].kind = EVENT_ROAD, t.k.event[BEHIND].kind = EVENT_ROAD_AXLE_DIFF;
     for (int i = 0; i < 3; i++) {
       t.k.event[0].v[at[i]] = short_of(first[i]), t.k.event[BEHIND].v[at[i]] = short_of(second[i]);
       for (int j = 0; j < 3; j++) t.with.p[at[i]][at[j]] += first[i] * first[j] + second[i] * second[j];
@@ -273,9 +273,9 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
       const double di = t.with.x[i] - t.without.x[i];
       expect_near(t.without.x[i] + w * di, number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
       for (int j = 0; j < STATES; j++)
-        if (i != OFF || j != OFF) /* whose own part is opened by as much */
+        if (i != STEER_OFFSET || j != STEER_OFFSET) /* whose own part is opened by as much */
           expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j] + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]), m.p[i][j], close, "covariance", 100 * i + j);
-      expect_near(w * pow(number(STEER_OWN) / number(state_unit[OFF]), 2), m.p[OFF][OFF] - (1 - w) * t.without.p[OFF][OFF] - w * t.with.p[OFF][OFF] - w * (1 - w) * pow(t.with.x[OFF] - t.without.x[OFF], 2), close, "own", i);
+      expect_near(w * pow(number(STEER_OWN) / number(state_unit[STEER_OFFSET]), 2), m.p[STEER_OFFSET][STEER_OFFSET] - (1 - w) * t.without.p[STEER_OFFSET][STEER_OFFSET] - w * t.with.p[STEER_OFFSET][STEER_OFFSET] - w * (1 - w) * pow(t.with.x[STEER_OFFSET] - t.without.x[STEER_OFFSET], 2), close, "own", i);
     }
   }
   TEST_ASSERT_TRUE(weighty >= 3);
@@ -287,7 +287,7 @@ static void test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there
   static trio t;
   uint32_t seed = 5;
   for (int n = 0; n < 20; n++) {
-    start(&t, EVENT_BACK, 2, 0, &seed);
+    start(&t, EVENT_ROAD_RETURN, 2, 0, &seed);
     t.with.p[SF][SF] = t.without.p[SF][SF], t.with.x[SF] = 2;
     const double before = odds(&t);
     rows(&t, 12, n % 5, n % 2 ? 2 : 0, 0, 1, &seed);
@@ -302,7 +302,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
   uint32_t seed = 6;
   for (int n = 0; n < 10; n++) {
     double h[ALL], was[STATES];
-    start(&t, EVENT_BACK, 0, 0, &seed);
+    start(&t, EVENT_ROAD_RETURN, 0, 0, &seed);
     t.k.change_kind = TSE_CHANGE_REAR, t.k.change_age = TSE_R(1);
     for (int i = LCX; i <= LMU; i++) {
       t.k.x[i] = real(next_between(&seed, -0.5, 0.5));
@@ -438,7 +438,7 @@ static void test_soon_after_a_change_nothing_is_a_fault(void)
   uint32_t seed = 8;
   for (int later = 0; later < 2; later++) {
     start(&t, EVENT_STEER, 0, 0, &seed);
-    t.k.event[t.n].v[OFF] = short_of(1), t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(30);
+    t.k.event[t.n].v[STEER_OFFSET] = short_of(1), t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(30);
     t.k.change_kind = TSE_CHANGE_ROAD;
     t.k.change_age = real(later ? 10 : 0.5);
     events_decide(&t.p, &t.k, TSE_R(0));
@@ -471,7 +471,7 @@ static void test_events_are_opened_in_turn(void)
   memset(&p, 0, sizeof p);
   for (int n = 0; n < 4000; n++) {
     if (n == 2000) { /* from here on there is something to be back from */
-      before = opened[EVENT_BACK];
+      before = opened[EVENT_ROAD_RETURN];
       k.change_kind = TSE_CHANGE_ROAD, k.change_age = TSE_R(100);
     }
     tse_short M[MOTION][COLUMNS];
@@ -487,12 +487,12 @@ static void test_events_are_opened_in_turn(void)
     for (int g = 0; g < TSE_GROUPS; g++) TEST_ASSERT_TRUE(number(k.none[g]) > 0.95);
   }
   TEST_ASSERT_EQUAL_INT(0, before);
-  const int once = opened[EVENT_BACK];
+  const int once = opened[EVENT_ROAD_RETURN];
   for (int i = 0; i < 4; i++) k.change_from_var[i] = TSE_R(1); /* less was known then */
   for (int n = 0; n < TSE_EVENTS; n++) k.event[n].kind = EVENT_NONE;
   events_decide(&p, &k, real(0.01));
-  for (int n = 0; n < TSE_EVENTS; n++) opened[EVENT_BACK] += k.event[n].kind == EVENT_BACK;
-  TEST_ASSERT_EQUAL_INT(once, opened[EVENT_BACK]);
+  for (int n = 0; n < TSE_EVENTS; n++) opened[EVENT_ROAD_RETURN] += k.event[n].kind == EVENT_ROAD_RETURN;
+  TEST_ASSERT_EQUAL_INT(once, opened[EVENT_ROAD_RETURN]);
   for (int i = EVENT_NONE + 1; i < EVENT_KINDS; i++) TEST_ASSERT_TRUE(opened[i] > 1);
 }
 

@@ -95,7 +95,7 @@ static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
   const double gx = sqrt(number(ud_variance(&k.p, GX))) * number(state_unit[GX]);
   TEST_ASSERT_TRUE(gx > 0.05 && gx < 1);
   for (int i = 0; i < STATES; i++)
-    if (i != GX) expect_near(0, fabs(number(ud_common(&k.p, GX, i))), 1e-4, "nothing in common", i);
+    if (i != GX) expect_near(0, fabs(number(ud_covariance(&k.p, GX, i))), 1e-4, "nothing in common", i);
   for (int i = BX; i < STATES; i++) {
     TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
     TEST_ASSERT_TRUE(number(ud_variance(&k.p, i)) >= number(ud_variance(&before.p, i)) * (1 - BY_NUMBER(1e-9, 1e-4, 1e-5)));
@@ -135,7 +135,7 @@ static void test_all_starts_as_the_settings_say(void)
     const double sd = number(p.prior_sd[i]) / number(state_unit[i]);
     expect_near(number(p.prior[i]), number(f.k.x[i]), 0, "mean", i);
     expect_near(sd * sd, number(ud_variance(&f.k.p, i)), BY_NUMBER(1e-12, 1e-6, 1e-8) * (1 + sd * sd), "variance", i);
-    for (int j = 0; j < i; j++) expect_near(0, number(ud_common(&f.k.p, i, j)), 0, "nothing in common", i);
+    for (int j = 0; j < i; j++) expect_near(0, number(ud_covariance(&f.k.p, i, j)), 0, "nothing in common", i);
   }
 }
 
@@ -160,11 +160,11 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   expect_near(lr * 0.15 - 20 * back, number(k.x[VY]), 1e-5, "vel_y", 0);
   for (int i = BX; i < STATES; i++) {
     TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
-    for (int j = BX; j < STATES; j++) TEST_ASSERT_TRUE(!(ud_common(&before.p, i, j) != ud_common(&k.p, i, j)));
+    for (int j = BX; j < STATES; j++) TEST_ASSERT_TRUE(!(ud_covariance(&before.p, i, j) != ud_covariance(&k.p, i, j)));
   }
   for (int i = 0; i < GX; i++) {
     for (int j = 0; j < STATES; j++)
-      if (i != j) expect_near(0, number(ud_common(&k.p, i, j)), 0, "nothing in common", 100 * i + j);
+      if (i != j) expect_near(0, number(ud_covariance(&k.p, i, j)), 0, "nothing in common", 100 * i + j);
     for (int q = 0; q < TSE_DOUBTS; q++) expect_near(0, number_of(k.doubt[q][i]), 0, "not uncertain", i);
   }
 }

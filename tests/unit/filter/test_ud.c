@@ -35,7 +35,7 @@ static void test_variances_and_covariances_are_those_of_the_matrix(void)
     const dense m = dense_of(&p);
     for (int i = 0; i < STATES; i++) {
       expect_near(m.p[i][i], number(ud_variance(&p, i)), CLOSE, "variance", i);
-      for (int k = 0; k < STATES; k++) expect_near(m.p[i][k], number(ud_common(&p, i, k)), CLOSE, "covariance", 100 * i + k);
+      for (int k = 0; k < STATES; k++) expect_near(m.p[i][k], number(ud_covariance(&p, i, k)), CLOSE, "covariance", 100 * i + k);
     }
   }
 }
@@ -236,7 +236,7 @@ static void test_d_stays_positive_in_a_long_run(void)
     const double var = number(ud_variance(&p, i));
     TEST_ASSERT_TRUE(var > 0 && var < 1.01);
     for (int k = 0; k < i; k++) {
-      const double r = number(ud_common(&p, i, k)) / sqrt(var * number(ud_variance(&p, k)));
+      const double r = number(ud_covariance(&p, i, k)) / sqrt(var * number(ud_variance(&p, k)));
       TEST_ASSERT_TRUE(fabs(r) < BY_NUMBER(1, 1.001, 1.2)); /* fixed point: of variances of a few hundred steps */
     }
   }

@@ -259,7 +259,7 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
 /* What a channel reads, written out: s has all states in SI. motion, heading: at the time when it was true. */
 static double reads(int channel, const double s[N], const double motion[3], double heading)
 {
-  const double vx = motion[0] - motion[2] * s[V_LEVER_Y], vy = motion[1] + s[V_OFF] + motion[2] * s[V_LEVER_X], scale = 1 + s[V_SCALE];
+  const double vx = motion[0] - motion[2] * s[V_LEVER_Y], vy = motion[1] + s[V_DISCREPANCY] + motion[2] * s[V_LEVER_X], scale = 1 + s[V_SCALE];
   switch (channel) {
     case 0: return scale * (vx + s[V_TURN] * vy);
     case 1: return scale * (vy - s[V_TURN] * vx);
@@ -297,7 +297,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int e = 0; e < TSE_EXTRAS; e++) k.p.e[e] = real(0.01 * number(k.p.e[e]));
     any_motion(k.x, &seed);
     k.x[PSI] = real(3.1); /* close to where angles wrap */
-    k.x[V_SCALE] = real(0.01), k.x[V_OFF] = real(0.05), k.x[V_TURN] = real(-0.02), k.x[V_LEVER_X] = real(1.2);
+    k.x[V_SCALE] = real(0.01), k.x[V_DISCREPANCY] = real(0.05), k.x[V_TURN] = real(-0.02), k.x[V_LEVER_X] = real(1.2);
     k.x[V_LEVER_Y] = real(-0.3);
     for (int q = 0; q < TSE_DOUBTS; q++)
       for (int i = 0; i < TSE_ALL; i++) k.doubt[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);

@@ -703,7 +703,7 @@ static void expect_kept(const tse_params *p, const tse_kalman *k, const char *wh
     for (int j = 0; j < i; j++) {
       const double sd_j = sqrt(number(ud_variance(&k->p, FAST + j)));
       /* 2^-14 */
-      expect_near(kept_correlation(i, j), number(ud_common(&k->p, FAST + i, FAST + j)) / sd / sd_j, BY_NUMBER(2e-4, 2e-4, 1e-3), what,
+      expect_near(kept_correlation(i, j), number(ud_covariance(&k->p, FAST + i, FAST + j)) / sd / sd_j, BY_NUMBER(2e-4, 2e-4, 1e-3), what,
                   100 * i + j);
     }
   }

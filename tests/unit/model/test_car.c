@@ -292,7 +292,7 @@ static void test_a_secant_is_force_over_slip(void)
 
 static void test_left_is_the_mirror_of_right(void)
 {
-  static const int sides[] = { VY, YAW, AF, AR, PHI, DPHI, GY, BY, BR, OFF };
+  static const int sides[] = { VY, YAW, AF, AR, PHI, DPHI, GY, BY, BR, STEER_OFFSET };
   tse_car c = some_car(1);
   c.lever_y = c.mount_sin = c.pull_front = c.pull_rear = TSE_R(0); /* these have one */
   uint32_t seed = 3;
