@@ -111,8 +111,8 @@ void sensitivities_clear(tse_kalman *k, int count)
 {
   for (int n = 0; n < TSE_EVENTS; n++)
     for (int i = 0; i < count; i++) k->event[n].v[i] = r_short(TSE_R(0));
-  for (int q = 0; q < TSE_DOUBTS; q++)
-    for (int i = 0; i < count; i++) k->doubt[q][i] = r_short(TSE_R(0));
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    for (int i = 0; i < count; i++) k->consider[q][i] = r_short(TSE_R(0));
 }
 
 static void fade_short(tse_short *v, tse_real left)
@@ -122,7 +122,7 @@ static void fade_short(tse_short *v, tse_real left)
 
 void sensitivities_fade(tse_kalman *k, int i, tse_real left)
 {
-  for (int q = 0; q < TSE_DOUBTS; q++) fade_short(&k->doubt[q][i], left);
+  for (int q = 0; q < TSE_CONSIDERED; q++) fade_short(&k->consider[q][i], left);
   for (int n = 0; n < TSE_EVENTS; n++) fade_short(&k->event[n].v[i], left);
 }
 
@@ -141,17 +141,17 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
     move(e->v, M);
     e->age += dt;
   }
-  for (int q = 0; q < TSE_DOUBTS; q++) {
+  for (int q = 0; q < TSE_CONSIDERED; q++) {
     if (!(p->uncertain[q] > TSE_R(0))) continue;
-    move(k->doubt[q], M);
-    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->doubt[q][i] = r_short(r_long(k->doubt[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
+    move(k->consider[q], M);
+    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->consider[q][i] = r_short(r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
   }
 }
 
 void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd)
 {
   const tse_real over = r_div(TSE_R(1), s);
-  const int all = STATES + k->p.extras;
+  const int all = STATES + k->ud.extras;
   tse_real of_road[ROADS] = { TSE_R(0), TSE_R(0) };
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
@@ -270,20 +270,20 @@ static void recall(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
   for (int j = 0; j < TSE_ALL; j++) h[j] = j == i ? TSE_R(1) : TSE_R(0);
-  const tse_real own = ud_measure(&k->p, h, f, v);
-  ud_correct(&k->p, f, v, own, r_max(k->change_from_var[i - LCX], RECALL_VAR), gain);
+  const tse_real own = ud_measure(&k->ud, h, f, v);
+  ud_correct(&k->ud, f, v, own, r_max(k->change_from_var[i - LCX], RECALL_VAR), gain);
   const tse_real e = r_div(k->change_from[i - LCX] - k->x[i], state_unit[i]);
-  for (int j = 0; j < STATES + k->p.extras; j++) k->x[j] += r_mul(r_mul(gain[j], e), state_unit[j]);
-  for (int q = 0; q < TSE_DOUBTS; q++) {
-    const tse_real y = r_long(k->doubt[q][i]);
-    for (int j = 0; j < STATES + k->p.extras; j++) k->doubt[q][j] = r_short(r_long(k->doubt[q][j]) - r_mul(gain[j], y));
+  for (int j = 0; j < STATES + k->ud.extras; j++) k->x[j] += r_mul(r_mul(gain[j], e), state_unit[j]);
+  for (int q = 0; q < TSE_CONSIDERED; q++) {
+    const tse_real y = r_long(k->consider[q][i]);
+    for (int j = 0; j < STATES + k->ud.extras; j++) k->consider[q][j] = r_short(r_long(k->consider[q][j]) - r_mul(gain[j], y));
   }
 }
 
 int may_be_back(const tse_kalman *k)
 {
   if (k->change_kind == TSE_CHANGE_NONE || k->change_kind == TSE_CHANGE_RESTART) return 0;
-  return !(k->change_from_var[LCF - LCX] > ud_variance(&k->p, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->p, LCR));
+  return !(k->change_from_var[LCF - LCX] > ud_variance(&k->ud, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->ud, LCR));
 }
 
 /* Find a slot for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its slot for
@@ -313,7 +313,7 @@ static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int f
 static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
 {
   for (int i = 0; i < TSE_ALL; i++) rescale[i] = TSE_R(1);
-  for (int i = 0; i < STATES + k->p.extras; i++) {
+  for (int i = 0; i < STATES + k->ud.extras; i++) {
     tse_real shift = r_mul(by[i], state_unit[i]);
     if (which <= EVENT_REAR && i >= LCX && i <= LMU) {
       const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
@@ -331,7 +331,7 @@ static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_r
   tse_real v[TSE_ALL];
   if (!(var > TSE_R(0))) return;
   for (int i = 0; i < TSE_ALL; i++) v[i] = r_mul(slopes[i], rescale[i]);
-  ud_add(&k->p, v, STATES - 1, var);
+  ud_add(&k->ud, v, STATES - 1, var);
 }
 
 /* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
@@ -343,7 +343,7 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4], tse_real 
   const tse_real moved = which <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[LCF - LCX + axle]) : TSE_R(0);
   for (int i = 0; i < 3; i++) {
     const int32_t at = what->own[i].state;
-    if (at >= 0) ud_add_at(&k->p, at, r_div(r_mul(weight, r_sqr(what->own[i].sd) + r_sqr(moved)), r_sqr(state_unit[at])));
+    if (at >= 0) ud_add_at(&k->ud, at, r_div(r_mul(weight, r_sqr(what->own[i].sd) + r_sqr(moved)), r_sqr(state_unit[at])));
   }
 }
 
@@ -378,9 +378,9 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 /* Give event n up. What was found of the slip stiffness before is as much less known. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
-  const tse_real own = ud_variance(&k->p, LCX);
+  const tse_real own = ud_variance(&k->ud, LCX);
   mix_in(p, k, n, weight);
-  k->along.var += r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
+  k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
 /* Open the next event of each kind when it is due, in the slot of one that is given up: of these one a row, which bounds its time.
@@ -454,7 +454,7 @@ static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_
     return;
   }
   (void)along_share(p, k, own, &var);
-  along_start(k, var + r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX])));
+  along_start(k, var + r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX])));
 }
 
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
@@ -470,7 +470,7 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
   const tse_along along = k->along;
   for (int i = 0; i < 4; i++) {
     was[i] = k->x[LCX + i];
-    was_var[i] = ud_variance(&k->p, LCX + i);
+    was_var[i] = ud_variance(&k->ud, LCX + i);
   }
   mix_in(p, k, n, TSE_R(1));
   for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN; i++) recall(k, i);

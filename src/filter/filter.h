@@ -125,7 +125,7 @@ int works(const tse_kalman *k, int channel);
 
 /* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
 typedef struct scalar {
-  tse_real h[TSE_ALL], doubts[TSE_DOUBTS], e, r, white, dt;
+  tse_real h[TSE_ALL], consider[TSE_CONSIDERED], e, r, white, dt;
 } scalar;
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
 
@@ -153,7 +153,7 @@ tse_real velocity_across_var(const tse_kalman *k); /* of the speed across with w
 enum { NO_SENSOR_LONGITUDINAL = -1,
        NO_SENSOR_LATERAL = -2 };
 
-/* events.c   sensitivities: of the state to the amplitude of an event, and to what is uncertain and no state, tse_kalman.doubt
+/* events.c   sensitivities: of the state to the amplitude of an event, and to what is uncertain and no state, tse_kalman.consider
  *                move   with the motion of the row.  Given: M  its transition, in units (ud_move(); behind the states r_short())
  *                clear  of states before count, which were placed anew
  *                fade   of state i, which keeps so much of itself

@@ -4,8 +4,8 @@
 /* Return the variance of state i, A_ii plus that from the consider parameters [unit^2]. */
 static tse_real own_variance_of(const tse_kalman *k, int i)
 {
-  tse_real var = ud_variance(&k->p, i);
-  for (int q = 0; q < TSE_DOUBTS; q++) var += r_mul_short(k->doubt[q][i], k->doubt[q][i]);
+  tse_real var = ud_variance(&k->ud, i);
+  for (int q = 0; q < TSE_CONSIDERED; q++) var += r_mul_short(k->consider[q][i], k->consider[q][i]);
   return var;
 }
 
@@ -70,7 +70,7 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
-  if (k->p.extras) {
+  if (k->ud.extras) {
     out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
     out->vel_y_sd = r_sqrt(velocity_across_var(k));
   } else {
@@ -108,7 +108,7 @@ static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shif
  * measured velocity the covariance shrinks faster than the model's error allows, so that the floor is higher. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
-  const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
+  const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
   tse_real shift, share[3];
   car_secants(&p->car, k->x, share);
   for (int i = 0; i < 3; i++) {
@@ -199,9 +199,9 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
   if (probability_none(k) < BELIEVED) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
-  tse_real doubts = p->mass_var;
-  for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(r_long(k->doubt[q][at]), state_unit[at]));
-  return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */ ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
+  tse_real consider_var = p->mass_var;
+  for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_sqr(r_mul(r_long(k->consider[q][at]), state_unit[at]));
+  return r_mul(consider_var, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */ ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
@@ -214,10 +214,10 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
 }
 
-/* What an uncertainty is to the filter: the mass, the model error, a quantity that is no state (DOUBT_INERTIA ...), a state. */
+/* What an uncertainty is to the filter: the mass, the model error, a consider parameter (CONSIDER_INERTIA ...), a state. */
 enum { OF_MASS,
        OF_MODEL,
-       OF_DOUBT,
+       OF_CONSIDER,
        OF_STATE };
 typedef struct origin {
   int32_t of, at;
@@ -228,9 +228,9 @@ static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int 
 {
   if (o.of == OF_MASS) return r_div(r_sqrt(p->mass_var), state_unit[i]);
   if (o.of == OF_MODEL) return r_div(MODEL_FLOOR, state_unit[i]);
-  if (o.of == OF_STATE) return r_div(r_abs(ud_covariance(&k->p, i, o.at)), r_sqrt(ud_variance(&k->p, o.at)));
-  if (o.at == DOUBT_LENGTH_FRONT) return r_sqrt(r_sqr(r_long(k->doubt[DOUBT_LENGTH_FRONT][i])) + r_sqr(r_long(k->doubt[DOUBT_LENGTH_REAR][i])));
-  return r_abs(r_long(k->doubt[o.at][i]));
+  if (o.of == OF_STATE) return r_div(r_abs(ud_covariance(&k->ud, i, o.at)), r_sqrt(ud_variance(&k->ud, o.at)));
+  if (o.at == CONSIDER_RELAXATION_FRONT) return r_sqrt(r_sqr(r_long(k->consider[CONSIDER_RELAXATION_FRONT][i])) + r_sqr(r_long(k->consider[CONSIDER_RELAXATION_REAR][i])));
+  return r_abs(r_long(k->consider[o.at][i]));
 }
 
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
@@ -238,18 +238,18 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
   /* in the order of TSE_CONSIDER_ */
   static const origin origins[TSE_UNCERTAINTIES] = {
     { OF_MASS, 0 },
-    { OF_DOUBT, DOUBT_INERTIA },
-    { OF_DOUBT, DOUBT_CENTRE },
+    { OF_CONSIDER, CONSIDER_INERTIA },
+    { OF_CONSIDER, CONSIDER_CENTRE },
     { OF_STATE, GAIN },
     { OF_STATE, STEER_OFFSET },
-    { OF_DOUBT, DOUBT_SCALE },
-    { OF_DOUBT, DOUBT_WHEELS_LATE },
-    { OF_DOUBT, DOUBT_ACCEL_LATE },
-    { OF_DOUBT, DOUBT_LENGTH_FRONT },
+    { OF_CONSIDER, CONSIDER_SCALE },
+    { OF_CONSIDER, CONSIDER_WHEELS_LATE },
+    { OF_CONSIDER, CONSIDER_ACCEL_LATE },
+    { OF_CONSIDER, CONSIDER_RELAXATION_FRONT },
     { OF_STATE, LEAN },
-    { OF_DOUBT, DOUBT_GYRO },
-    { OF_DOUBT, DOUBT_MOMENT },
-    { OF_DOUBT, DOUBT_ROLL_STEER },
+    { OF_CONSIDER, CONSIDER_GYRO },
+    { OF_CONSIDER, CONSIDER_TRAIL },
+    { OF_CONSIDER, CONSIDER_ROLL_STEER },
     { OF_STATE, RAD },
     { OF_MODEL, 0 }
   };
@@ -260,7 +260,7 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     const int i = LCX + a;
     const tse_real all = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
     tse_real itself;
-    const tse_real part = i == LCX && origins[k].of >= OF_DOUBT ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all) : all;
+    const tse_real part = i == LCX && origins[k].of >= OF_CONSIDER ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all) : all;
     sd[a] = r_mul(exponential(f->k.x[i]), r_mul(part, state_unit[i]));
   }
   return TSE_OK;

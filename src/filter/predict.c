@@ -8,7 +8,7 @@ void signal_shares(const tse_kalman *k, tse_real share[3])
     tse_real signal = TSE_R(0), error = LEAST_ERROR;
     for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
       signal += r_sqr(r_div(k->x[of[a][n]], state_unit[of[a][n]]));
-      error += ud_variance(&k->p, of[a][n]);
+      error += ud_variance(&k->ud, of[a][n]);
     }
     share[a] = r_div(signal, signal + error);
   }
@@ -35,7 +35,7 @@ static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
     const tse_real walk = i >= BX && i <= BR ? p->bias_sd_walk[i - BX] : r_mul(WALK_SHARE, p->prior_sd[i]);
     const tse_real stiff = i >= LCX && i <= LCR ? p->steady_sd_walk : TSE_R(0);
     const tse_real q = r_sqr(r_div(r_max(walk, stiff), state_unit[i]));
-    if (q > TSE_R(0)) ud_add_at(&k->p, i, r_mul(q, k->since_slow));
+    if (q > TSE_R(0)) ud_add_at(&k->ud, i, r_mul(q, k->since_slow));
   }
   k->slow_turn = 0;
   k->since_slow = TSE_R(0);
@@ -46,9 +46,9 @@ static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
 static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 {
   k->x[i] = r_mul(k->x[i], left);
-  ud_fade(&k->p, i, left);
+  ud_fade(&k->ud, i, left);
   sensitivities_fade(k, i, left);
-  ud_add_at(&k->p, i, r_mul(r_sqr(r_div(sd, state_unit[i])), TSE_R(1) - r_sqr(left)));
+  ud_add_at(&k->ud, i, r_mul(r_sqr(r_div(sd, state_unit[i])), TSE_R(1) - r_sqr(left)));
 }
 
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
@@ -95,7 +95,7 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
     noise[i] = r_mul(r_sqr(WALK_SHARE), dt);
   }
   scale_transition(M, share, z->no_slip);
-  ud_move(&k->p, M, noise);
+  ud_move(&k->ud, M, noise);
   sensitivities_move(p, k, M, dt);
   fade(k, SF, left, SLIP_SD);
   fade(k, SR, left, SLIP_SD);

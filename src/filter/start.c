@@ -31,11 +31,11 @@ void start_all(const tse_params *p, tse_filter *f)
     k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, USUAL_MODEL_SD));
   }
   for (int group = 0; group < TSE_GROUPS; group++) k->none[group] = TSE_R(1);
-  ud_set(&k->p, variance);
+  ud_set(&k->ud, variance);
   along_start(k, r_sqr(p->prior_sd[LCX]));
   if (!f->start.loaded) return;
   for (int i = 0; i < TSE_KEPT; i++) k->x[FAST + i] = f->start.kept[i];
-  ud_set_block(&k->p, FAST, f->start.kept_cov);
+  ud_set_block(&k->ud, FAST, f->start.kept_cov);
   along_start(k, r_mul(f->start.kept_cov[LCX - FAST][LCX - FAST], r_sqr(state_unit[LCX])));
 }
 
@@ -66,7 +66,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
     TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02)                      /* PHI DPHI SF SR */
   };
   for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
-  ud_forget(&k->p, variance, GX);
+  ud_forget(&k->ud, variance, GX);
   sensitivities_clear(k, GX);
   k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
   k->pitch[0] = k->pitch[1] = TSE_R(0);

@@ -74,18 +74,18 @@ static int agreement_finite(const tse_agreement *a)
 static int all_finite(const tse_kalman *k)
 {
   int fine = 1;
-  for (int i = 0; i < STATES; i++) fine = fine && r_is_finite(k->x[i]) && r_is_finite(k->p.d[i]) && k->p.d[i] >= TSE_R(0);
-  for (int i = 0; i < k->p.extras; i++) fine = fine && r_is_finite(k->x[STATES + i]) && r_is_finite(k->p.e[i]) && k->p.e[i] >= TSE_R(0);
+  for (int i = 0; i < STATES; i++) fine = fine && r_is_finite(k->x[i]) && r_is_finite(k->ud.d[i]) && k->ud.d[i] >= TSE_R(0);
+  for (int i = 0; i < k->ud.extras; i++) fine = fine && r_is_finite(k->x[STATES + i]) && r_is_finite(k->ud.e[i]) && k->ud.e[i] >= TSE_R(0);
   return fine;
 }
 
 /* Return whether a number of a row of the filter (number/vector.h) is saturated, or nearly, in fixed point. */
 static int near_saturation(const tse_kalman *k)
 {
-  int near = r_near_end(k->p.u, STATES * (STATES - 1) / 2);
-  for (int e = 0; e < k->p.extras; e++) near = near || r_near_end(k->p.w[e], TSE_ALL);
+  int near = r_near_end(k->ud.u, STATES * (STATES - 1) / 2);
+  for (int e = 0; e < k->ud.extras; e++) near = near || r_near_end(k->ud.w[e], TSE_ALL);
   for (int n = 0; n < TSE_EVENTS; n++) near = near || (k->event[n].kind != EVENT_NONE && r_near_end(k->event[n].v, TSE_ALL));
-  for (int q = 0; q < TSE_DOUBTS; q++) near = near || r_near_end(k->doubt[q], TSE_ALL);
+  for (int q = 0; q < TSE_CONSIDERED; q++) near = near || r_near_end(k->consider[q], TSE_ALL);
   return near;
 }
 

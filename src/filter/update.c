@@ -55,45 +55,45 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
  * it is that of the optimal gain of A alone, K0 = A h/(h'A h + r), plus (h'A h + r)(K - K0)(K - K0)' (Joseph's form, scalar). */
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state)
 {
-  tse_real f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], y[TSE_DOUBTS];
+  tse_real f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], y[TSE_CONSIDERED];
   tse_short room[TSE_ALL];
   r_sparse h;
-  const int n = STATES + k->p.extras;
-  const tse_real own = ud_measure(&k->p, m->h, f, v), square = r_mul(m->e, m->e);
-  tse_real doubt = TSE_R(0);
+  const int n = STATES + k->ud.extras;
+  const tse_real own = ud_measure(&k->ud, m->h, f, v), square = r_mul(m->e, m->e);
+  tse_real consider_var = TSE_R(0);
   r_sparse_of(m->h, n, &h);
-  for (int q = 0; q < TSE_DOUBTS; q++) {
-    y[q] = r_sum_sparse(m->doubts[q], k->doubt[q], &h, h.count);
-    doubt += r_mul(y[q], y[q]);
+  for (int q = 0; q < TSE_CONSIDERED; q++) {
+    y[q] = r_sum_sparse(m->consider[q], k->consider[q], &h, h.count);
+    consider_var += r_mul(y[q], y[q]);
   }
-  *state = own + doubt;
+  *state = own + consider_var;
   const tse_real r = r_max(m->r, r_div(square, TAIL) - *state), s = *state + r, alone = own + r; /* further off: a smaller gain */
-  ud_correct(&k->p, f, v, own, r, gain);
-  if (doubt > r_mul(NEGLIGIBLE, s)) {
+  ud_correct(&k->ud, f, v, own, r, gain);
+  if (consider_var > r_mul(NEGLIGIBLE, s)) {
     tse_real *const dgain = f; /* which is used */
     const tse_real share = r_div(alone, s), over = r_div(TSE_R(1), s);
     for (int i = 0; i < n; i++) {
       tse_real best = r_mul(gain[i], share);
-      for (int q = 0; q < TSE_DOUBTS; q++) best += r_mul(r_mul(r_long(k->doubt[q][i]), y[q]), over);
+      for (int q = 0; q < TSE_CONSIDERED; q++) best += r_mul(r_mul(r_long(k->consider[q][i]), y[q]), over);
       dgain[i] = best - gain[i];
       gain[i] = best;
     }
-    ud_add(&k->p, dgain, STATES - 1, alone);
+    ud_add(&k->ud, dgain, STATES - 1, alone);
   }
   const tse_real s_event = *state + m->white + r_mul(EVENT_SHARE, m->r - m->white), usual = channel >= 0 ? usual_of(k, channel, m->e, s_event, m->dt) : TSE_R(1);
   const r_scaled scaled = r_scaled_of(gain, n, room);
   events_learn(k, channel, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
   for (int i = 0; i < n; i++) change[i] += r_mul(gain[i], m->e);
-  for (int q = 0; q < TSE_DOUBTS; q++)
-    if (y[q] != TSE_R(0)) r_add_row(k->doubt[q], scaled.m, r_factor(-y[q], scaled.up), n);
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    if (y[q] != TSE_R(0)) r_add_row(k->consider[q], scaled.m, r_factor(-y[q], scaled.up), n);
   return s;
 }
 
 /* Add the summed correction to x, within its bounds; add (OWN_SHARE times the correction)^2 to the variance of each stiffness. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
-  for (int i = 0; i < STATES + k->p.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
-  for (int i = LCX; i <= LCR; i++) ud_add_at(&k->p, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
+  for (int i = 0; i < STATES + k->ud.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
+  for (int i = LCX; i <= LCR; i++) ud_add_at(&k->ud, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
   for (int i = LCX; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
@@ -108,7 +108,7 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
   m.e = z->z[YAW_RATE] - k->x[BR];
   m.r = m.white = r_sqr(p->sensor_sd[YAW_RATE]);
   /* wheels that are read as standing while the car turns: a bias is no larger than it may be */
-  if (!(r_sqr(m.e) < r_mul(TAIL, r_mul(ud_variance(&k->p, BR), r_sqr(m.h[BR])) + m.r))) return;
+  if (!(r_sqr(m.e) < r_mul(TAIL, r_mul(ud_variance(&k->ud, BR), r_sqr(m.h[BR])) + m.r))) return;
   (void)use_scalar(k, YAW_RATE, &m, p->sensor_sd[YAW_RATE], change, &state);
   apply_correction(p, k, change);
 }
@@ -116,16 +116,16 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
 /* Find the slopes of the sensors over what is uncertain and no state of the car: latencies, by how fast forces and speed change,
  * and scales.
  *   Updated: k->before */
-static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt, tse_real doubts[TSE_SENSORS][TSE_DOUBTS])
+static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt, tse_real consider[TSE_SENSORS][TSE_CONSIDERED])
 {
-  const tse_real over = r_div(TSE_R(1), dt), late = p->uncertain[DOUBT_ACCEL_LATE];
+  const tse_real over = r_div(TSE_R(1), dt), late = p->uncertain[CONSIDER_ACCEL_LATE];
   for (int a = 0; a < TSE_SENSORS; a++)
-    for (int q = 0; q < TSE_DOUBTS; q++) doubts[a][q] = TSE_R(0);
-  doubts[ACCEL_X][DOUBT_ACCEL_LATE] = -r_mul(late, r_mul(f->x - k->before[0], over));
-  doubts[ACCEL_Y][DOUBT_ACCEL_LATE] = -r_mul(late, r_mul(f->y - k->before[1], over));
-  doubts[YAW_RATE][DOUBT_GYRO] = r_mul(p->uncertain[DOUBT_GYRO], k->x[YAW]);
-  doubts[ACCEL_Y][DOUBT_SCALE] = r_mul(p->uncertain[DOUBT_SCALE], f->y);
-  doubts[WHEEL_FRONT][DOUBT_WHEELS_LATE] = doubts[WHEEL_REAR][DOUBT_WHEELS_LATE] = -r_mul(p->uncertain[DOUBT_WHEELS_LATE], r_mul(k->x[VX] - k->before[2], over));
+    for (int q = 0; q < TSE_CONSIDERED; q++) consider[a][q] = TSE_R(0);
+  consider[ACCEL_X][CONSIDER_ACCEL_LATE] = -r_mul(late, r_mul(f->x - k->before[0], over));
+  consider[ACCEL_Y][CONSIDER_ACCEL_LATE] = -r_mul(late, r_mul(f->y - k->before[1], over));
+  consider[YAW_RATE][CONSIDER_GYRO] = r_mul(p->uncertain[CONSIDER_GYRO], k->x[YAW]);
+  consider[ACCEL_Y][CONSIDER_SCALE] = r_mul(p->uncertain[CONSIDER_SCALE], f->y);
+  consider[WHEEL_FRONT][CONSIDER_WHEELS_LATE] = consider[WHEEL_REAR][CONSIDER_WHEELS_LATE] = -r_mul(p->uncertain[CONSIDER_WHEELS_LATE], r_mul(k->x[VX] - k->before[2], over));
   k->before[0] = f->x;
   k->before[1] = f->y;
   k->before[2] = k->x[VX];
@@ -151,7 +151,7 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, co
   if (axle < ROLLS_FRONT) return;
   const int at = axle == ROLLS_REAR ? SR : SF;
   for (int i = 0; i < TSE_ALL; i++) m.h[i] = TSE_R(0);
-  for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
+  for (int q = 0; q < TSE_CONSIDERED; q++) m.consider[q] = TSE_R(0);
   m.h[at] = state_unit[at];
   m.e = -(at == SR ? c->free_rear : c->free_front) - k->x[at] - r_mul(change[at], state_unit[at]);
   m.r = m.white = r_sqr(FREE_SLIP_SD);
@@ -160,7 +160,7 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, co
 
 /* What the car reads, as the state predicts it, and its slopes over state and uncertain quantities, SI. */
 typedef struct prediction {
-  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS];
+  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], consider[TSE_SENSORS][TSE_CONSIDERED];
 } prediction;
 
 /* Predict all sensors.   Given: f  forces at the row   Updated: k  the mode of pitch, and what is known of the row for the next one */
@@ -174,7 +174,7 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int i = 0; i < 3; i++) s->H[a][LCX + i] = r_mul(s->H[a][LCX + i], share[i]);
   if (z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
-  slopes_of_sensors(p, k, f, z->dt, s->doubts);
+  slopes_of_sensors(p, k, f, z->dt, s->consider);
 }
 
 /* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME), weighted by (linear force/force)^2, limited to
@@ -210,9 +210,9 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
     m->h[i] = r_mul(s->H[channel][i], state_unit[i]);
     m->e -= r_mul(m->h[i], change[i]);
   }
-  for (int q = 0; q < TSE_DOUBTS; q++) {
+  for (int q = 0; q < TSE_CONSIDERED; q++) {
     const tse_real of_car = q < COLUMNS - STATES ? r_mul(s->H[channel][STATES + q], p->uncertain[q]) : TSE_R(0);
-    m->doubts[q] = s->doubts[channel][q] + of_car;
+    m->consider[q] = s->consider[channel][q] + of_car;
   }
   /* the front wheels have different angles (Ackermann): their mean speed is not that of one wheel */
   const tse_real turn = channel == WHEEL_FRONT ? r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d))) : TSE_R(0);
@@ -225,7 +225,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
 static void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];
-  const tse_real s = ud_measure(&k->p, m->h, f, v) + m->r;
+  const tse_real s = ud_measure(&k->ud, m->h, f, v) + m->r;
   const int agrees = r_sqr(m->e) < r_mul(TAIL, s) && !is_frozen(k, channel);
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = s;

@@ -38,17 +38,17 @@ static void start_velocity(const tse_params *p, tse_kalman *k)
   for (int e = 0; e < TSE_EXTRAS; e++) {
     k->x[STATES + e] = p->extra[e];
     variance[e] = r_sqr(r_div(p->extra_sd[e], state_unit[STATES + e]));
-    for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][STATES + e] = r_short(TSE_R(0));
+    for (int q = 0; q < TSE_CONSIDERED; q++) k->consider[q][STATES + e] = r_short(TSE_R(0));
     for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[STATES + e] = r_short(TSE_R(0));
   }
   for (int c = 0; c < TSE_VELOCITIES; c++) m->noise[c] = m->misfit[c] = TSE_R(1);
-  ud_open(&k->p, variance);
+  ud_open(&k->ud, variance);
 }
 
 void velocity_lose(tse_kalman *k)
 {
   tse_velocity *const m = &k->velocity;
-  if (!k->p.extras) return;
+  if (!k->ud.extras) return;
   m->kept = m->has_heading = m->has_gyro = 0;
 }
 
@@ -92,7 +92,7 @@ static void grow(tse_kalman *k, int i, tse_real q)
 {
   tse_real a[TSE_ALL];
   for (int j = 0; j < TSE_ALL; j++) a[j] = j == i ? TSE_R(1) : TSE_R(0);
-  if (q > TSE_R(0)) ud_add(&k->p, a, -1, q);
+  if (q > TSE_R(0)) ud_add(&k->ud, a, -1, q);
 }
 
 /* Propagate the model discrepancy of the speed across as an Ornstein-Uhlenbeck process of time constant MODEL_TIME, its sd a share of
@@ -103,7 +103,7 @@ static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, 
   const tse_real sideways = r_max(r_sqr(r_mul(p->car.lr, k->x[YAW]) - k->x[VY]), r_sqr(LEAST_OFF));
   m->activity += r_mul(r_div(dt, dt + MODEL_TIME), sideways - m->activity);
   k->x[V_DISCREPANCY] = r_mul(k->x[V_DISCREPANCY], left);
-  ud_fade_extra(&k->p, V_DISCREPANCY - STATES, left);
+  ud_fade_extra(&k->ud, V_DISCREPANCY - STATES, left);
   sensitivities_fade(k, V_DISCREPANCY, left);
   const tse_real var = r_mul(r_mul(r_sqr(OFF_SHARE), r_sqr(p->model_sd) + p->mass_var), m->activity);
   grow(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
@@ -118,10 +118,10 @@ static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_real rate = measured ? z->z[YAW_RATE] - k->x[BR] : k->x[YAW], before = k->velocity.has_gyro == measured ? k->velocity.gyro : rate;
   k->velocity.gyro = rate;
   k->velocity.has_gyro = measured;
-  ud_tie(&k->p, by, share);
-  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][PSI] = r_short(r_long(k->doubt[q][PSI]) + r_mul(share, r_long(k->doubt[q][by])));
+  ud_tie(&k->ud, by, share);
+  for (int q = 0; q < TSE_CONSIDERED; q++) k->consider[q][PSI] = r_short(r_long(k->consider[q][PSI]) + r_mul(share, r_long(k->consider[q][by])));
   for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = r_short(r_long(k->event[n].v[PSI]) + r_mul(share, r_long(k->event[n].v[by])));
-  if (measured) k->doubt[DOUBT_GYRO][PSI] = r_short(r_long(k->doubt[DOUBT_GYRO][PSI]) - r_div(r_mul(r_mul(p->uncertain[DOUBT_GYRO], rate), z->dt), state_unit[PSI]));
+  if (measured) k->consider[CONSIDER_GYRO][PSI] = r_short(r_long(k->consider[CONSIDER_GYRO][PSI]) - r_div(r_mul(r_mul(p->uncertain[CONSIDER_GYRO], rate), z->dt), state_unit[PSI]));
   k->velocity.turned = r_mul(r_mul(TSE_R(0.5), z->dt), before + rate);
   k->x[PSI] = wrapped(k->x[PSI] + k->velocity.turned);
 }
@@ -130,7 +130,7 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   tse_velocity *const m = &k->velocity;
   const tse_real dt = z->dt;
-  if (!k->p.extras) return;
+  if (!k->ud.extras) return;
   turn_heading(p, k, z);
   fade_discrepancy(p, k, left_of(dt, MODEL_TIME), dt);
   grow(k, PSI, r_mul(r_sqr(WALK_SHARE), dt));
@@ -193,12 +193,12 @@ static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse
   const velocity_reading now = read_of(c, v, x[PSI] + delta[KEPT_HEADING], &x[STATES]);
   m->e = z - now.z;
   if (c == COURSE) m->e = wrapped(m->e);
-  for (int q = 0; q < TSE_DOUBTS; q++) m->doubts[q] = TSE_R(0);
+  for (int q = 0; q < TSE_CONSIDERED; q++) m->consider[q] = TSE_R(0);
   for (int j = 0; j < COLUMNS; j++) {
     tse_real slope = TSE_R(0);
     for (int i = 0; i < 3; i++) slope -= r_mul(now.by[i], r_mul(late, by[i][j]));
     if (j < STATES) h[j] = slope;
-    else m->doubts[j - STATES] = r_mul(slope, p->uncertain[j - STATES]);
+    else m->consider[j - STATES] = r_mul(slope, p->uncertain[j - STATES]);
   }
   for (int i = 0; i < 3; i++) {
     h[VX + i] += now.by[i];
@@ -219,8 +219,8 @@ static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse
 static void new_heading(tse_kalman *k, tse_real by)
 {
   k->x[PSI] = wrapped(k->x[PSI] + by);
-  ud_renew(&k->p, r_sqr(r_div(HEADING_SD, state_unit[PSI])));
-  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][PSI] = r_short(TSE_R(0));
+  ud_renew(&k->ud, r_sqr(r_div(HEADING_SD, state_unit[PSI])));
+  for (int q = 0; q < TSE_CONSIDERED; q++) k->consider[q][PSI] = r_short(TSE_R(0));
   for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = r_short(TSE_R(0));
   k->velocity.has_heading = 1;
 }
@@ -239,7 +239,7 @@ static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt,
   s->dt = dt;
   s->white += r_mul(own, m->noise[c] + r_mul(r_sqr(LASTING), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))));
   s->r = s->white;
-  const tse_real fits = r_div(r_sqr(s->e), ud_measure(&k->p, s->h, f, v) + s->r);
+  const tse_real fits = r_div(r_sqr(s->e), ud_measure(&k->ud, s->h, f, v) + s->r);
   m->misfit[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, r_sqr(MOST_MISFIT)) - m->misfit[c]);
   if (m->misfit[c] > MOST_MISFIT) {
     m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MOST_SINCE);
@@ -260,9 +260,9 @@ void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const
 {
   tse_velocity *const m = &k->velocity;
   tse_real rate[3], by[3][COLUMNS];
-  if (k->p.extras) remember(k, z->dt);
+  if (k->ud.extras) remember(k, z->dt);
   if (!(z->given & TSE_GIVEN_VELOCITIES)) return;
-  if (!k->p.extras) {
+  if (!k->ud.extras) {
     start_velocity(p, k);
     remember(k, z->dt);
   }
@@ -283,14 +283,14 @@ tse_real velocity_across_var(const tse_kalman *k)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL];
   for (int i = 0; i < TSE_ALL; i++) h[i] = i == VY || i == V_DISCREPANCY ? state_unit[i] : TSE_R(0);
-  tse_real var = ud_measure(&k->p, h, f, v);
-  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_mul(r_long(k->doubt[q][VY]), state_unit[VY]) + r_mul(r_long(k->doubt[q][V_DISCREPANCY]), state_unit[V_DISCREPANCY]));
+  tse_real var = ud_measure(&k->ud, h, f, v);
+  for (int q = 0; q < TSE_CONSIDERED; q++) var += r_sqr(r_mul(r_long(k->consider[q][VY]), state_unit[VY]) + r_mul(r_long(k->consider[q][V_DISCREPANCY]), state_unit[V_DISCREPANCY]));
   return var;
 }
 
 int32_t velocity_fault(const tse_kalman *k)
 {
-  for (int32_t c = 0; c < TSE_VELOCITIES && k->p.extras; c++)
+  for (int32_t c = 0; c < TSE_VELOCITIES && k->ud.extras; c++)
     if (k->velocity.rejected_for[c] > TSE_R(0)) return (int32_t)FAULT_VELOCITY + c;
   return NO_FAULT;
 }

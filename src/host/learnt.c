@@ -166,8 +166,8 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   tse_real sd[TSE_KEPT], share = TSE_R(1), itself;
   int n = 0;
   for (int i = 0; i < TSE_KEPT; i++) {
-    tse_real var = ud_variance(&k->p, FAST + i), mean = k->x[FAST + i];
-    for (int q = 0; q < TSE_DOUBTS; q++) var += r_mul_short(k->doubt[q][FAST + i], k->doubt[q][FAST + i]);
+    tse_real var = ud_variance(&k->ud, FAST + i), mean = k->x[FAST + i];
+    for (int q = 0; q < TSE_CONSIDERED; q++) var += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + i]);
     if (i == K_STIFFNESS) { /* the slip stiffness itself */
       share = along_share(p, k, var, &itself);
       var = r_div(itself, r_sqr(state_unit[LCX]));
@@ -181,8 +181,8 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   }
   for (int i = 0; i < TSE_KEPT; i++)
     for (int j = i + 1; j < TSE_KEPT; j++, n++) {
-      tse_real both = ud_covariance(&k->p, FAST + i, FAST + j);
-      for (int q = 0; q < TSE_DOUBTS; q++) both += r_mul_short(k->doubt[q][FAST + i], k->doubt[q][FAST + j]);
+      tse_real both = ud_covariance(&k->ud, FAST + i, FAST + j);
+      for (int q = 0; q < TSE_CONSIDERED; q++) both += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + j]);
       if (i == K_STIFFNESS || j == K_STIFFNESS) both = r_mul(share, both);
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
       c->pair[n] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));

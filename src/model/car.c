@@ -87,9 +87,9 @@ static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const t
     f->by_y[STEER_OFFSET + i] = r_mul(by_d[i], ax);
     f->by_yaw[STEER_OFFSET + i] = r_mul(c->jf, r_mul(by_d[i], ax));
   }
-  f->by_yaw[STATES + DOUBT_INERTIA] = -f->yaw;
-  f->by_yaw[STATES + DOUBT_CENTRE] = r_mul(c->m_inertia, ay + t->y_rear.f);
-  f->by_yaw[STATES + DOUBT_MOMENT] = -r_mul(c->m_inertia, t->y_front.f + t->y_rear.f);
+  f->by_yaw[STATES + CONSIDER_INERTIA] = -f->yaw;
+  f->by_yaw[STATES + CONSIDER_CENTRE] = r_mul(c->m_inertia, ay + t->y_rear.f);
+  f->by_yaw[STATES + CONSIDER_TRAIL] = -r_mul(c->m_inertia, t->y_front.f + t->y_rear.f);
 }
 
 void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
@@ -211,11 +211,11 @@ static tse_real substep_slip_angles(const tse_car *c, tse_real x[STATES], tse_re
   add_to(&mf[STEER_OFFSET], goes);
   add_to(&mf[GAIN], r_mul(goes, steer));
   add_to(&mf[LATE], -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), rate));
-  add_to(&mf[STATES + DOUBT_CENTRE], r_mul(goes, r_mul(kf.by_side, x[YAW])));
-  add_to(&mb[STATES + DOUBT_CENTRE], r_mul(goes, r_mul(kr.by_side, x[YAW])));
-  add_to(&mf[STATES + DOUBT_LENGTH_FRONT], r_mul(by_length, to_front));
-  add_to(&mb[STATES + DOUBT_LENGTH_REAR], r_mul(by_length, to_rear));
-  add_to(&mb[STATES + DOUBT_ROLL_STEER], r_mul(goes, x[PHI]));
+  add_to(&mf[STATES + CONSIDER_CENTRE], r_mul(goes, r_mul(kf.by_side, x[YAW])));
+  add_to(&mb[STATES + CONSIDER_CENTRE], r_mul(goes, r_mul(kr.by_side, x[YAW])));
+  add_to(&mf[STATES + CONSIDER_RELAXATION_FRONT], r_mul(by_length, to_front));
+  add_to(&mb[STATES + CONSIDER_RELAXATION_REAR], r_mul(by_length, to_rear));
+  add_to(&mb[STATES + CONSIDER_ROLL_STEER], r_mul(goes, x[PHI]));
   return goes;
 }
 
@@ -330,7 +330,7 @@ static void measure_wheels(const tse_car *c, const tse_real x[STATES], const for
   front[GAIN] += r_mul(by_d, f->steer - r_mul(x[LATE], f->rate));
   front[LATE] -= r_mul(r_mul(by_d, TSE_R(1) + x[GAIN]), f->rate);
   front[RAD] += r_mul(along, TSE_R(1) + x[SF]);
-  front[STATES + DOUBT_CENTRE] += r_mul(sideways, r);
+  front[STATES + CONSIDER_CENTRE] += r_mul(sideways, r);
   rear[VX] += TSE_R(1) + x[SR];
   rear[SR] += x[VX];
 }

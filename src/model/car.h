@@ -89,19 +89,20 @@ enum {
   FAST = BX    /* states before this one: with noise in every row */
 };
 
-/* Quantities that are no state and uncertain: the first, of the car, are columns of the slopes after the state; then those of the sensors. */
+/* Consider parameters: uncertain, and no state. The first, of the car, are columns of the slopes after the state; then those of the sensors.
+ * A name is that of TSE_CONSIDER_ (tse/config.h), where states and the model have one, too, and both axles one of relaxation. */
 enum {
-  DOUBT_INERTIA,
-  DOUBT_CENTRE,
-  DOUBT_MOMENT,
-  DOUBT_LENGTH_FRONT,
-  DOUBT_LENGTH_REAR,
-  DOUBT_ROLL_STEER,
-  DOUBT_SCALE,
-  DOUBT_GYRO,
-  DOUBT_WHEELS_LATE,
-  DOUBT_ACCEL_LATE,
-  COLUMNS = STATES + DOUBT_SCALE
+  CONSIDER_INERTIA,
+  CONSIDER_CENTRE,
+  CONSIDER_TRAIL,
+  CONSIDER_RELAXATION_FRONT,
+  CONSIDER_RELAXATION_REAR,
+  CONSIDER_ROLL_STEER,
+  CONSIDER_SCALE,
+  CONSIDER_GYRO,
+  CONSIDER_WHEELS_LATE,
+  CONSIDER_ACCEL_LATE,
+  COLUMNS = STATES + CONSIDER_SCALE
 };
 
 /* What the sensors measure, in the order of every array of TSE_SENSORS. The first are the IMU's. */

@@ -55,7 +55,7 @@ typedef struct tse_particles {
 #define TSE_STATES 23   /* src/model/car.h */
 #define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
 #define TSE_SUBSTEPS 8
-#define TSE_DOUBTS 10   /* uncertain quantities that are no state */
+#define TSE_CONSIDERED 10 /* consider parameters (Schmidt): uncertain, and no state */
 #if defined(TSE_NO_VELOCITY) /* a build that is 1.9 kB of RAM smaller in float; rows that give one are refused there */
 #define TSE_EXTRAS 1 /* not in use */
 #define TSE_PAST 1
@@ -119,7 +119,7 @@ struct tse_params {
   tse_real w_min, w_low, w_max, valid_var; /* w_low: where a draw is reflected */
   tse_car car;                        /* of it stiffness and geometry: every form */
   tse_real prior[TSE_STATES], prior_sd[TSE_STATES]; /* form 0: of the state at the start */
-  tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_DOUBTS], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
+  tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_CONSIDERED], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] */
   tse_real velocity_sd[TSE_VELOCITIES], velocity_late; /* [m/s] [m/s] [m/s] [rad]; [s] behind the row that is stepped to */
@@ -195,8 +195,8 @@ typedef struct tse_along {
 /* A filter of the default form. */
 typedef struct tse_kalman {
   tse_real x[TSE_ALL];                /* SI */
-  tse_ud p;                           /* in units of the state */
-  tse_short doubt[TSE_DOUBTS][TSE_ALL];        /* [unit] what x is off by if an uncertain quantity is off by one sd */
+  tse_ud ud;                          /* in units of the state */
+  tse_short consider[TSE_CONSIDERED][TSE_ALL]; /* [unit] error of x per sd of each consider parameter */
   tse_real noise[TSE_SENSORS];        /* [1] variance of a channel as found, over the setting's */
   tse_real activity[3];               /* [m2/s4] [m2/s4] [rad2/s2] recent a_x, a_y, yaw rate, squared */
   tse_real before[3];                 /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */

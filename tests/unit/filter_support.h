@@ -57,7 +57,7 @@ static inline void any_covariance(tse_ud *p, uint32_t *seed)
 /* Slopes over a stiffness: of its slip, or slip angle, squared, the share that is no error of the estimate. */
 static inline void weaken(tse_real (*slopes)[COLUMNS], int rows, const tse_kalman *k)
 {
-  const dense m = dense_of(&k->p);
+  const dense m = dense_of(&k->ud);
   static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = 0; a < 3; a++) {
     double signal = 0, error = 1e-6; /* as in signal_shares(): never 0 over 0 */

@@ -293,7 +293,7 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
     { MODEL + offsetof(model, memory.filter.k.event[0].kind), 4, (const int32_t[]){ 100 } },
     { MODEL + offsetof(model, memory.filter.k.event[0].kind), 4, (const int32_t[]){ -1 } },
     { MODEL + offsetof(model, memory.filter.k.slow_turn), 4, (const int32_t[]){ -1 } },
-    { MODEL + offsetof(model, memory.filter.k.p.d), 8, (const double[]){ -1.0 } },
+    { MODEL + offsetof(model, memory.filter.k.ud.d), 8, (const double[]){ -1.0 } },
     { MODEL + offsetof(model, memory.filter.k.x), 8, &none },
     { MODEL + offsetof(model, time), 8, &none },
     { MODEL + offsetof(model, rows), 4, (const int32_t[]){ 2 } },

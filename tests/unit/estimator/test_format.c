@@ -61,7 +61,7 @@ static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &one, sizeof one));
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);
   for (int i = 0; i < 50; i++) TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) >= 0);
-  one.k.p.d[0] = one.k.p.d[7] = FIXED_MOST;
+  one.k.ud.d[0] = one.k.ud.d[7] = FIXED_MOST;
   u.steer_angle = real(0.05);
   for (int i = 0; i < 500; i++) {
     TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) >= 0);

@@ -359,9 +359,9 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   expect_near(log(0.2), number(p.log_min), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_min", 0);
   expect_near(log(3), number(p.log_max), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_max", 0);
   expect_relative(0.04, p.model_sd, "model_sd");
-  const tse_setting told[TSE_DOUBTS] = { c.yaw_inertia_sd, c.cg_sd, c.trail_sd, c.relaxation_sd, c.relaxation_sd, c.roll_steer_sd, c.accel_y_scale_sd,
-                                         c.gyro_scale_sd, c.wheel_delay_sd, c.accel_delay_sd };
-  for (int q = 0; q < TSE_DOUBTS; q++) expect_near(of_setting(told[q]), number(p.uncertain[q]), 1e-9, "uncertain", q);
+  const tse_setting told[TSE_CONSIDERED] = { c.yaw_inertia_sd, c.cg_sd, c.trail_sd, c.relaxation_sd, c.relaxation_sd, c.roll_steer_sd, c.accel_y_scale_sd,
+                                             c.gyro_scale_sd, c.wheel_delay_sd, c.accel_delay_sd };
+  for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(of_setting(told[q]), number(p.uncertain[q]), 1e-9, "uncertain", q);
 }
 
 static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs(void)

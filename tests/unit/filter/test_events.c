@@ -71,8 +71,8 @@ static void start(trio *t, int32_t kind, double amplitude_of_state, double ampli
 {
   memset(t, 0, sizeof *t);
   t->n = 8; /* of sliding front wheels */
-  any_covariance(&t->k.p, seed);
-  const dense m = dense_of(&t->k.p);
+  any_covariance(&t->k.ud, seed);
+  const dense m = dense_of(&t->k.ud);
   for (int i = 0; i < STATES; i++)
     for (int j = 0; j < STATES; j++) t->without.p[i][j] = t->with.p[i][j] = m.p[i][j];
   t->with.p[SF][SF] += amplitude_of_state * amplitude_of_state;
@@ -106,7 +106,7 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
       }
       memcpy(t->x, x, sizeof x);
       sensitivities_move(&t->p, &t->k, M, real(0.01));
-      ud_move(&t->k.p, M, noise);
+      ud_move(&t->k.ud, M, noise);
       plain_move(&t->without, F, q);
       plain_move(&t->with, F, q);
     }
@@ -120,8 +120,8 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
     z = moved * dense_h[SF] + off + sd * next_normal(seed);
     e = z;
     for (int i = 0; i < STATES; i++) e -= dense_h[i] * t->x[i];
-    const double s = number(ud_measure(&t->k.p, h, f, v)) + r;
-    ud_correct(&t->k.p, f, v, real(s - r), real(r), gain);
+    const double s = number(ud_measure(&t->k.ud, h, f, v)) + r;
+    ud_correct(&t->k.ud, f, v, real(s - r), real(r), gain);
     learn(&t->k, channel, h, gain, e, s, sd);
     for (int i = 0; i < STATES; i++) t->x[i] += number(gain[i]) * e;
     plain_use(&t->without, dense_h, z, r);
@@ -234,7 +234,7 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
     /* free, or opened anew */
     TEST_ASSERT_EQUAL_INT(EVENT_NONE == t.k.event[t.n].kind ? EVENT_NONE : EVENT_SLIP_FRONT, t.k.event[t.n].kind);
     const double close = BY_NUMBER(1e-7, 0.05, 1e-3); /* float: differences of 25 that a gain of 5 makes of 6e-8 */
-    const dense m = dense_of(&t.k.p);
+    const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
       expect_near(t.with.x[i], number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
       for (int j = 0; j < STATES; j++)
@@ -268,7 +268,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
     TEST_ASSERT_EQUAL_INT(EVENT_STEER, t.k.event[t.n].kind);
     TEST_ASSERT_TRUE(number(t.k.event[t.n].age) == 0);
     const double w = weight * weight < number(LEAST_WEIGHT) ? 0 : weight * weight, close = BY_NUMBER(1e-6, 0.02, 2e-3);
-    const dense m = dense_of(&t.k.p);
+    const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
       const double di = t.with.x[i] - t.without.x[i];
       expect_near(t.without.x[i] + w * di, number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
@@ -321,10 +321,10 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       h[i] = 1;
       plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]), n % 2 ? number(RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
     }
-    const dense p_was = dense_of(&t.k.p);
+    const dense p_was = dense_of(&t.k.ud);
     events_decide(&t.p, &t.k, TSE_R(0));
     const double close = BY_NUMBER(1e-9, 1e-4, 1e-4);
-    const dense m = dense_of(&t.k.p);
+    const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
       expect_near(t.without.x[i], number(t.k.x[i]) / number(state_unit[i]), close * (1 + fabs(t.without.x[i])), "state", i);
       for (int j = 0; j < STATES; j++) expect_near(t.without.p[i][j], m.p[i][j], close * 10, "covariance", 100 * i + j);
@@ -395,7 +395,7 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
   TEST_ASSERT_TRUE(road >= 0);
   for (int n = 0; n < TSE_EVENTS; n++) k.event[n].age = OPEN_TIME;
   k.event[road].age = ROAD_TIME, k.event[road].score = real(-12.3), k.event[road].info = TSE_R(6);
-  const double before = number(ud_variance(&k.p, LCX)), before_all = number(k.along.var), unit = pow(number(state_unit[LCX]), 2);
+  const double before = number(ud_variance(&k.ud, LCX)), before_all = number(k.along.var), unit = pow(number(state_unit[LCX]), 2);
   events_decide(&p, &k, TSE_R(0));
   TEST_ASSERT_TRUE(number(k.event[road].age) == 0);
   /* by hand: half of score^2 / (1 + info), and the factor of its normalisation; the others stand as they were opened */
@@ -403,7 +403,7 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
   const double w = pow(over / (1 + over + one + 2 * other + 3 * other), 2), moved = number(OWN_SHARE) * log(1 - w * 12.3 / 7 * number(CHANGE_SD));
   const double opened = w * (pow(number(CHANGE_SD), 2) + moved * moved);
   TEST_ASSERT_TRUE(w > 0.05 && w < 0.8);
-  expect_near(opened, (number(ud_variance(&k.p, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
+  expect_near(opened, (number(ud_variance(&k.ud, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
   expect_near(opened, number(k.along.var) - before_all, BY_NUMBER(1e-6, 1e-4, 1e-4), "found before", 0);
 }
 
@@ -454,9 +454,9 @@ static void test_without_evidence_nothing_is_believed(void)
   for (int n = 0; n < 50; n++) {
     start(&t, EVENT_SLIP_FRONT, 3, 0, &seed);
     rows(&t, 20, 0, 0, 0, 1, &seed);
-    const tse_ud before = t.k.p;
+    const tse_ud before = t.k.ud;
     events_decide(&t.p, &t.k, TSE_R(0));
-    believed += memcmp(&before, &t.k.p, sizeof before) != 0;
+    believed += memcmp(&before, &t.k.ud, sizeof before) != 0;
   }
   TEST_ASSERT_EQUAL_INT(0, believed);
 }
@@ -502,11 +502,11 @@ static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
   memset(&k, 0, sizeof k);
   for (int n = 0; n < TSE_EVENTS; n++)
     for (int i = 0; i < STATES; i++) k.event[n].v[i] = short_of(1);
-  for (int q = 0; q < TSE_DOUBTS; q++)
-    for (int i = 0; i < STATES; i++) k.doubt[q][i] = short_of(1);
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    for (int i = 0; i < STATES; i++) k.consider[q][i] = short_of(1);
   sensitivities_clear(&k, GX);
   for (int i = 0; i < STATES; i++) {
     for (int n = 0; n < TSE_EVENTS; n++) expect_near(i >= GX, number_of(k.event[n].v[i]), 0, "event", i);
-    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(i >= GX, number_of(k.doubt[q][i]), 0, "uncertain", i);
+    for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(i >= GX, number_of(k.consider[q][i]), 0, "uncertain", i);
   }
 }

@@ -80,13 +80,13 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
     double x[STATES], off;
     memset(&k, 0, sizeof k);
     memset(&z, 0, sizeof z);
-    any_covariance(&k.p, &seed);
-    for (int i = 0; i < STATES; i++) k.p.d[i] = real(0.05 * number(k.p.d[i]));
+    any_covariance(&k.ud, &seed);
+    for (int i = 0; i < STATES; i++) k.ud.d[i] = real(0.05 * number(k.ud.d[i]));
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.x[VX] = real(20);
     k.x[at] = k.x[at == SF ? SR : SF] = real(-0.002); /* brakes, as its forces show */
     for (int i = 0; i < STATES; i++) x[i] = number(k.x[i]);
-    const dense before = dense_of(&k.p);
+    const dense before = dense_of(&k.ud);
     z.dt = real(0.01), z.has_steer = 1, z.given = BRAKE;
     z.rolls = at == SF ? ROLLS_FRONT : ROLLS_REAR;
     update_row(&p, &k, &z, straight);
@@ -101,7 +101,7 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
       off = x[i] + number(state_unit[i]) * change;
       expect_near(off, number(k.x[i]), 1e-4 * (fabs(off) + number(state_unit[i])), "state", i);
     }
-    expect_dense(&after, &k.p, 3e-4, "covariance");
+    expect_dense(&after, &k.ud, 3e-4, "covariance");
   }
 }
 
@@ -117,7 +117,7 @@ static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
     forces by_slip;
     memset(&k, 0, sizeof k);
     memset(&z, 0, sizeof z);
-    for (int i = 0; i < STATES; i++) k.p.d[i] = i == SF || i == SR ? TSE_R(1) : TSE_R(0);
+    for (int i = 0; i < STATES; i++) k.ud.d[i] = i == SF || i == SR ? TSE_R(1) : TSE_R(0);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.x[VX] = real(20);
     k.x[SF] = k.x[SR] = real(-0.004);
@@ -126,7 +126,7 @@ static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
     z.use[ACCEL_X] = 1, z.z[ACCEL_X] = contradicts ? TSE_R(0) : by_slip.x;
     TEST_ASSERT_TRUE(number(by_slip.x) < -0.5);
     update_row(&p, &k, &z, straight);
-    const double sd = sqrt(number(ud_variance(&k.p, SR))) * number(state_unit[SR]); /* accel_x shows the sum of both slips alone */
+    const double sd = sqrt(number(ud_variance(&k.ud, SR))) * number(state_unit[SR]); /* accel_x shows the sum of both slips alone */
     TEST_ASSERT_EQUAL_INT(contradicts, sd < 1.01 * number(FREE_SLIP_SD));
   }
 }

@@ -22,12 +22,12 @@ static decoded a_row(double dt, double steer)
 static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
 {
   memset(k, 0, sizeof *k);
-  any_covariance(&k->p, seed);
+  any_covariance(&k->ud, seed);
   for (int i = 0; i < STATES; i++) k->x[i] = real(0.2 * number(state_unit[i]) * next_between(seed, -1, 1));
   k->x[VX] = TSE_R(20), k->steer[0] = k->steer[1] = k->steer[2] = real(0.02);
-  for (int q = 0; q < TSE_DOUBTS; q++)
+  for (int q = 0; q < TSE_CONSIDERED; q++)
     for (int i = 0; i < STATES; i++)
-      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = short_of(next_between(seed, -0.2, 0.2));
+      if (p->uncertain[q] > TSE_R(0)) k->consider[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
 /* The state as the car moves; covariance F P F' + Q, where Q is on the diagonal and not negative; what is uncertain moves with F. */
@@ -42,7 +42,7 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     tse_real x[STATES], M[MOTION][COLUMNS];
     double F[STATES][STATES], moved[STATES][STATES];
     in_a_turn(&p, &k, &seed);
-    const dense m = dense_of(&k.p);
+    const dense m = dense_of(&k.ud);
     const tse_kalman before = k;
     const decoded z = a_row(0.01, 0.023);
     const steering u = { real(0.02), real(0.023), real(0.01) };
@@ -58,25 +58,25 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
       for (int j = 0; j < STATES; j++) F[i][j] = i < MOTION ? number(M[i][j]) * number(state_unit[j]) / number(state_unit[i]) : i == j;
     for (int i = SF; i <= GY; i++) { /* what fades does so in all: read off what is uncertain, where that is most */
       int most = 0;
-      for (int q = 1; q < TSE_DOUBTS; q++)
-        if (fabs(number_of(before.doubt[q][i])) > fabs(number_of(before.doubt[most][i]))) most = q;
-      F[i][i] = number_of(k.doubt[most][i]) / number_of(before.doubt[most][i]);
+      for (int q = 1; q < TSE_CONSIDERED; q++)
+        if (fabs(number_of(before.consider[q][i])) > fabs(number_of(before.consider[most][i]))) most = q;
+      F[i][i] = number_of(k.consider[most][i]) / number_of(before.consider[most][i]);
       TEST_ASSERT_TRUE(F[i][i] > 0.9 && F[i][i] <= 1);
     }
     conjugate(STATES, F[0], m.p[0], moved[0]);
-    const dense after = dense_of(&k.p);
+    const dense after = dense_of(&k.ud);
     for (int i = 0; i < STATES; i++)
       for (int j = 0; j < STATES; j++) {
         const double expected = moved[i][j];
         if (i == j) TEST_ASSERT_TRUE(after.p[i][i] > expected - 10 * close && after.p[i][i] < expected + 0.2); /* noise */
         else expect_near(expected, after.p[i][j], 100 * close, "covariance", 100 * i + j);
       }
-    for (int q = 0; q < TSE_DOUBTS; q++)
+    for (int q = 0; q < TSE_CONSIDERED; q++)
       for (int i = 0; i < STATES; i++) {
         double expected = 0;
-        for (int l = 0; l < STATES; l++) expected += F[i][l] * number_of(before.doubt[q][l]);
+        for (int l = 0; l < STATES; l++) expected += F[i][l] * number_of(before.consider[q][l]);
         if (i < MOTION && q < COLUMNS - STATES) expected += number(M[i][STATES + q]) / number(state_unit[i]) * number(p.uncertain[q]);
-        expect_near(expected, number_of(k.doubt[q][i]), 10 * close, "what is uncertain", 100 * q + i);
+        expect_near(expected, number_of(k.consider[q][i]), 10 * close, "what is uncertain", 100 * q + i);
       }
   }
 }
@@ -92,13 +92,13 @@ static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
   k.x[GX] = real(3);
   for (int n = 0; n < 100; n++) rest_row(&p, &k, real(10));
   expect_near(number(p.prior[GX]), number(k.x[GX]), 1e-6, "gravity along the road", 0);
-  const double gx = sqrt(number(ud_variance(&k.p, GX))) * number(state_unit[GX]);
+  const double gx = sqrt(number(ud_variance(&k.ud, GX))) * number(state_unit[GX]);
   TEST_ASSERT_TRUE(gx > 0.05 && gx < 1);
   for (int i = 0; i < STATES; i++)
-    if (i != GX) expect_near(0, fabs(number(ud_covariance(&k.p, GX, i))), 1e-4, "nothing in common", i);
+    if (i != GX) expect_near(0, fabs(number(ud_covariance(&k.ud, GX, i))), 1e-4, "nothing in common", i);
   for (int i = BX; i < STATES; i++) {
     TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
-    TEST_ASSERT_TRUE(number(ud_variance(&k.p, i)) >= number(ud_variance(&before.p, i)) * (1 - BY_NUMBER(1e-9, 1e-4, 1e-5)));
+    TEST_ASSERT_TRUE(number(ud_variance(&k.ud, i)) >= number(ud_variance(&before.ud, i)) * (1 - BY_NUMBER(1e-9, 1e-4, 1e-5)));
   }
 }
 
@@ -111,7 +111,7 @@ static void test_noise_does_not_depend_on_how_often_rows_come(void)
     tse_real variance[STATES];
     memset(&k[often], 0, sizeof k[often]);
     for (int i = 0; i < STATES; i++) variance[i] = real(0.01);
-    ud_set(&k[often].p, variance);
+    ud_set(&k[often].ud, variance);
     k[often].x[VX] = TSE_R(20);
     const int rows = often ? 200 : 40;
     for (int n = 0; n < rows; n++) {
@@ -120,7 +120,7 @@ static void test_noise_does_not_depend_on_how_often_rows_come(void)
     }
   }
   for (int i = VX; i < BX; i++) {
-    const double a = number(ud_variance(&k[0].p, i)), b = number(ud_variance(&k[1].p, i));
+    const double a = number(ud_variance(&k[0].ud, i)), b = number(ud_variance(&k[1].ud, i));
     if (i < AF || i > DPHI) expect_near(a, b, 0.05 * a, "variance", i);
   }
 }
@@ -134,8 +134,8 @@ static void test_all_starts_as_the_settings_say(void)
   for (int i = 0; i < STATES; i++) {
     const double sd = number(p.prior_sd[i]) / number(state_unit[i]);
     expect_near(number(p.prior[i]), number(f.k.x[i]), 0, "mean", i);
-    expect_near(sd * sd, number(ud_variance(&f.k.p, i)), BY_NUMBER(1e-12, 1e-6, 1e-8) * (1 + sd * sd), "variance", i);
-    for (int j = 0; j < i; j++) expect_near(0, number(ud_covariance(&f.k.p, i, j)), 0, "nothing in common", i);
+    expect_near(sd * sd, number(ud_variance(&f.k.ud, i)), BY_NUMBER(1e-12, 1e-6, 1e-8) * (1 + sd * sd), "variance", i);
+    for (int j = 0; j < i; j++) expect_near(0, number(ud_covariance(&f.k.ud, i, j)), 0, "nothing in common", i);
   }
 }
 
@@ -160,12 +160,12 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   expect_near(lr * 0.15 - 20 * back, number(k.x[VY]), 1e-5, "vel_y", 0);
   for (int i = BX; i < STATES; i++) {
     TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
-    for (int j = BX; j < STATES; j++) TEST_ASSERT_TRUE(!(ud_covariance(&before.p, i, j) != ud_covariance(&k.p, i, j)));
+    for (int j = BX; j < STATES; j++) TEST_ASSERT_TRUE(!(ud_covariance(&before.ud, i, j) != ud_covariance(&k.ud, i, j)));
   }
   for (int i = 0; i < GX; i++) {
     for (int j = 0; j < STATES; j++)
-      if (i != j) expect_near(0, number(ud_covariance(&k.p, i, j)), 0, "nothing in common", 100 * i + j);
-    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(0, number_of(k.doubt[q][i]), 0, "not uncertain", i);
+      if (i != j) expect_near(0, number(ud_covariance(&k.ud, i, j)), 0, "nothing in common", 100 * i + j);
+    for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(0, number_of(k.consider[q][i]), 0, "not uncertain", i);
   }
 }
 
@@ -190,13 +190,13 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
       const double g[2] = { (P[0][0] + P[0][1]) / s, (P[0][1] + P[1][1]) / s };
       tse_real h[TSE_ALL] = { TSE_R(0) }, u[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], var;
       h[LCX] = TSE_R(1);
-      const tse_real own = ud_measure(&f.k.p, h, u, v);
-      ud_correct(&f.k.p, u, v, own, real(r / (unit * unit)), gain);
+      const tse_real own = ud_measure(&f.k.ud, h, u, v);
+      ud_correct(&f.k.ud, u, v, own, real(r / (unit * unit)), gain);
       f.k.x[LCX] += r_mul(gain[LCX], real(z - number(f.k.x[LCX])));
       for (int i = 0; i < 2; i++) mean[i] += g[i] * off;
       for (int i = 0; i < 2; i++)
         for (int j = i; j < 2; j++) P[i][j] = P[j][i] = P[i][j] - g[i] * g[j] * s;
-      const double share = number(along_share(&p, &f.k, ud_variance(&f.k.p, LCX), &var));
+      const double share = number(along_share(&p, &f.k, ud_variance(&f.k.ud, LCX), &var));
       expect_near(mean[0], number(f.k.along.mean) + share * (number(f.k.x[LCX]) - number(f.k.along.mean)), close, "part", n);
       expect_near(P[0][0], number(var), close, "its variance", n);
     }

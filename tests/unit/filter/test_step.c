@@ -74,7 +74,7 @@ static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
     tse_kalman *const k = &f.k;
     int n = 0;
     while (n < TSE_EVENTS - 1 && k->event[n].kind == EVENT_NONE) n++;
-    tse_short *const at[3] = { &k->p.u[ud_column(STATES - 1) + GX], &k->doubt[TSE_DOUBTS - 1][LEAN], &k->event[n].v[LEAN] };
+    tse_short *const at[3] = { &k->ud.u[ud_column(STATES - 1) + GX], &k->consider[TSE_CONSIDERED - 1][LEAN], &k->event[n].v[LEAN] };
     *at[where] = short_of(where == 1 ? -256 : 256);
     TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) >= said);
   }
@@ -557,9 +557,9 @@ static void expect_learns_nothing(const tse_input *row, int rows, tse_status lea
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
   }
   for (int i = LCX; i <= LMU; i++) { /* but for what they have in common with the gyro's bias, which is learnt at standstill */
-    const double var = number(ud_variance(&was.p, i)), moved = (number(f.k.x[i]) - number(was.x[i])) / number(state_unit[i]);
+    const double var = number(ud_variance(&was.ud, i)), moved = (number(f.k.x[i]) - number(was.x[i])) / number(state_unit[i]);
     TEST_ASSERT_TRUE(fabs(moved) <= 0.3 * sqrt(var));
-    TEST_ASSERT_TRUE(number(ud_variance(&f.k.p, i)) >= 0.7 * var);
+    TEST_ASSERT_TRUE(number(ud_variance(&f.k.ud, i)) >= 0.7 * var);
   }
 }
 
@@ -663,15 +663,15 @@ static void test_after_an_hour_nothing_is_known_of_the_road_and_less_of_the_bias
   start(c, 20, 0.5, 2);
   (void)drive(1500);
   double most = 0;
-  for (int q = 0; q < TSE_DOUBTS; q++) most = fmax(most, fabs(number(r_long(f.k.doubt[q][GY]))));
+  for (int q = 0; q < TSE_CONSIDERED; q++) most = fmax(most, fabs(number(r_long(f.k.consider[q][GY]))));
   TEST_ASSERT_TRUE(most > 1e-3);
-  const double was = number(ud_variance(&f.k.p, BR));
+  const double was = number(ud_variance(&f.k.ud, BR));
   tse_input u = truth_row(&w, 0.01);
   u.dt = real(3600);
   step(&w.p, u, &y);
-  const double grown = (number(ud_variance(&f.k.p, BR)) - was) * number(state_unit[BR]) * number(state_unit[BR]);
+  const double grown = (number(ud_variance(&f.k.ud, BR)) - was) * number(state_unit[BR]) * number(state_unit[BR]);
   expect_near(3600e-8, grown, 0.05 * 3600e-8, "variance of the gyro's bias [(rad/s)^2]", 0);
-  for (int q = 0; q < TSE_DOUBTS; q++) expect_near(0, number(r_long(f.k.doubt[q][GY])), 1e-4 * most + 1e-9, "sensitivity of the road", q);
+  for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(0, number(r_long(f.k.consider[q][GY])), 1e-4 * most + 1e-9, "sensitivity of the road", q);
 }
 
 static void test_after_the_last_row_that_can_be_counted_the_filter_goes_on(void)
@@ -742,8 +742,8 @@ static void test_a_state_that_is_no_number_is_started_over(void)
     (void)drive(500);
     f.start.loaded = 1; /* what an earlier drive taught may have led here */
     if (k == 0) f.k.x[LCF] = broken();
-    if (k == 1) f.k.p.d[VY] = broken();
-    if (k == 2) f.k.p.d[LCR] = TSE_R(-1);
+    if (k == 1) f.k.ud.d[VY] = broken();
+    if (k == 2) f.k.ud.d[LCR] = TSE_R(-1);
     const tse_input u = truth_row(&w, 0.01);
     step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);

@@ -2,7 +2,7 @@
  * uncertain beside it, in one covariance; gains of what is uncertain are 0 (Schmidt 1966), the covariance is Joseph's. */
 #include "filter_support.h"
 
-enum { ALL = STATES + TSE_DOUBTS };
+enum { ALL = STATES + TSE_CONSIDERED };
 
 typedef struct schmidt {
   double p[ALL][ALL], x[STATES];
@@ -12,17 +12,17 @@ typedef struct schmidt {
 static schmidt schmidt_of(const tse_kalman *k)
 {
   schmidt s;
-  const dense own = dense_of(&k->p);
+  const dense own = dense_of(&k->ud);
   memset(&s, 0, sizeof s);
   for (int i = 0; i < STATES; i++) {
     s.x[i] = number(k->x[i]) / number(state_unit[i]);
     for (int j = 0; j < STATES; j++) {
       s.p[i][j] = own.p[i][j];
-      for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][j] += number_of(k->doubt[q][i]) * number_of(k->doubt[q][j]);
+      for (int q = 0; q < TSE_CONSIDERED; q++) s.p[i][j] += number_of(k->consider[q][i]) * number_of(k->consider[q][j]);
     }
-    for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][STATES + q] = s.p[STATES + q][i] = number_of(k->doubt[q][i]);
+    for (int q = 0; q < TSE_CONSIDERED; q++) s.p[i][STATES + q] = s.p[STATES + q][i] = number_of(k->consider[q][i]);
   }
-  for (int q = 0; q < TSE_DOUBTS; q++) s.p[STATES + q][STATES + q] = 1;
+  for (int q = 0; q < TSE_CONSIDERED; q++) s.p[STATES + q][STATES + q] = 1;
   return s;
 }
 
@@ -69,15 +69,15 @@ static tse_params a_car(int told)
 static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
 {
   memset(k, 0, sizeof *k);
-  any_covariance(&k->p, seed);
+  any_covariance(&k->ud, seed);
   for (int i = 0; i < STATES; i++) k->x[i] = real(number(p->prior[i]) + 0.3 * number(state_unit[i]) * next_between(seed, -1, 1));
   k->x[VX] = real(next_between(seed, 15, 25));
   k->x[YAW] = real(0.2), k->x[AF] = real(0.02), k->x[AR] = real(0.02), k->before[0] = real(0.1);
   k->before[1] = real(3), k->before[2] = k->x[VX];
   for (int c = 0; c < TSE_SENSORS; c++) k->noise[c] = k->usual[c] = TSE_R(1);
-  for (int q = 0; q < TSE_DOUBTS; q++)
+  for (int q = 0; q < TSE_CONSIDERED; q++)
     for (int i = 0; i < STATES; i++)
-      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = short_of(next_between(seed, -0.2, 0.2));
+      if (p->uncertain[q] > TSE_R(0)) k->consider[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
 /* Readings a little off what is predicted; slopes over all.   Returned: what stands in H for a channel */
@@ -96,14 +96,14 @@ static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded 
     read[a] = number(at[a]);
     z->z[a] = real(read[a] + number(p->sensor_sd[a]) * next_between(seed, -1, 1));
     for (int i = 0; i < STATES; i++) h[a][i] = number(H[a][i]) * number(state_unit[i]);
-    for (int q = 0; q < TSE_DOUBTS; q++) h[a][STATES + q] = q < COLUMNS - STATES ? number(H[a][STATES + q]) * number(p->uncertain[q]) : 0;
+    for (int q = 0; q < TSE_CONSIDERED; q++) h[a][STATES + q] = q < COLUMNS - STATES ? number(H[a][STATES + q]) * number(p->uncertain[q]) : 0;
   }
-  const double dt = number(u.dt), late = number(p->uncertain[DOUBT_ACCEL_LATE]), wheels = number(p->uncertain[DOUBT_WHEELS_LATE]);
-  h[0][STATES + DOUBT_ACCEL_LATE] -= late * (number(f.x) - number(k->before[0])) / dt;
-  h[1][STATES + DOUBT_ACCEL_LATE] -= late * (number(f.y) - number(k->before[1])) / dt;
-  h[1][STATES + DOUBT_SCALE] += number(p->uncertain[DOUBT_SCALE]) * number(f.y);
-  h[2][STATES + DOUBT_GYRO] += number(p->uncertain[DOUBT_GYRO]) * number(k->x[YAW]);
-  for (int a = 3; a < 5; a++) h[a][STATES + DOUBT_WHEELS_LATE] -= wheels * (number(k->x[VX]) - number(k->before[2])) / dt;
+  const double dt = number(u.dt), late = number(p->uncertain[CONSIDER_ACCEL_LATE]), wheels = number(p->uncertain[CONSIDER_WHEELS_LATE]);
+  h[0][STATES + CONSIDER_ACCEL_LATE] -= late * (number(f.x) - number(k->before[0])) / dt;
+  h[1][STATES + CONSIDER_ACCEL_LATE] -= late * (number(f.y) - number(k->before[1])) / dt;
+  h[1][STATES + CONSIDER_SCALE] += number(p->uncertain[CONSIDER_SCALE]) * number(f.y);
+  h[2][STATES + CONSIDER_GYRO] += number(p->uncertain[CONSIDER_GYRO]) * number(k->x[YAW]);
+  for (int a = 3; a < 5; a++) h[a][STATES + CONSIDER_WHEELS_LATE] -= wheels * (number(k->x[VX]) - number(k->before[2])) / dt;
 }
 
 /* How many channels the last row has measured. */
@@ -167,14 +167,14 @@ static void test_doubt_never_makes_anything_surer(void)
       double h[TSE_SENSORS][ALL], read[TSE_SENSORS];
       uint32_t own = seed;
       in_a_turn(&common, &k[told], &own);
-      if (told) memset(k[told].doubt, 0, sizeof k[told].doubt);
+      if (told) memset(k[told].consider, 0, sizeof k[told].consider);
       a_row(&p, &k[told], u, &z, h, read, &own);
       update_row(&p, &k[told], &z, u);
     }
     for (int i = LCX; i <= LCR; i++) {
-      double with = number(ud_variance(&k[0].p, i));
-      for (int q = 0; q < TSE_DOUBTS; q++) with += pow(number_of(k[0].doubt[q][i]), 2);
-      TEST_ASSERT_TRUE(with > number(ud_variance(&k[1].p, i)) * (1 - BY_NUMBER(1e-9, 1e-3, 1e-4)));
+      double with = number(ud_variance(&k[0].ud, i));
+      for (int q = 0; q < TSE_CONSIDERED; q++) with += pow(number_of(k[0].consider[q][i]), 2);
+      TEST_ASSERT_TRUE(with > number(ud_variance(&k[1].ud, i)) * (1 - BY_NUMBER(1e-9, 1e-3, 1e-4)));
     }
   }
 }
@@ -200,7 +200,7 @@ static void test_a_reading_far_off_pulls_the_less_the_further_off(void)
     TEST_ASSERT_TRUE(moved > 0);
     if (far > 0) TEST_ASSERT_TRUE(moved < before);
     before = moved;
-    for (int i = 0; i < STATES; i++) TEST_ASSERT_TRUE(r_is_finite(k.x[i]) && k.p.d[i] > TSE_R(0));
+    for (int i = 0; i < STATES; i++) TEST_ASSERT_TRUE(r_is_finite(k.x[i]) && k.ud.d[i] > TSE_R(0));
   }
 }
 
@@ -354,7 +354,7 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   memset(&z, 0, sizeof z);
   for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
   for (int c = 0; c < TSE_SENSORS; c++) k.noise[c] = k.usual[c] = TSE_R(1);
-  ud_set(&k.p, variance);
+  ud_set(&k.ud, variance);
   memcpy(before, k.x, sizeof before);
   z.dt = real(0.01), z.use[2] = 1, z.z[2] = real(0.004);
   for (int n = 0; n < 200; n++) update_still(&p, &k, &z);
@@ -362,5 +362,5 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   for (int i = 0; i < STATES; i++)
     if (i != BR) TEST_ASSERT_EQUAL_MEMORY(&before[i], &k.x[i], sizeof before[i]);
   const double r = pow(number(p.sensor_sd[2]) / number(state_unit[BR]), 2);
-  expect_near(r / (200 + r), number(ud_variance(&k.p, BR)), BY_NUMBER(1e-10, 1e-5, 1e-6), "its variance", 0);
+  expect_near(r / (200 + r), number(ud_variance(&k.ud, BR)), BY_NUMBER(1e-10, 1e-5, 1e-6), "its variance", 0);
 }

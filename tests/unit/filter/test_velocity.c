@@ -274,7 +274,7 @@ static double state_of(const tse_kalman *k, int i) { return number(k->x[i]); }
  * moves the motion back along the model's own rates. */
 static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
 {
-  enum { D = TSE_DOUBTS,
+  enum { D = TSE_CONSIDERED,
          ALL = N + D };
   static double P[ALL][ALL], A[ALL][ALL], next[ALL][ALL];
   uint32_t seed = 6;
@@ -292,15 +292,15 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     forces f;
     decoded z;
     memset(&k, 0, sizeof k);
-    any_full(&k.p, &seed);
-    for (int j = 0; j < STATES; j++) k.p.d[j] = real(0.01 * number(k.p.d[j])); /* what is linear in it */
-    for (int e = 0; e < TSE_EXTRAS; e++) k.p.e[e] = real(0.01 * number(k.p.e[e]));
+    any_full(&k.ud, &seed);
+    for (int j = 0; j < STATES; j++) k.ud.d[j] = real(0.01 * number(k.ud.d[j])); /* what is linear in it */
+    for (int e = 0; e < TSE_EXTRAS; e++) k.ud.e[e] = real(0.01 * number(k.ud.e[e]));
     any_motion(k.x, &seed);
     k.x[PSI] = real(3.1); /* close to where angles wrap */
     k.x[V_SCALE] = real(0.01), k.x[V_DISCREPANCY] = real(0.05), k.x[V_TURN] = real(-0.02), k.x[V_LEVER_X] = real(1.2);
     k.x[V_LEVER_Y] = real(-0.3);
-    for (int q = 0; q < TSE_DOUBTS; q++)
-      for (int i = 0; i < TSE_ALL; i++) k.doubt[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      for (int i = 0; i < TSE_ALL; i++) k.consider[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);
     for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.misfit[v] = TSE_R(1);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.velocity.has_heading = k.velocity.has_gyro = 1, k.velocity.gyro = k.x[YAW];
@@ -355,14 +355,14 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
         h[N + q] -= slope * late * number(by[i][STATES + q]) * number(p.uncertain[q]);
       }
     }
-    const full own = full_of(&k.p);
+    const full own = full_of(&k.ud);
     memset(P, 0, sizeof P);
     for (int i = 0; i < N; i++) {
       for (int j = 0; j < N; j++) {
         P[i][j] = own.p[i][j];
-        for (int q = 0; q < D; q++) P[i][j] += number_of(k.doubt[q][i]) * number_of(k.doubt[q][j]);
+        for (int q = 0; q < D; q++) P[i][j] += number_of(k.consider[q][i]) * number_of(k.consider[q][j]);
       }
-      for (int q = 0; q < D; q++) P[i][N + q] = P[N + q][i] = number_of(k.doubt[q][i]);
+      for (int q = 0; q < D; q++) P[i][N + q] = P[N + q][i] = number_of(k.consider[q][i]);
     }
     for (int q = 0; q < D; q++) P[N + q][N + q] = 1;
     double var = 0;
@@ -388,16 +388,16 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     k.velocity.since[channel] = real(0.1);
     for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
     velocity_update(&p, &k, &z, &f, change);
-    const full mine = full_of(&k.p);
+    const full mine = full_of(&k.ud);
     const double close = BY_NUMBER(2e-6, 2e-2, 2e-2); /* of differences, and of a past that has moved on by 0.1 us */
     for (int i = 0; i < N; i++) {
       expect_near(gain[i] * e, number(change[i]), close * fmax(1, fabs(gain[i] * e)), "state", 1000 * channel + i);
       for (int j = 0; j < N; j++) {
         double is = mine.p[i][j];
-        for (int q = 0; q < D; q++) is += number_of(k.doubt[q][i]) * number_of(k.doubt[q][j]);
+        for (int q = 0; q < D; q++) is += number_of(k.consider[q][i]) * number_of(k.consider[q][j]);
         expect_near(next[i][j], is, close * fmax(1, fabs(next[i][j])), "covariance", 100 * i + j);
       }
-      for (int q = 0; q < D; q++) expect_near(next[i][N + q], number_of(k.doubt[q][i]), close, "uncertain quantity", 100 * i + q);
+      for (int q = 0; q < D; q++) expect_near(next[i][N + q], number_of(k.consider[q][i]), close, "uncertain quantity", 100 * i + q);
     }
   }
 }
@@ -505,7 +505,7 @@ static void test_what_is_not_given_is_not_read_and_changes_no_bit(void)
     (void)stepped(&w.p, &f, &u);
     (void)stepped(&w.p, &other, &zero);
   }
-  TEST_ASSERT_EQUAL_INT(0, f.k.p.extras);
+  TEST_ASSERT_EQUAL_INT(0, f.k.ud.extras);
   TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
 }
 
@@ -554,7 +554,7 @@ static void test_what_cannot_be_a_velocity_is_not_there(void)
     u.ins_vel_x = TSE_R(121), u.ins_vel_y = TSE_R(-61), u.gnss_speed = TSE_R(-1), u.gnss_course = TSE_R(7.1);
     (void)stepped(&w.p, &f, &u);
   }
-  TEST_ASSERT_EQUAL_INT(0, f.k.p.extras);
+  TEST_ASSERT_EQUAL_INT(0, f.k.ud.extras);
 }
 
 /* A road that leans by 12 %, eight times what the filter expects, moves the car to the side, and nothing but a velocity shows it. */

@@ -411,7 +411,7 @@ static void test_correlations_that_contradict_each_other_make_a_start_of_numbers
     (void)first_row(&p);
     for (int i = 0; i < TSE_KEPT; i++) { /* the variances are those of the file */
       const double var = number(f.filter.start.kept_cov[i][i]);
-      expect_near(var, number(ud_variance(&f.filter.k.p, FAST + i)), BY_NUMBER(1e-10, 1e-4, 1e-4) * var + 1e-6, "variance", i);
+      expect_near(var, number(ud_variance(&f.filter.k.ud, FAST + i)), BY_NUMBER(1e-10, 1e-4, 1e-4) * var + 1e-6, "variance", i);
     }
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
     expect_a_start_of_numbers(&p, 0);
@@ -535,18 +535,18 @@ static void test_what_is_no_number_is_not_saved(void)
     if (what == 3) f.bias_var[2] = none;
     if (what >= 4) { /* a filter that has just started, with one number that is none */
       for (int i = 0; i < TSE_SENSORS; i++) f.filter.k.noise[i] = TSE_R(1);
-      for (int i = 0; i < TSE_STATES; i++) f.filter.k.p.d[i] = TSE_R(1);
+      for (int i = 0; i < TSE_STATES; i++) f.filter.k.ud.d[i] = TSE_R(1);
       uint8_t fine[TSE_LEARNT_BYTES];
-      memset(f.filter.k.p.u, 0, sizeof f.filter.k.p.u);
+      memset(f.filter.k.ud.u, 0, sizeof f.filter.k.ud.u);
       memset(f.filter.k.x, 0, sizeof f.filter.k.x);
-      memset(f.filter.k.doubt, 0, sizeof f.filter.k.doubt);
+      memset(f.filter.k.consider, 0, sizeof f.filter.k.consider);
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, fine));
       if (what == 4) f.filter.k.noise[3] = none;
       if (what == 5) f.filter.k.x[RAD] = none;
-      if (what == 6) f.filter.k.p.d[LCF] = none;
-      if (what == 7) f.filter.k.p.d[BX] = none; /* by what is uncertain, too, where a row may have no number */
+      if (what == 6) f.filter.k.ud.d[LCF] = none;
+      if (what == 7) f.filter.k.ud.d[BX] = none; /* by what is uncertain, too, where a row may have no number */
 #if !defined(TSE_REAL_FIXED)
-      if (what == 7) f.filter.k.p.d[BX] = TSE_R(1), f.filter.k.doubt[1][BX] = none;
+      if (what == 7) f.filter.k.ud.d[BX] = TSE_R(1), f.filter.k.consider[1][BX] = none;
 #endif
     }
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), what < 4 ? "particles" : "the car's filter");
@@ -697,13 +697,13 @@ static double kept_correlation(int i, int j) { return i == 4 || j == 4 ? 0 : lea
 static void expect_kept(const tse_params *p, const tse_kalman *k, const char *what)
 {
   for (int i = 0; i < TSE_KEPT; i++) {
-    const double unit = number(state_unit[FAST + i]), sd = sqrt(number(ud_variance(&k->p, FAST + i)));
+    const double unit = number(state_unit[FAST + i]), sd = sqrt(number(ud_variance(&k->ud, FAST + i)));
     expect_near(i == 4 ? 0 : learnt_mean[i], number(k->x[FAST + i]), BY_NUMBER(2 * UNIT, 2 * UNIT, 1e-6), what, i);
     expect_near(kept_sd(p, i), sd * unit, BY_NUMBER(2 * UNIT, 1e-6, 1e-5), what, 100 + i);
     for (int j = 0; j < i; j++) {
-      const double sd_j = sqrt(number(ud_variance(&k->p, FAST + j)));
+      const double sd_j = sqrt(number(ud_variance(&k->ud, FAST + j)));
       /* 2^-14 */
-      expect_near(kept_correlation(i, j), number(ud_covariance(&k->p, FAST + i, FAST + j)) / sd / sd_j, BY_NUMBER(2e-4, 2e-4, 1e-3), what,
+      expect_near(kept_correlation(i, j), number(ud_covariance(&k->ud, FAST + i, FAST + j)) / sd / sd_j, BY_NUMBER(2e-4, 2e-4, 1e-3), what,
                   100 * i + j);
     }
   }

@@ -62,17 +62,17 @@ static tse_car off_by(const tse_car *c, tse_real x[STATES], int j, double e)
 {
   tse_car d = *c;
   if (j < STATES) x[j] += e;
-  else if (j == STATES + DOUBT_INERTIA) { /* I (1 + e) */
+  else if (j == STATES + CONSIDER_INERTIA) { /* I (1 + e) */
     d.jf /= 1 + e;
     d.jr /= 1 + e;
     d.m_inertia /= 1 + e;
     d.trail /= 1 + e;
-  } else if (j == STATES + DOUBT_CENTRE) {
+  } else if (j == STATES + CONSIDER_CENTRE) {
     d.lf += e;
     d.lr -= e;
     d.jf = d.m_inertia * d.lf, d.jr = d.m_inertia * d.lr;
-  } else if (j == STATES + DOUBT_MOMENT) d.trail += d.m_inertia * e;
-  else if (j == STATES + DOUBT_ROLL_STEER) d.roll_steer += e;
+  } else if (j == STATES + CONSIDER_TRAIL) d.trail += d.m_inertia * e;
+  else if (j == STATES + CONSIDER_ROLL_STEER) d.roll_steer += e;
   else d.relaxation += e; /* of both axles */
   return d;
 }
@@ -103,7 +103,7 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
     car_measure(c, x, &f, TSE_R(0), z[0], H);
     for (int j = 0; j < COLUMNS; j++) {
       if (!by_slip && (j == SF || j == SR || j == LCX)) continue; /* load goes with the drive: what that does to side forces is neglected */
-      const int length = j == STATES + DOUBT_LENGTH_FRONT || j == STATES + DOUBT_LENGTH_REAR;
+      const int length = j == STATES + CONSIDER_RELAXATION_FRONT || j == STATES + CONSIDER_RELAXATION_REAR;
       tse_real end[2][STATES];
       const double e = 1e-4 * unit[j];
       for (int k = 0; k < 2; k++) {
@@ -118,7 +118,7 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
       for (int i = 0; i < MOTION; i++) {
         /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a little of it turns with the wheels */
         if (j == LMU && i == VX) continue;
-        const double slope = (end[1][i] - end[0][i]) / (2 * e), found = length ? M[i][STATES + DOUBT_LENGTH_FRONT] + M[i][STATES + DOUBT_LENGTH_REAR] : M[i][j];
+        const double slope = (end[1][i] - end[0][i]) / (2 * e), found = length ? M[i][STATES + CONSIDER_RELAXATION_FRONT] + M[i][STATES + CONSIDER_RELAXATION_REAR] : M[i][j];
         expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share, j == VX ? 5 * least : j == LMU ? 10 * least
                                                                                                                    : least,
                      "slope of the motion, state and column", 100 * i + j);
@@ -169,7 +169,7 @@ static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
   const forces f = forces_at(&c, x, 0.1);
   d.trail += real(0.1 * number(c.m_inertia));
   const forces g = forces_at(&d, x, 0.1);
-  expect_near(10 * (number(g.yaw) - number(f.yaw)), number(f.by_yaw[STATES + DOUBT_MOMENT]), BY_NUMBER(1e-9, 1e-3, 1e-4) * fabs(number(f.by_yaw[STATES + DOUBT_MOMENT])) + 64 * QUANTUM,
+  expect_near(10 * (number(g.yaw) - number(f.yaw)), number(f.by_yaw[STATES + CONSIDER_TRAIL]), BY_NUMBER(1e-9, 1e-3, 1e-4) * fabs(number(f.by_yaw[STATES + CONSIDER_TRAIL])) + 64 * QUANTUM,
               "slope of the yaw acceleration over the trail", 0);
 }
 
