@@ -44,7 +44,7 @@ typedef enum tse_reason {
   TSE_STARTING = 1,             /* too little seen since the start */
   TSE_NOT_EXCITED = 2,          /* the recent inputs do not show this stiffness */
   TSE_UNCERTAIN = 3,            /* excited, but the sd of the mean is above the limit */
-  TSE_DIVERGING = 4,            /* a channel is probably at fault */
+  TSE_SENSOR_FAULT = 4,         /* a channel is probably at fault */
   TSE_HELD = 5,                 /* standstill, low speed, reverse, large steering angle or sliding wheels: value from before */
   TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
   TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better */

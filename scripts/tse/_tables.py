@@ -15,7 +15,7 @@ Reason = Literal[
     "starting",
     "not excited",
     "uncertain",
-    "diverging",
+    "sensor fault",
     "held",
     "input invalid",
     "parameters uncertain",

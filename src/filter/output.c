@@ -195,7 +195,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_
   if (w->predicted) return TSE_INPUT_INVALID;
   if (w->held) return TSE_HELD;
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
-  if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_DIVERGING;
+  if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_SENSOR_FAULT;
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
   if (probability_none(k) < BELIEVED) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;

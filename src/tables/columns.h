@@ -152,7 +152,7 @@
   ROW(TSE_STARTING, "starting", "too little seen since the start") \
   ROW(TSE_NOT_EXCITED, "not excited", "the recent inputs do not show this stiffness") \
   ROW(TSE_UNCERTAIN, "uncertain", "excited, but the sd of the mean is above the limit") \
-  ROW(TSE_DIVERGING, "diverging", "a channel is probably at fault") \
+  ROW(TSE_SENSOR_FAULT, "sensor fault", "a channel is probably at fault") \
   ROW(TSE_HELD, "held", "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
   ROW(TSE_INPUT_INVALID, "input invalid", "inputs or measurements are missing") \
   ROW(TSE_PARAMETERS_UNCERTAIN, "parameters uncertain", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better") \
@@ -173,7 +173,7 @@
   ROW(heading, 0.0, "rad", "heading at the first row, for crosswind") \
   ROW(wheel_inertia_front, 2.4, "kg m2", "rotational inertia of both front wheels, for wheel_torque_front") \
   ROW(wheel_inertia_rear, 2.4, "kg m2", "rotational inertia of both rear wheels, for wheel_torque_rear")
-#define REASONS "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 diverging, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation"
+#define REASONS "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 sensor fault, 5 held, 6 input invalid, 7 parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 /* end of table */
 
 #define NO_COLUMN(...) /* for a list of the others */

@@ -174,9 +174,9 @@ def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
     d, case, known, estimate = still
     estimate["cx_front"][:100] = 0.5  # valid and wrong; 50 rows of it after 5 s
     estimate["cy_front_valid"][200:230] = CODES["uncertain"]  # not valid, and right
-    estimate["cy_front_valid"][230:240] = CODES["diverging"]
+    estimate["cy_front_valid"][230:240] = CODES["sensor fault"]
     estimate["cy_rear_valid"][300:320] = CODES["not excited"]
-    estimate["cy_rear_valid"][320:325] = CODES["diverging"]
+    estimate["cy_rear_valid"][320:325] = CODES["sensor fault"]
     best = known.best_sd.copy()
     best[300:335, 2] = 1.0  # nothing shows cy_rear: 20 rows say so, 5 say something else, 5 claim to know
     corrupted = known.corrupted.copy()

@@ -139,10 +139,10 @@ def test_remarks_name_noise_and_contradictions():
 
     assert remarks(table_of([1] * 100, "")) == remarks(table_of([1] * 100, "", noise=1.2)) == []
     assert remarks(table_of([1] * 100, "", noise=2.94)) == ["accel_x is noisier than the settings say: x2.9"]
-    assert remarks(table_of([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "diverging")) == [
+    assert remarks(table_of([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "sensor fault")) == [
         "a sensor was probably at fault 2 times, in 10 % of the log: not valid there"
     ]
-    assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "diverging"))[0]
+    assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "sensor fault"))[0]
 
 
 @pytest.mark.parametrize(("late", "said"), [(0.031, ""), (-0.015, ""), (-0.017, "17 ms later"), (0.033, "33 ms earlier")])
@@ -162,7 +162,7 @@ def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
     from tse.impl.regimes import spells
     from tse.impl.verdict import remarks
 
-    table = table_of([1] * 40 + [0] * 20 + [1] * 40, "diverging")
+    table = table_of([1] * 40 + [0] * 20 + [1] * 40, "sensor fault")
     for key in ("cx_front", "cy_front", "cy_rear"):
         table.loc[50:59, f"{key}_reason"] = "held"
     table = table.assign(p_fault=np.where(np.arange(100) // 20 == 2, 0.99, 0.01), fault_channel=4)

@@ -22,7 +22,7 @@ QUIET = {
 CONTRADICTED = "contradicted"  # a reason that no row has
 WHY = {
     "starting": "too little was seen since the start",
-    "diverging": "a sensor was probably at fault",
+    "sensor fault": "a sensor was probably at fault",
     "held": "standstill, low speed, reverse, large steering angle or sliding wheels",
     "input invalid": "inputs or measurements were missing",
     "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
@@ -215,7 +215,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
         ratio = float(table.loc[learnt, f"noise_{channel}"].median()) if learnt.any() else 1.0
         if ratio > NOISY:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
-    off = np.any([table[f"{key}_reason"] == "diverging" for key in STIFFNESS], axis=0)
+    off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
     if "p_fault" in table:  # in a car that stands another reason comes first, and the fault lasts
         off |= table["p_fault"].to_numpy() >= LIKELY
     times = len(spans(spoken_of(table), off))

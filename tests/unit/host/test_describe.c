@@ -285,7 +285,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
 
 static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(void)
 {
-  static const char *const words[] = { "valid", "starting", "not excited", "uncertain", "diverging",
+  static const char *const words[] = { "valid", "starting", "not excited", "uncertain", "sensor fault",
                                        "held", "input invalid", "parameters uncertain", "does not fit", "implausible" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_REASON, &count, &size);
