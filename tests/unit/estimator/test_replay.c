@@ -74,13 +74,16 @@ static void test_all_outputs_have_the_golden_bits_with_every_resampling_scheme(v
 /* So that the golden bits stand for every path through the step; none of this drive is a divergence. */
 static void test_every_warning_but_recovery_is_met_on_the_way(void)
 {
+  int of_any[REPLAY_STATUSES] = { 0 };
   for (int form = 0; form < REPLAY_FORMS; form++) {
     int met[REPLAY_STATUSES] = { 0 };
     TEST_ASSERT_TRUE(replay_run(rows, row_count, form, 0, NULL, met) != 0);
-    for (int status = form == 1 || form == 2 ? TSE_OK : TSE_W_NOT_VALID; status <= TSE_W_GAP; status++) /* form 0: all three at once hardly ever */
-      TEST_ASSERT_TRUE_MESSAGE(met[status] > 0, tse_status_text(status));
+    for (int status = TSE_W_STARTING; status <= TSE_W_GAP; status++) TEST_ASSERT_TRUE_MESSAGE(met[status] > 0, tse_status_text(status));
+    for (int status = 0; status < REPLAY_STATUSES; status++) of_any[status] += met[status];
     TEST_ASSERT_EQUAL_INT(0, met[TSE_W_RECOVERED]);
   }
+  /* all three at once, and just one that is not, are hardly ever in one form */
+  TEST_ASSERT_TRUE(of_any[TSE_OK] > 0 && of_any[TSE_W_NOT_VALID] > 0);
 }
 
 /* ... and what stands in a field whose bit says that it is missing is nothing: the value before it, as a bus leaves it. */
