@@ -64,7 +64,7 @@ void tse_config_robust(tse_config *c)
   c->forgetting_mean = TSE_S(0.98);
   c->forgetting_change = TSE_S(0.9);
   c->initial_spread = TSE_S(0.15);
-  c->spread_max = TSE_S(0.3);
+  c->spread_max = TSE_S(0.7);
   c->spread_kernel = TSE_S(0.03);
 }
 

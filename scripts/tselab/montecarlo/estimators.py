@@ -24,6 +24,7 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "no-kernel": ("resampling is not regularised", {"spread_kernel": 0.0}),
     "wide-kernel": ("kernel 0.06, not 0.03", {"spread_kernel": 0.06}),
     "covariance": ("the covariance forgets by 0.99, not 0.998", {"forgetting": 0.99}),
+    "tight-limit": ("the spread is 0.3 at most, not 0.7", {"spread_max": 0.3}),
     "no-limit": ("the spread has no limit", {"spread_max": 2.0}),
     "small-start": ("starts with a spread of 5 %, not 15 %", {"initial_spread": 0.05}),
 }

@@ -136,7 +136,7 @@ static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
   expected.exact_kinematics_share = setting(0), expected.initial_vel_y_sd = setting(1);
   expected.initial_yaw_rate_sd = setting(0.017453292519943295), expected.forgetting = setting(0.998);
   expected.forgetting_mean = setting(0.98), expected.forgetting_change = setting(0.9);
-  expected.initial_spread = setting(0.15), expected.spread_max = setting(0.3);
+  expected.initial_spread = setting(0.15), expected.spread_max = setting(0.7);
   expected.spread_kernel = setting(0.03);
   expect_same_settings(&expected, &c);
   tse_config_robust(NULL);
