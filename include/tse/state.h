@@ -16,11 +16,11 @@
 /* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
 #if defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
-#define TSE_FILTER_NUMBERS (467 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 188
 #else
 #define TSE_FILTER_SHORTS 1243
-#define TSE_FILTER_NUMBERS (514 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_NUMBERS (515 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 200
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */

@@ -15,12 +15,15 @@
 #define SAME_TIME TSE_R(2e-5) /* s: rows so near to the time looked for are of that time: sums of dt are rounded, clocks too; at
                                  50 m/s3, the jerk of an emergency manoeuvre, a channel moves by 0.001 m/s2 in it */
 
+#define HOLE TSE_R(0.1)       /* s: between two values of a channel that comes in some of the rows */
+
 static int32_t older(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
+static int32_t newer(int32_t at) { return at + 1 < TSE_LATENCY_ROWS ? at + 1 : 0; }
 
 /* Append a row to the ring, `before` seconds after the one kept last. A value out of range is stored as missing. */
 static void keep_row(tse_alignment *m, const tse_input *u, tse_real before)
 {
-  const int32_t at = m->count > 0 && m->newest + 1 < TSE_LATENCY_ROWS ? m->newest + 1 : 0;
+  const int32_t at = m->count > 0 ? newer(m->newest) : 0;
   uint32_t missing = 0;
   for (int k = 0; k < (int)TSE_CHANNELS; k++) {
     const tse_real x = channel_at(u, &channel_rows[k]);
@@ -34,45 +37,70 @@ static void keep_row(tse_alignment *m, const tse_input *u, tse_real before)
   if (m->count < TSE_LATENCY_ROWS) m->count++;
 }
 
-/* Return whether the stored rows span all latencies.   Updated: m  rows beyond that are dropped */
-static int reaches(const tse_params *p, tse_alignment *m)
+/* Return whether the stored rows span all latencies. */
+static int reaches(const tse_params *p, const tse_alignment *m)
 {
   tse_real age = TSE_R(0);
   int32_t at = m->newest;
   for (int32_t n = 1; n <= m->count; n++) {
-    if (!(age + SAME_TIME < p->latency_span)) {
-      m->count = n;
-      return 1;
-    }
+    if (!(age + SAME_TIME < p->latency_span)) return 1;
     age += m->before[at];
     at = older(at);
   }
   return 0;
 }
 
+/* Find the value of channel c beside a row that lacks it, away from one that has it.
+ *   Given:    at  that row    back  1 towards older rows, 0 newer    rows  that there are on that side
+ *   Updated:  apart  [s] how far the row that has it is; then the one found    Returned: 1 and *value, or 0: none within HOLE */
+static int known_beyond(const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
+{
+  for (int32_t n = 0; n < rows; n++) {
+    const int32_t next = back ? older(at) : newer(at);
+    *apart += m->before[back ? at : next];
+    if (*apart > HOLE + SAME_TIME) return 0;
+    at = next;
+    if ((m->missing[at] & 1u << c) != 0) continue;
+    *value = m->value[at][c];
+    return 1;
+  }
+  return 0;
+}
+
+/* Interpolate channel c between row `at`, n - 1 older than the newest, and the one before it. Where one of the two lacks it the nearer one
+ * speaks for it: a channel that comes in every second row is known as often, and at its time.
+ *   Given: share  of the newer one     Returned: as logged() */
+static int between_rows(const tse_alignment *m, int c, int32_t at, int32_t n, tse_real share, tse_real *value, tse_real *lost)
+{
+  const int32_t from = older(at), back = share > TSE_R(0.5), here = back ? at : from, there = back ? from : at;
+  const int both = ((m->missing[from] | m->missing[at]) & 1u << c) == 0;
+  tse_real a = m->value[from][c], b = m->value[at][c], apart = m->before[at];
+  if (!both) {
+    if ((m->missing[here] & 1u << c) != 0) return 0;
+    share = back ? TSE_R(1) - share : share;
+    a = b = m->value[here][c];
+    share = known_beyond(m, c, there, back, back ? m->count - 1 - n : n - 1, &apart, &b) ? r_mul(share, r_div(m->before[at], apart)) : TSE_R(0);
+  }
+  *lost = r_mul(r_mul(TSE_R(2), share), TSE_R(1) - share);
+  *value = r_clamp(a + r_mul(share, b - a), r_min(a, b), r_max(a, b));
+  return 1;
+}
+
 /* Interpolate channel c to `age` before the newest row.
  * Returned: 1 known, 0 missing: *value is then 0; *lost: share of the noise variance that interpolation removes */
 static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, tse_real *lost)
 {
-  const uint32_t bit = 1u << c;
-  tse_real newer = TSE_R(0);
+  tse_real later = TSE_R(0);
   int32_t at = m->newest;
-  *lost = TSE_R(0);
-  for (int32_t n = 1; n < m->count && newer + SAME_TIME < age; n++) {
-    const tse_real next = newer + m->before[at];
-    const int32_t from = older(at);
-    if (age + SAME_TIME < next) { /* between the two */
-      const tse_real a = m->value[from][c], b = m->value[at][c], share = r_div(next - age, m->before[at]);
-      *lost = r_mul(r_mul(TSE_R(2), share), TSE_R(1) - share);
-      const int known = ((m->missing[from] | m->missing[at]) & bit) == 0;
-      *value = known ? r_clamp(a + r_mul(share, b - a), r_min(a, b), r_max(a, b)) : TSE_R(0);
-      return known;
-    }
-    newer = next;
-    at = from;
+  *lost = *value = TSE_R(0);
+  for (int32_t n = 1; n < m->count && later + SAME_TIME < age; n++) {
+    const tse_real next = later + m->before[at];
+    if (age + SAME_TIME < next) return between_rows(m, c, at, n, r_div(next - age, m->before[at]), value, lost);
+    later = next;
+    at = older(at);
   }
   *value = m->value[at][c];
-  return (m->missing[at] & bit) == 0;
+  return (m->missing[at] & 1u << c) == 0;
 }
 
 /* Compose the row of the newest time at which all channels are known.   Updated: m->lost */

@@ -171,6 +171,8 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   const int both = wheels == (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
   const tse_real front = r_mul(p->radius_front, x[TSE_CHANNEL_wheel_speed_front]), rear = r_mul(p->radius_rear, x[TSE_CHANNEL_wheel_speed_rear]);
   const tse_real speed = r_mul(both ? TSE_R(0.5) : TSE_R(1), front + rear);
+  dt = r_min(a->since + dt, LONGEST_TIME);
+  a->since = wheels ? TSE_R(0) : dt; /* they may come in every third row */
   if (!wheels || !(speed > p->hold_speed)) return;
   values_of(p, x, speed, value);
   const int starts = dt > FASTEST_DT || !(a->smooth[SPEED] > TSE_R(0));

@@ -183,6 +183,7 @@ typedef struct tse_pair {
 typedef struct tse_agreement {
   tse_real smooth[6];
   tse_pair pair[TSE_PAIRS];
+  tse_real since;                     /* [s] since a row that has a wheel speed */
   tse_real moved[2][2];               /* [m2/s3] square of v r and its product with accel_y, of accel_x and with the change of the wheels' speed, times seconds */
   int32_t apart, off_scale;           /* bits, by pair: the two are not the same; 1: accelerometers saw another speed than the wheels */
 } tse_agreement;

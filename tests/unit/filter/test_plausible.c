@@ -14,6 +14,7 @@ typedef struct mistake {
 
 /* Let the filter have two minutes of bends and speed changes, and return what the last row says.   Given: every  so many rows have
  * accelerometers */
+/* every: n accelerometers come in each n-th row alone, -n wheel speeds do */
 static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, int every, int *valid, int *refused)
 {
   static tse_filter f;
@@ -43,7 +44,8 @@ static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, i
     u.accel_x = real(m->factor[TSE_CHANNEL_accel_x] * (ax + 0.3 + 0.1 * next_normal(&seed)));
     u.accel_y = real(m->factor[TSE_CHANNEL_accel_y] * (v * r - 0.2 + 0.1 * next_normal(&seed)));
     u.yaw_rate = real(m->factor[TSE_CHANNEL_yaw_rate] * (r + 0.003 * next_normal(&seed)));
-    if (n % every) u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y;
+    if (every > 0 && n % every) u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y;
+    if (every < 0 && n % -every) u.missing = TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear;
     const tse_status status = tse_step(&p, &f, &u, &y);
     *refused += status < 0;
     if (n >= 6000 && status >= 0)
@@ -87,14 +89,17 @@ static void test_a_mistake_is_named_with_its_factor(void)
   }
 }
 
-/* Accelerometers of a slow message, each fifth row: they read no less than others. */
+/* Accelerometers, or wheel speeds, of a slow message: they read no less than others, and change no faster. */
 static void test_a_channel_that_comes_seldom_contradicts_nobody(void)
 {
   static const mistake seldom = { "seldom", { 1, 1, 1, 1, 1, 1 }, 0, 0 };
-  int valid, refused;
-  const tse_output y = driven(&seldom, 1, 0, 5, &valid, &refused);
-  TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
-  TEST_ASSERT_TRUE(y.status != TSE_W_IMPLAUSIBLE && refused == 0);
+  static const int every[] = { 5, -2, -3, -10 };
+  for (int i = 0; i < ROWS(every); i++) {
+    int valid, refused;
+    const tse_output y = driven(&seldom, 1, 0, every[i], &valid, &refused);
+    TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+    TEST_ASSERT_TRUE(y.status != TSE_W_IMPLAUSIBLE && refused == 0);
+  }
 }
 
 static void test_axles_that_are_exchanged_are_no_other_factor(void)
