@@ -121,7 +121,7 @@ typedef struct tse_config {
   tse_setting body_roll_gain;                   /* [rad s2/m] 0, -0.02 .. 0.04; roll angle per lateral acceleration */
   tse_setting body_roll_frequency;              /* [Hz] 1.5, 0.3 .. 6; natural frequency */
   tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio */
-  tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; IMU above the roll axis */
+  tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; IMU above the roll axis, less coupling: above the centre of gravity */
   tse_setting body_roll_coupling;               /* [m] 0, -0.5 .. 1; sprung mass over mass times height of its centre of gravity above the roll axis: it pushes the car */
   tse_setting pitch_leak_gain;                  /* [rad s2/m] 0, -0.01 .. 0.03; pitch angle per longitudinal acceleration, nose up > 0 */
   tse_setting pitch_leak_frequency;             /* [Hz] 1.8, 0.3 .. 6; natural frequency */

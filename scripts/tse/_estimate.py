@@ -18,7 +18,7 @@ from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
 from tse._log import Log, LogLike, checked
 from tse._shown import Shown, drawn
 from tse._tables import STIFFNESS
-from tse._vehicle import VehicleLike, read_vehicle
+from tse._vehicle import VehicleLike, named, read_vehicle
 from tse.impl import plots, regimes, results
 from tse.impl.estimate import Estimate as Estimated
 from tse.impl.estimate import Learnt, write_table
@@ -237,7 +237,7 @@ def estimate(
     check_form(form)
     itself = Calibrate() if calibrate and learnt is None else None
     car = read_vehicle(vehicle)
-    ready = assemble(car, checked(log, car), None, average, {}, form, settings or {}, "settings", calibrate=itself)
+    ready = assemble(car, checked(log, car), None, average, {}, form, named(settings), "settings", calibrate=itself)
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before, contradicted=bool(ready.warnings))
     if not done.interrupted and contradicts(ready, done.table):

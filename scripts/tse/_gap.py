@@ -99,5 +99,5 @@ def gap(
     folder.mkdir(parents=True, exist_ok=True)
     say = progress or (lambda _: None)
     car, read = vehicle_file(vehicle, folder), read_vehicle(vehicle)
-    result = workflow.run(all_checked(logs, read), car, all_checked(hold_out, read), jobs, say, formula)
+    result = workflow.run(all_checked(logs, read), car, all_checked(hold_out, read, 0), jobs, say, formula)
     return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)

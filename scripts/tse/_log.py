@@ -124,9 +124,11 @@ def checked(log: LogLike, car: Vehicle, name: str = "log") -> Checked:
     return of_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
 
 
-def all_checked(logs: LogLike | Sequence[LogLike], car: Vehicle) -> list[Checked]:
-    """One log, or a list or tuple of them; those in no file are counted."""
+def all_checked(logs: LogLike | Sequence[LogLike], car: Vehicle, fewest: int = 1) -> list[Checked]:
+    """One log, or a list or tuple of them; those in no file are counted. UserError: there are fewer."""
     given = list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
+    if len(given) < fewest:
+        raise UserError("no log is given")
     return [checked(log, car, f"log {n}" if len(given) > 1 else "log") for n, log in enumerate(given, 1)]
 
 

@@ -9,13 +9,16 @@ import pandas as pd
 
 from tse._log import LogLike, checked
 from tse._shown import Shown, lines
-from tse._vehicle import VehicleLike, read_vehicle
+from tse._vehicle import VehicleLike, named, read_vehicle
 from tse.impl import along, maneuvers
 from tse.impl.core import Config, SimConfig
+from tse.impl.errors import UserError
 from tse.impl.plots import CHANNEL_UNITS
 from tse.impl.rows import MEASURES
 from tse.impl.simulate import simulate as _simulate
 from tse.impl.vehicle import default_vehicle
+
+LONGEST = 36000.0  # s
 
 
 class Simulated(NamedTuple):
@@ -67,8 +70,10 @@ def simulate(
     """
     car = default_vehicle() if vehicle is None else read_vehicle(vehicle)
     config, sim = Config(car.values), SimConfig({"seed": seed})
-    for name, value in (settings or {}).items():
+    for name, value in named(settings).items():
         (sim if name in sim else config).set(name, value)
+    if duration is not None and not config.sample_time <= duration <= LONGEST:
+        raise UserError(f"duration: {duration:g} is outside its range {config.sample_time:g} .. {LONGEST:g} s")
     plan = maneuvers.build(
         maneuver, config, sample_time=config.sample_time, duration=duration,
         speed=sim.speed if speed is None and "speed" in (settings or {}) else speed,
@@ -142,6 +147,6 @@ def replay(log: LogLike, vehicle: VehicleLike, *, settings: Mapping[str, float] 
     """
     car = read_vehicle(vehicle)
     rows, config = checked(log, car), Config(car.values)
-    for name, value in (settings or {}).items():
+    for name, value in named(settings).items():
         config.set(name, value)
     return Replayed(along.along(rows, config))

@@ -49,7 +49,18 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
         made = make_vehicle(_plain(vehicle), Path("vehicle"))
         made.path = None
         return made
+    if not isinstance(vehicle, str | os.PathLike):
+        raise TypeError(
+            f"vehicle: a file, a mapping with its keys or what read_vehicle() returned is needed, not {type(vehicle).__name__}"
+        )
     return _read(Path(vehicle))
+
+
+def named(settings: Mapping[str, float] | None) -> Mapping[str, float]:
+    """Settings by name. TypeError: they are no mapping."""
+    if settings is not None and not isinstance(settings, Mapping):
+        raise TypeError(f"settings: names and numbers are needed, such as {{'valid_sd': 0.08}}, not {type(settings).__name__}")
+    return settings or {}
 
 
 def _plain(value: Any) -> Any:

@@ -40,7 +40,8 @@ def replay(
     tselab replay drive.csv --vehicle found/vehicle_improved.toml --report after.html
 
     The single-track model is driven by the logged steering angle and wheel speeds, with the effects, latencies and the formula of
-    the vehicle file; accel_x, accel_y and yaw_rate are compared. Nothing is fitted.
+    the vehicle file; accel_x, accel_y and yaw_rate are compared, above 3 m/s. Nothing is fitted, and the road is level: what it
+    climbs and leans by is in the difference.
     """
     from dataclasses import replace
 
@@ -48,9 +49,11 @@ def replay(
     from tse.impl.core import Config
     from tse.impl.estimate import write_table
     from tse.impl.files import check_distinct, check_writable
+    from tse.impl.logs.agree import MOST_ROWS, check_car
     from tse.impl.logs.log import read_log
     from tse.impl.report import write_page
     from tse.impl.results import say_json
+    from tse.impl.rows import liveliest
     from tse.impl.vehicle import read_vehicle
 
     check_distinct({"--out": out, "--report": report}, {"LOG": log_path, "--vehicle": vehicle_path, "--signals": reading.signals})
@@ -62,6 +65,7 @@ def replay(
     for key, value in key_values(pairs).items():
         config.set(key, value, source="option --set")
     log = read_log(log_path, reading=replace(reading, car=car))
+    notes = check_car(liveliest(log, MOST_ROWS), car, config)
     table = along(log, config)
     found = apart(table)
     if out is not None:
@@ -73,8 +77,18 @@ def replay(
                    title=title, vehicle=car.name, words=sentences(found))  # fmt: skip
     written = [str(p) for p in (out, report) if p is not None]
     if as_json:
-        say_json({"log": log_path, "vehicle": vehicle_path, "apart": {c: vars(a) for c, a in found.items()}, "written": written})
+        say_json(
+            {
+                "log": log_path,
+                "vehicle": vehicle_path,
+                "apart": {c: vars(a) for c, a in found.items()},
+                "notes": notes,
+                "written": written,
+            }
+        )
         return
+    for line in notes:
+        click.echo(f"note: {line}", err=True)
     for line in sentences(found):
         click.echo(line)
     if written:

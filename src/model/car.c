@@ -275,7 +275,7 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
 }
 
 /* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks in as body rolls and pitches, and an
- * IMU above the roll axis swings.
+ * IMU off the centre of gravity swings.
  *   Returned: their rows of z and H */
 static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
 {

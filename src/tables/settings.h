@@ -52,7 +52,7 @@
   ROW(REAL, body_roll, gain, 0.0, -0.02, 0.04, "rad s2/m", "roll angle per lateral acceleration", 1, 1, 0.0053, 0.0107, 0.0008) \
   ROW(REAL, body_roll, frequency, 1.5, 0.3, 6.0, "Hz", "natural frequency", 0, 1, 1.2, 2.0, 0.0) \
   ROW(REAL, body_roll, damping, 0.3, 0.05, 2.0, "1", "damping ratio", 0, 1, 0.2, 0.4, 0.0) \
-  ROW(REAL, body_roll, height, 0.0, -1.0, 1.5, "m", "IMU above the roll axis", 0, 0, 0.0, 0.6, 0.0) \
+  ROW(REAL, body_roll, height, 0.0, -1.0, 1.5, "m", "IMU above the roll axis, less coupling: above the centre of gravity", 0, 0, 0.0, 0.6, 0.0) \
   ROW(REAL, body_roll, coupling, 0.0, -0.5, 1.0, "m", "sprung mass over mass times height of its centre of gravity above the roll axis: it pushes the car", 0, 1, 0.0, 0.5, 0.0) \
   ROW(REAL, pitch_leak, gain, 0.0, -0.01, 0.03, "rad s2/m", "pitch angle per longitudinal acceleration, nose up > 0", 1, 1, 0.0027, 0.0053, 0.0006) \
   ROW(REAL, pitch_leak, frequency, 1.8, 0.3, 6.0, "Hz", "natural frequency", 0, 1, 1.4, 2.2, 0.0) \

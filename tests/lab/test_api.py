@@ -186,6 +186,21 @@ def test_a_vehicle_that_cannot_be_is_refused_by_key_and_range(frame, vehicle, te
 # ---- row by row
 
 
+@pytest.mark.parametrize(
+    ("call", "error", "said"),
+    [
+        (lambda _: tse.calibrate([], CAR), tse.Error, "no log is given"),
+        (lambda f: tse.estimate(f, CAR, settings=[1]), TypeError, "settings: .*, not list"),
+        (lambda f: tse.replay(f, CAR, settings=0.1), TypeError, "settings: .*, not float"),
+        (lambda f: tse.estimate(f, None), TypeError, "vehicle: .*, not NoneType"),
+        (lambda _: tse.simulate(duration=-1), tse.Error, "duration: -1 is outside its range"),
+    ],
+)
+def test_what_is_no_log_car_or_setting_is_named(frame, call, error, said):
+    with pytest.raises(error, match=said):
+        call(frame)
+
+
 def test_row_by_row_gives_the_bits_of_the_whole(frame, result):
     f = result.filter()
     for i in range(600):

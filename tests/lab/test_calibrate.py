@@ -119,6 +119,14 @@ def test_what_the_model_does_not_explain_is_as_white_noise_of_the_same_power() -
     assert unexplained(problem, fit) == 0.0
 
 
+def test_no_more_is_unexplained_than_the_setting_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tse.impl.identify import vehicle_file
+
+    for left, kept in ((0.65, 0.5), (0.07, 0.07)):
+        monkeypatch.setattr(vehicle_file, "unexplained", lambda _problem, _fit, left=left: left)
+        assert vehicle_file.model_sd(None, None, 0.02) == kept
+
+
 def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
     page = calibrated[0].with_suffix(".html").read_text(encoding="utf-8")
     assert "converged after" in page and "relaxation length" in page

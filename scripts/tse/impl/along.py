@@ -68,9 +68,12 @@ def apart(table: pd.DataFrame) -> dict[str, Apart]:
 def sentences(found: Mapping[str, Apart]) -> tuple[str, ...]:
     """The same in words, a line per channel."""
     return tuple(
-        f"{c}: measured less simulated {a.rms:.3g} {a.unit} rms above {SLOWEST:g} m/s, {a.over_noise:.1f} times its noise; "
-        f"without its mean of {a.mean:.2g}"
+        f"{c}: measured less simulated {a.rms:.3g} {a.unit} rms above {SLOWEST:g} m/s, {_over(a)}without its mean of {a.mean:.2g}"
         if np.isfinite(a.rms)
         else f"{c}: nothing to compare above {SLOWEST:g} m/s"
         for c, a in found.items()
     )
+
+
+def _over(a: Apart) -> str:
+    return f"{a.over_noise:.1f} times its noise; " if np.isfinite(a.over_noise) else ""

@@ -18,7 +18,7 @@ CHANNEL_WORDS = {
     "accel_x": "accel_x", "accel_y": "accel_y",
 }  # fmt: skip
 REAR = "longitudinal_stiffness_rear"
-NOT_ZERO = ", not distinguishable from 0"
+NOT_ZERO = f", less than {SURE:g} sd from 0, or too small to matter"
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,9 @@ def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: 
         return f"{title}: these logs do not show it"
     text = f"{title}: {value:.4g}{unit}, 95 % interval {value - 1.96 * sd:.4g} .. {value + 1.96 * sd:.4g}"
     if u.worth and abs(value - before) < max(SURE * sd, u.worth * by):
-        return text + (f", not distinguishable from {before:.4g} of the vehicle file" if before else NOT_ZERO)
+        return text + (
+            f", less than {SURE:g} sd from {before:.4g} of the vehicle file, or too near to matter" if before else NOT_ZERO
+        )
     return text
 
 

@@ -17,8 +17,9 @@ LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of t
 
 
 def model_sd(problem: Problem, fit: Fit, before: float) -> float:
-    """Return what the filter counts of the model: that of a car that logs have been fitted to, or more where they leave more."""
-    return max(min(before, UNLIKE_SD), unexplained(problem, fit))
+    """Return what the filter counts of the model: that of a car that logs have been fitted to, or more where they leave more; at
+    most what the setting takes."""
+    return min(max(min(before, UNLIKE_SD), unexplained(problem, fit)), Config().fields["model_sd"].high)
 
 
 def unexplained(problem: Problem, fit: Fit) -> float:

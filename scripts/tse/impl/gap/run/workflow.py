@@ -329,7 +329,8 @@ def _sentence(n: Named) -> str:
     )
     possibly = "possibly " if n.probability < NAME_AT else ""
     text = f"{possibly}{n.title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
-    text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
+    closes = f"{100 * n.share:.0f} %" if n.share >= 0.005 else "less than 1 %"
+    text += f", it closes {closes} of the gap." if n.share else "."
     if n.look_alikes:
         text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
     return text
