@@ -114,6 +114,8 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
     end, median = (verdicts(table, Config({"form": form}))[1] for form in (0, 1))
     assert end.value == pytest.approx(98 + 8.9) and end.band == pytest.approx(1.96 * (3 - 0.89))
     assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (end.value - end.band, end.value + end.band)
+    table["cy_front"] = np.where(np.arange(100) < 60, 98e3, 70e3)  # another road: no number is that of both
+    assert verdicts(table, Config({"form": 1}))[1].value == pytest.approx(70)
 
 
 def test_grip_and_sideslip_have_their_intervals():

@@ -263,8 +263,8 @@ def of_uncertainty(table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[
 
 
 def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
-    """The value at the end: of the last valid row, or of the last one where hardly any is. Particles forget: over a whole log the
-    medians of their valid rows."""
+    """The value at the end: of the last valid row, or of the last one where hardly any is. Particles forget: over a whole log in
+    which nothing changed the medians of their valid rows."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
@@ -277,7 +277,9 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
         nan, why = float("nan"), _why(reason, key)
         text = f"no value: {reason or 'no rows'}{f', {why}' if why else ''}"
         return Verdict(key, name, "none", unit, nan, nan, nan, nominal, share, reason, reason_share, text)
-    at = (lambda x: float(np.median(x))) if whole and config.form and known else (lambda x: float(x[-1]))
+    changed = known and abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]
+    medians = whole and config.form and known and not changed
+    at = (lambda x: float(np.median(x))) if medians else (lambda x: float(x[-1]))
     value, band = at(mean), 1.96 * at(sd)
     parts = [f"{value:.0f} {unit} ± {max(band, 0.5):.0f} (95 %)"]
     if known:
@@ -290,9 +292,9 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
     parts.append(
         f"{100 * abs(relative):.0f} % {'above' if relative > 0 else 'below'} nominal" if abs(relative) >= 0.02 else "as nominal"
     )
-    if known and abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]:
+    if changed:
         parts.append(f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f}")
-    if known and not (whole and config.form) and (end := _last_valid(spoken_of(table), valid)) is not None:
+    if known and not medians and (end := _last_valid(spoken_of(table), valid)) is not None:
         parts.append(f"last valid at {end:.1f} s")
     if known and reason and share < 0.8:
         why = _why(reason, key)

@@ -253,7 +253,12 @@ def judge(
         verdict = "possible" if likely else "none"
     if naming.named and (remains or formula):
         closed = f"{100 * naming.closed:.0f} % of the gap"
-        words.append(f"All names together close {closed}; something else is missing that is not in the catalogue.")
+        left_over = (
+            "no effect of the catalogue explains what is left"
+            if verdict == "named"
+            else "something else is missing that is not in the catalogue"
+        )
+        words.append(f"All names together close {closed}; {left_over}.")
     elif verdict == "not_in_catalogue" and not (remains or formula):
         words.append(
             "Something is missing: the model explains the fitted logs down to the sensors' noise, and not the held-out ones."
