@@ -436,17 +436,23 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
     baseline = naming.plain_car(late)
     left = [Remainder("yaw_rate", 3.0, "disturbance", "")]
 
-    def code(effect: str, closed: float, remains: list[Remainder], possible: float = 0.0) -> int:
+    def name_of(effect: str, closed: float) -> Named:
         (p,) = catalogue()[effect].strengths[:1]
-        named = [Named(catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)] if closed else []
+        return Named(catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)
+
+    def code(effect: str, closed: float, remains: list[Remainder], possible: float = 0.0) -> int:
+        named = [name_of(effect, closed)] if closed else []
         maybe = [{"id": effect, "probability": possible, "why": "below 90 %"}] if possible else []
         found = naming.Naming(baseline, baseline, named, closed, maybe, [], True)
         return workflow.judge(workflow.Found(found), [], remains)[1]
 
     assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (10, 20, 20)
     assert (code("body_roll", 0.06, []), code("grade", 0.8, [])) == (10, 10)
-    (p,) = catalogue()["body_roll"].strengths[:1]
-    roll = Named(catalogue()["body_roll"], {p.name: 0.01}, {p.name: (0.0, 0.02)}, 0.9, 40.0, 0.99)
+    for closes, wanted in ((0.2, 10), (0.1, 20)):  # of the 0.3 that the road leaves
+        names = [name_of("body_roll", closes), name_of("grade", 0.7)]
+        both = naming.Naming(baseline, baseline, names, 0.7 + closes, [], [], True)
+        assert workflow.judge(workflow.Found(both), [], left)[1] == wanted
+    roll = name_of("body_roll", 0.9)
     beside = SimpleNamespace(formula=SimpleNamespace(text="", place=""), words=[])
     found = workflow.Found(naming.Naming(baseline, baseline, [roll], 0.9, [], [], True), beside)
     assert workflow.judge(found, [], [])[1] == 10

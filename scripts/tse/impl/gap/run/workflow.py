@@ -33,7 +33,7 @@ from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehic
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
 LIKELY = 0.5  # probability from which an effect without a name forbids an all-clear
-# of the gap that the names of the car close where something else is left: fewer are no answer, and a road is none of the car
+# of what roads leave of the gap, that the names of the car close where something else is left: fewer are no answer
 LEAST_NAMED = 0.5
 
 
@@ -243,7 +243,8 @@ def judge(
     naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
     words = [_sentence(n) for n in naming.named]
-    of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in (*PROFILES, SUPERELEVATION))
+    roads = sum(n.share for n in naming.named if n.effect.id in (*PROFILES, SUPERELEVATION))
+    of_the_car = (naming.closed - roads) / max(1.0 - roads, 0.01)  # of what the roads leave of the gap
     likely = [p for p in naming.possible if p["probability"] >= LIKELY]
     if naming.named and (of_the_car >= LEAST_NAMED or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
