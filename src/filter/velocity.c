@@ -41,7 +41,7 @@ static void start_velocity(const tse_params *p, tse_kalman *k)
     for (int q = 0; q < TSE_CONSIDERED; q++) k->consider[q][STATES + e] = r_short(TSE_R(0));
     for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[STATES + e] = r_short(TSE_R(0));
   }
-  for (int c = 0; c < TSE_VELOCITIES; c++) m->noise[c] = m->misfit[c] = TSE_R(1);
+  for (int c = 0; c < TSE_VELOCITIES; c++) m->noise[c] = m->mean_nis[c] = TSE_R(1);
   ud_open(&k->ud, variance);
 }
 
@@ -240,12 +240,12 @@ static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt,
   s->white += r_mul(own, m->noise[c] + r_mul(r_sqr(LASTING), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))));
   s->r = s->white;
   const tse_real fits = r_div(r_sqr(s->e), ud_measure(&k->ud, s->h, f, v) + s->r);
-  m->misfit[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, r_sqr(MOST_MISFIT)) - m->misfit[c]);
-  if (m->misfit[c] > MOST_MISFIT) {
+  m->mean_nis[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, r_sqr(MOST_NIS)) - m->mean_nis[c]);
+  if (m->mean_nis[c] > MOST_NIS) {
     m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MOST_SINCE);
     if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* its zero is another */
       m->has_heading = 0;
-      m->misfit[c] = TSE_R(1);
+      m->mean_nis[c] = TSE_R(1);
       m->rejected_for[c] = TSE_R(0);
     }
     return;

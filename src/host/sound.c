@@ -45,7 +45,7 @@ static int sound_velocity(const tse_velocity *m, int in_use)
 {
   int fine = sound_reals(m->noise, TSE_VELOCITIES, TSE_R(0), MOST_REAL) && sound_reals(m->innovation, TSE_VELOCITIES, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->last, TSE_VELOCITIES, -MOST_REAL, MOST_REAL) && sound_reals(m->since, TSE_VELOCITIES, TSE_R(0), MOST_REAL);
-  fine = fine && sound_reals(m->misfit, TSE_VELOCITIES, TSE_R(0), MOST_REAL) && sound_reals(m->rejected_for, TSE_VELOCITIES, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(m->mean_nis, TSE_VELOCITIES, TSE_R(0), MOST_REAL) && sound_reals(m->rejected_for, TSE_VELOCITIES, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(m->past[0], TSE_PAST * 4, -MOST_REAL, MOST_REAL) && sound_reals(m->age, TSE_PAST, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(&m->gyro, 1, -MOST_REAL, MOST_REAL) && sound_reals(&m->turned, 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->motion, 3, -MOST_REAL, MOST_REAL) && sound_reals(&m->activity, 1, TSE_R(0), MOST_SQUARE);

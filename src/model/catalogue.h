@@ -229,7 +229,8 @@ static inline void imu_lever_arm_sensor(reading *z)
 /* body_roll: the car leans out of the turn by phi = gain x, x: lateral acceleration through a second-order mode
  * (mode_step in laws.h). Gravity leaks in, and an IMU off the centre of gravity swings: accel_y + g phi - height phi''. The body's mass
  * swings, too, and pushes the car: m (vy' + vx r) = sum of tyre forces + m coupling phi'', coupling = sprung mass times the height of its
- * centre of gravity above the roll axis, over m; vy is that of the roll axis, so height = IMU above it, less coupling. Typical gain 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
+ * centre of gravity above the roll axis, over m; vy is that of the roll axis, so height = IMU above it, less coupling. Typical gain
+ * 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
   return mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);

@@ -157,7 +157,7 @@ typedef struct tse_ud {
 typedef struct tse_velocity {
   tse_real noise[TSE_VELOCITIES];     /* [1] variance of a channel as found, over the setting's */
   tse_real innovation[TSE_VELOCITIES], last[TSE_VELOCITIES], since[TSE_VELOCITIES]; /* [m/s, rad] of the last value, itself; [s] its age */
-  tse_real misfit[TSE_VELOCITIES], rejected_for[TSE_VELOCITIES]; /* [1] recent innovations squared over their variance; [s] rejected for */
+  tse_real mean_nis[TSE_VELOCITIES], rejected_for[TSE_VELOCITIES]; /* [1] recent innovations squared over their variance; [s] rejected for */
   tse_real past[TSE_PAST][4], age[TSE_PAST]; /* vel_x, vel_y, yaw rate, heading less those now, newest first; [s] */
   tse_real gyro, turned, motion[3];   /* [rad/s] without bias, [rad] heading since, speeds [m/s] and yaw rate [rad/s], at the last row */
   tse_real activity;                  /* [m2/s2] recent square of how fast the axles slip sideways */

@@ -30,7 +30,7 @@
 #define BLIND_ROWS TSE_R(2.5)            /* [1] sample times without a steering angle after which the car has turned otherwise than the angle that was held */
 #define LASTING TSE_R(0.5)               /* [1] share of the sd of a velocity that is no white noise and lasts MODEL_TIME: receivers and INS filter; of model_sd, which a cornering stiffness is not known better than while velocities are in use */
 #define OFF_SHARE TSE_R(4.0)             /* [1] model discrepancy of the speed across, over model_sd times how fast axles slip sideways */
-#define MOST_MISFIT TSE_R(6.0)           /* [1] innovations of a velocity squared over their variance, averaged over MODEL_TIME: above, it is left out; a single one counts as the square of that at most */
+#define MOST_NIS TSE_R(6.0)              /* [1] innovations of a velocity squared over their variance, averaged over MODEL_TIME: above, it is left out; a single one counts as the square of that at most */
 /* end of table */
 
 #endif

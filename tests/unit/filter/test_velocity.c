@@ -301,7 +301,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     k.x[V_LEVER_Y] = real(-0.3);
     for (int q = 0; q < TSE_CONSIDERED; q++)
       for (int i = 0; i < TSE_ALL; i++) k.consider[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);
-    for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.misfit[v] = TSE_R(1);
+    for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.mean_nis[v] = TSE_R(1);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.velocity.has_heading = k.velocity.has_gyro = 1, k.velocity.gyro = k.x[YAW];
     k.velocity.kept = 2; /* a straight past: as the rates have it */

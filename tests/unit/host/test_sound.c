@@ -353,7 +353,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   ANY_SIGN(filter.k.velocity.innovation);
   ANY_SIGN(filter.k.velocity.last);
   NOT_NEGATIVE(filter.k.velocity.since);
-  NOT_NEGATIVE(filter.k.velocity.misfit);
+  NOT_NEGATIVE(filter.k.velocity.mean_nis);
   NOT_NEGATIVE(filter.k.velocity.rejected_for);
   ANY_SIGN(filter.k.velocity.past);
   NOT_NEGATIVE(filter.k.velocity.age);
