@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from tse._base import Array
-from tse._shown import Shown, drawn, lines
+from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.impl import plots
 from tse.impl.errors import UserError
@@ -198,7 +198,7 @@ class Signals(Shown):
     def plot(self) -> Any:
         """Return a figure of plotly: the signals that are proposed, each in the unit that it is logged in."""
         there = {c.name: c for c in self._recording}
-        return lines([
+        return plots.lines([
             (f"{g.channel} [{g.unit}]", [(n, there[n].time, there[n].value) for n in g.name if n in there])
             for g in self._proposal.guesses
         ])  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,16 +65,3 @@ def drawn(figure: Any) -> Any:
     import plotly.graph_objects as go  # half a second, for those who draw
 
     return go.Figure(figure.as_dict())
-
-
-def lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
-    """A figure of rows: title, and name, time and values of each line."""
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    figure = make_subplots(len(rows), 1, shared_xaxes=True, subplot_titles=[title for title, _ in rows])
-    for row, (_, drawn_lines) in enumerate(rows, 1):
-        for name, x, y in drawn_lines:
-            figure.add_trace(go.Scattergl(x=x, y=y, name=name, mode="lines"), row=row, col=1)
-    figure.update_xaxes(title="time [s]", row=len(rows), col=1)
-    return figure.update_layout(height=180 * len(rows) + 80)

@@ -8,17 +8,14 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from tse._log import LogLike, checked
-from tse._shown import Shown, lines
+from tse._shown import Shown
 from tse._vehicle import VehicleLike, named, read_vehicle
 from tse.impl import along, maneuvers
 from tse.impl.core import Config, SimConfig
 from tse.impl.errors import UserError
-from tse.impl.plots import CHANNEL_UNITS
-from tse.impl.rows import MEASURES
+from tse.impl.plots import lines
 from tse.impl.simulate import simulate as _simulate
 from tse.impl.vehicle import default_vehicle
-
-LONGEST = 36000.0  # s
 
 
 class Simulated(NamedTuple):
@@ -72,11 +69,11 @@ def simulate(
     config, sim = Config(car.values), SimConfig({"seed": seed})
     for name, value in named(settings).items():
         (sim if name in sim else config).set(name, value)
-    if duration is not None and not config.sample_time <= duration <= LONGEST:
-        raise UserError(f"duration: {duration:g} is outside its range {config.sample_time:g} .. {LONGEST:g} s")
+    if duration is not None and not config.sample_time <= duration <= maneuvers.LONGEST:
+        raise UserError(f"duration: {duration:g} is outside its range {config.sample_time:g} .. {maneuvers.LONGEST:g} s")
     plan = maneuvers.build(
         maneuver, config, sample_time=config.sample_time, duration=duration,
-        speed=sim.speed if speed is None and "speed" in (settings or {}) else speed,
+        speed=sim.speed if speed is None and "speed" in named(settings) else speed,
         amplitude=amplitude, road=list(road_changes), seed=int(sim.seed),
     )  # fmt: skip
     done = _simulate(plan, config, sim, car.driven_axle)
@@ -114,12 +111,7 @@ class Replayed(Shown):
 
     def plot(self) -> Any:
         """Return a figure of plotly: measured and simulated over time."""
-        t = self._table["time"]
-        return lines([
-            (f"{c} [{CHANNEL_UNITS[c]}]",
-             [(f"{c} measured", t, self._table[c]), (f"{c} simulated", t, self._table[f"{c}_simulated"])])
-            for c in MEASURES
-        ])  # fmt: skip
+        return lines(along.drawn(self._table))
 
 
 def replay(log: LogLike, vehicle: VehicleLike, *, settings: Mapping[str, float] | None = None) -> Replayed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,8 +11,6 @@ from tselab.gap import VEHICLE
 from tselab.options import FILE, JSON, key_values, reading
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from tse.impl.rows import Reading
 
 
@@ -45,12 +43,13 @@ def replay(
     """
     from dataclasses import replace
 
-    from tse.impl.along import along, apart, sentences
+    from tse.impl.along import along, apart, drawn, sentences
     from tse.impl.core import Config
     from tse.impl.estimate import write_table
     from tse.impl.files import check_distinct, check_writable
     from tse.impl.logs.agree import MOST_ROWS, check_car
     from tse.impl.logs.log import read_log
+    from tse.impl.plots import layout, lines
     from tse.impl.report import write_page
     from tse.impl.results import say_json
     from tse.impl.rows import liveliest
@@ -73,7 +72,7 @@ def replay(
     if report is not None:
         title = f"{log_path.name}, measured and simulated"
         text = "Drag to zoom, double-click to reset; nothing is fitted."
-        write_page(report, "replay.html.j2", [("Measured and simulated", text, _figure(table))],
+        write_page(report, "replay.html.j2", [("Measured and simulated", text, layout(lines(drawn(table)), 620))],
                    title=title, vehicle=car.name, words=sentences(found))  # fmt: skip
     written = [str(p) for p in (out, report) if p is not None]
     if as_json:
@@ -93,25 +92,3 @@ def replay(
         click.echo(line)
     if written:
         click.echo(f"Written: {', '.join(written)}")
-
-
-def _figure(table: pd.DataFrame) -> Any:
-    """Measured and simulated over time."""
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from tse.impl.plots import BLUE, CHANNEL_UNITS, ORANGE, layout
-    from tse.impl.rows import MEASURES
-
-    drawn = make_subplots(len(MEASURES), 1, shared_xaxes=True, subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURES])
-    for row, c in enumerate(MEASURES, 1):
-        for name, colour, column in (("measured", ORANGE, c), ("simulated", BLUE, f"{c}_simulated")):
-            drawn.add_trace(
-                go.Scattergl(
-                    x=table["time"], y=table[column], name=name, legendgroup=name, showlegend=row == 1, mode="lines",
-                    line={"color": colour, "width": 1},
-                ),
-                row=row, col=1,
-            )  # fmt: skip
-    drawn.update_xaxes(title="time [s]", row=len(MEASURES), col=1)
-    return layout(drawn, 620)

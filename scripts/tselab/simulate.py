@@ -89,7 +89,7 @@ def simulate(
         config.set("sample_time", sample_time, source="option --sample-time")
     top = sim_config.fields["speed"]
     check_range("speed", speed, top.low, top.high, "m/s")
-    check_range("duration", duration, config.sample_time, 36000.0, "s")
+    check_range("duration", duration, config.sample_time, maneuvers.LONGEST, "s")
     check_range("amplitude", amplitude, -1000.0, 1000.0, "")
     if maneuver == "constant-radius":
         check_range("amplitude", amplitude, 10.0, 1000.0, "m (radius)")

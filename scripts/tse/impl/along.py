@@ -9,7 +9,7 @@ import pandas as pd
 
 from tse.impl.core import Config, Replay
 from tse.impl.errors import UserError
-from tse.impl.noise import channel_noise
+from tse.impl.noise import channel_noise, filled
 from tse.impl.plots import CHANNEL_UNITS
 from tse.impl.rows import DRIVES, MEASURES, Log
 
@@ -31,7 +31,11 @@ def along(log: Log, config: Config) -> pd.DataFrame:
     """Return time, accel_x, accel_y, yaw_rate as logged, and simulated with the end _simulated; vel_x, vel_y. Inputs are read as
     much later as the settings call them late, and what is simulated is as late as the settings call it."""
     late = {c: float(getattr(config, f"{c}_latency", 0.0)) for c in (*DRIVES, *MEASURES)}
-    inputs = {c: _later(log.time, _whole(c, log.data[c].to_numpy(float)), late[c]) for c in DRIVES}
+    inputs = {c: log.data[c].to_numpy(float) for c in DRIVES}
+    for c, x in inputs.items():
+        if not np.isfinite(x).any():
+            raise UserError(f"{c} is missing: nothing drives the model")
+    inputs = {c: _later(log.time, filled(x), late[c]) for c, x in inputs.items()}
     simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs).run(config)
     table = {"time": log.time, **{c: log.data[c].to_numpy(float) for c in MEASURES}}
     for name, x in simulated.items():
@@ -42,15 +46,6 @@ def along(log: Log, config: Config) -> pd.DataFrame:
 def _later(time: Values, x: Values, by: float) -> Values:
     """What a channel is `by` seconds later."""
     return np.asarray(np.interp(time + by, time, x)) if by else x
-
-
-def _whole(name: str, x: Values) -> Values:
-    """Values without holes."""
-    there = np.isfinite(x)
-    if not there.any():
-        raise UserError(f"{name} is missing: nothing drives the model")
-    at = np.arange(len(x))
-    return np.asarray(np.interp(at, at[there], x[there]))
 
 
 def apart(table: pd.DataFrame) -> dict[str, Apart]:
@@ -77,3 +72,12 @@ def sentences(found: Mapping[str, Apart]) -> tuple[str, ...]:
 
 def _over(a: Apart) -> str:
     return f"{a.over_noise:.1f} times its noise; " if np.isfinite(a.over_noise) else ""
+
+
+def drawn(table: pd.DataFrame) -> list[tuple[str, list[tuple[str, Any, Any]]]]:
+    """What plots.lines() draws of along(): a row per channel, measured and simulated."""
+    t = table["time"]
+    return [
+        (f"{c} [{CHANNEL_UNITS[c]}]", [(f"{c} measured", t, table[c]), (f"{c} simulated", t, table[f"{c}_simulated"])])
+        for c in MEASURES
+    ]

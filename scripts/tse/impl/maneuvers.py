@@ -118,6 +118,8 @@ def _coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> n
     return x / (x.std() or 1.0)
 
 
+LONGEST = 36000.0  # s: of a drive
+
 KINDS = {
     k.name: k
     for k in (

@@ -51,6 +51,19 @@ def layout(figure: Any, height: int, **more: object) -> Any:
     return figure
 
 
+def lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
+    """A figure of rows: title, and name, time and values of each line."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(len(rows), 1, shared_xaxes=True, subplot_titles=[title for title, _ in rows])
+    for row, (_, drawn_lines) in enumerate(rows, 1):
+        for name, x, y in drawn_lines:
+            figure.add_trace(go.Scattergl(x=x, y=y, name=name, mode="lines"), row=row, col=1)
+    figure.update_xaxes(title="time [s]", row=len(rows), col=1)
+    return figure.update_layout(height=180 * len(rows) + 80)
+
+
 STYLE = {"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8, "text.color": INK,
          "axes.labelcolor": INK, "xtick.color": "#52606d", "ytick.color": "#52606d"}  # fmt: skip
 

@@ -244,9 +244,10 @@ def judge(
     remains = more_than_noise(left)
     words = [_sentence(n) for n in naming.named]
     roads = sum(n.share for n in naming.named if n.effect.id in (*PROFILES, SUPERELEVATION))
-    of_the_car = (naming.closed - roads) / max(1.0 - roads, 0.01)  # of what the roads leave of the gap
+    of_the_car = naming.closed - roads
+    enough = of_the_car > LEAST_NAMED * max(1.0 - roads, 0.0)
     likely = [p for p in naming.possible if p["probability"] >= LIKELY]
-    if naming.named and (of_the_car >= LEAST_NAMED or not (remains or formula)) and not (formula and elsewhere):
+    if naming.named and (enough or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
     elif remains or formula or elsewhere:
         verdict = "not_in_catalogue"
