@@ -5,19 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from tse.impl.core import Config, SimConfig, Simulator
 from tse.impl.identify import discrepancy
 from tse.impl.identify import ready as ready_rules
-from tse.impl.identify.data import Prepared, blocks, prepare, speed
+from tse.impl.identify.data import Prepared, blocks, prepare, smoothed, speed
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.identify.fit import LITTLE, fit, step, whitened
 from tse.impl.identify.problem import SPEED_TIME, Problem, shapes
 from tse.impl.identify.ready import calm, curves, together
 from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
 from tse.impl.logs.log import read_log
+from tse.impl.rows import Slower
 from tse.impl.vehicle import default_vehicle, read_vehicle
 
 DT = 0.01
@@ -355,6 +357,23 @@ def test_held_values_are_as_old_as_they_are_on_average(tmp_path: Path) -> None:
         rows[name] = rows[name][at]
     log = prepare(read_log(written(tmp_path / "held.csv", rows)), Config(QUIET))
     assert log.held == pytest.approx({"wheel_speed_front": 0.015, "wheel_speed_rear": 0.015}, abs=1e-4)
+
+
+def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp_path: Path) -> None:
+    """Wheels at 50 Hz on rows of 100 Hz: smoothing takes as much of their noise as a spline through their own entries does, which
+    does not know the rows between."""
+    log, noise = read_log(written(tmp_path / "log.csv", made(1, 40.0))), 0.05
+    true = {n: log.data[n].to_numpy() for n in ("wheel_speed_front", "wheel_speed_rear")}
+    time = log.time[::2]
+    for k, (name, x) in enumerate(true.items()):
+        own = x[::2] + noise * np.random.default_rng(k).standard_normal(len(time))
+        log.data[name] = CubicSpline(time, own)(log.time)
+        log.slower[name] = Slower(time, own, 2.0)
+    ready = prepare(log, Config(QUIET))
+    for name, x in true.items():
+        own = smoothed(time, log.slower[name].value)
+        left, least = (float(np.std((a - b)[50:-50])) for a, b in ((ready.inputs[name], x), (own, x[::2])))
+        assert left == pytest.approx(least, rel=0.05) and left < 0.6 * noise
 
 
 # ------------------------------------------------------------------------------------------------ before it

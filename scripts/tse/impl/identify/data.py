@@ -92,7 +92,7 @@ def prepare(log: Log, config: Config) -> Prepared:
     measured = {name: np.where(fresh(x), x, np.nan) for name in MEASURES for x in (log.data[name].to_numpy(float),)}
     measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
-    inputs = {name: smoothed(log.time, x) for name, x in raw.items()}
+    inputs = {name: _smoothed(log, name, x) for name, x in raw.items()}
     v = speed(inputs, config)
     good = (v > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
     for x in raw.values():
@@ -139,13 +139,29 @@ def in_time(log: Prepared, config: Config) -> Prepared:
     return replace(log, inputs=inputs, late={c: by for c, by in late.items() if c in log.measured})
 
 
+def _smoothed(log: Log, name: str, x: np.ndarray) -> np.ndarray:
+    """A channel on the rows of a log. Of one that was interpolated its own entries are smoothed: rows between them are what their
+    neighbours say, and a cross-validation over rows would find that nothing is noise."""
+    if name not in log.slower:
+        return smoothed(log.time, x)
+    own = log.slower[name]
+    spline = smoothing(own.time, own.value)
+    return filled(x) if spline is None else spline(np.clip(log.time, own.time[0], own.time[-1]))
+
+
 def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The smoothing spline through the values that are there; through all of them, if they have no noise."""
+    spline = smoothing(time, x)
+    return filled(x) if spline is None else spline(time)
+
+
+def smoothing(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
+    """The smoothing spline through the values that are there; None: they are too few, or have no noise."""
     good = np.isfinite(x) & fresh(x)
     y = x[good]
     if len(y) < 8 or np.std(np.diff(y, 3)) <= 1e-9 * max(1.0, float(np.max(np.abs(y)))):
-        return filled(x)
-    return smoothing_spline(time[good], y, _smoothness(time[good], y))(time)
+        return None
+    return smoothing_spline(time[good], y, _smoothness(time[good], y))
 
 
 def _age(time: np.ndarray, x: np.ndarray) -> float:
