@@ -1,10 +1,11 @@
 """Whether the loop closes: the workflow on the fitted logs of a case, then the estimator over its other logs, which took no part in
-names or sizes, with the vehicle file as it was and as improved.
+names or sizes, with the vehicle file as it was and as improved. And whether calibrate says the same of the same logs.
 
     python -m tests.gap.loop [--seed N] [--only PART ...] [--jobs N]     from the root of the repository; some minutes
 
 The cars are those of the generator, of a seed that no other study has. Error: rms over all rows and both axles of ln of estimated
-over true stiffness. The table goes to scripts/results/gap-loop.md.
+over true stiffness. In the file: whether the 95 % interval of a stiffness holds the true one; whether what calibrate finds of it,
+and of what gap names, lies in gap's interval and the other way round. The table goes to scripts/results/gap-loop.md.
 """
 
 import argparse
@@ -23,6 +24,9 @@ SEED = 7001
 CASES = (
     (), ("body_roll",), ("relaxation",), ("steering_ratio",), ("tyre_saturation",), ("imu_scale_ay",), ("cg_shift",),
     ("steering_lag", "body_roll"), ("lateral_load_transfer", "relaxation"), ("imu_delay", "gyro_scale"),
+    ("gyro_scale",), ("imu_lever_arm",), ("rear_roll_steer",), ("pitch_leak",), ("yaw_inertia",), ("steering_offset",),
+    ("longitudinal_load_transfer",), ("imu_scale_ax", "steering_ratio"), ("body_roll", "cg_shift"),
+    ("relaxation", "tyre_saturation", "gyro_scale"),
 )  # fmt: skip
 SIDEWAYS, ALONG = ("cy_front", "cy_rear"), ("cx_front",)
 
@@ -30,12 +34,14 @@ SIDEWAYS, ALONG = ("cy_front", "cy_rear"), ("cx_front",)
 def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     """One case."""
     from tests.gap.generator import Spec, make_cases
+    from tse.impl.calibrate import output
+    from tse.impl.calibrate.workflow import of_logs
     from tse.impl.config import make_config
     from tse.impl.core import NOMINAL
     from tse.impl.gap.run import add
     from tse.impl.gap.run.workflow import run as gap
     from tse.impl.logs.log import read_log
-    from tse.impl.vehicle import read_vehicle
+    from tse.impl.vehicle import known_stiffness, read_vehicle
 
     seed, ids = asked
     case = next(make_cases([Spec("+".join(ids) or "clean", dict.fromkeys(ids, 1.0), seed)]))
@@ -43,12 +49,24 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     with tempfile.TemporaryDirectory() as name:
         folder, out = case.write(Path(name) / "case"), Path(name) / "out"
         out.mkdir()
-        result = gap(sorted(folder.glob("log_*.csv")), folder / "car.toml")
+        fitted = sorted(folder.glob("log_*.csv"))
+        result = gap(fitted, folder / "car.toml")
         improved, _ = add.write(out, folder / "car.toml", result.problem, result)
+        calibrated = of_logs([read_log(p) for p in fitted], read_vehicle(folder / "car.toml"))
+        output.write(out / "calibrated.toml", calibrated, [p.name for p in fitted])
+        known = {k: known_stiffness(read_vehicle(path)) for k, path in (("gap", improved), ("car", out / "calibrated.toml"))}
         files = {"before": read_vehicle(folder / "car.toml"), "after": read_vehicle(improved)}
         logs = [read_log(p) for p in sorted(folder.glob("hold_out_*.csv"))]
         found = {when: _judged([(log, make_config(v, log)[0]) for log in logs], true) for when, v in files.items()}
-    return {"name": case.spec.name, "named": [n.effect.id for n in result.naming.named], **found}
+    both = [(known["gap"][k], known["car"][k]) for k in true]
+    values = {f.name: (f.value, f.value - 1.96 * f.sd, f.value + 1.96 * f.sd) for f in calibrated.findings}
+    for n in result.naming.named:
+        both += [((n.values[k], *n.ci95[k]), values[k]) for k in n.ci95 if k in values]
+    return {
+        "name": case.spec.name, "named": [n.effect.id for n in result.naming.named], **found,
+        "held": [bool(low <= true[k] <= high) for k, (_, low, high) in known["gap"].items()],
+        "agree": [bool(a[1] <= b[0] <= a[2] and b[1] <= a[0] <= b[2]) for a, b in both],
+    }  # fmt: skip
 
 
 def _judged(drives: list, true: dict[str, float]) -> dict:
@@ -76,8 +94,9 @@ def _judged(drives: list, true: dict[str, float]) -> dict:
 def table(cases: list[dict]) -> str:
     """Results of cases -> Markdown."""
     lines = [
-        "| hidden | named | cornering: error, % | over before | valid, % | of these in 95 % interval | longitudinal: error, % |",
-        "|---|---|---|---:|---|---:|---|",
+        "| hidden | named | cornering: error, % | over before | valid, % | of these in 95 % interval | longitudinal: error, % "
+        "| file's intervals hold | sizes as calibrate |",
+        "|---|---|---|---:|---|---:|---|---:|---:|",
     ]
     ratios = []
     for c in cases:
@@ -88,12 +107,17 @@ def table(cases: list[dict]) -> str:
         inside = f"{100 * kept:.0f} %" if np.isfinite(kept) else "-"
         lines.append(
             f"| {c['name']} | {', '.join(c['named']) or '-'} | {100 * e0:.1f} -> {100 * e1:.1f} | {ratios[-1]:.2f} | "
-            f"{100 * v0:.0f} -> {100 * v1:.0f} | {inside} | {along} |"
+            f"{100 * v0:.0f} -> {100 * v1:.0f} | {inside} | {along} | {sum(c['held'])} of {len(c['held'])} "
+            f"| {sum(c['agree'])} of {len(c['agree'])} |"
         )
+    held, agree = (np.mean([x for c in cases for x in c[key]]) for key in ("held", "agree"))
+    alike = sum(all(c["agree"]) for c in cases)
     low, least = sum(r <= 0.7 for r in ratios), np.mean([c["after"]["sideways"]["valid"] for c in cases])
     lines.append(
         f"\nError of the cornering stiffness at most 0.7 of that before in {low} of {len(cases)}, above it in "
-        f"{sum(r > 1 for r in ratios)}; valid in {100 * least:.0f} % of the rows. Seed {SEED} and on, one run a case."
+        f"{sum(r > 1 for r in ratios)}; valid in {100 * least:.0f} % of the rows. The file's intervals hold in {100 * held:.0f} %. "
+        f"gap and calibrate agree in all sizes of {alike} of {len(cases)} cars, in {100 * agree:.0f} % of the sizes. "
+        f"Seed {SEED} and on, one run a case."
     )
     return "\n".join(lines) + "\n"
 
