@@ -6,12 +6,19 @@ import sys
 from pathlib import Path
 
 import pytest
-from dropin_support import DRIVE, FORMATS, ROOT, amalgamated, run, tool
+from test_can import ROOT, run, tool
 
 from tse.impl.formula import Number, c_header, parse
 
+DRIVE = ROOT / "tests" / "replay" / "drive.csv"
+FORMATS = ("double", "float", "fixed")
 WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 SAME = ROOT / "tests" / "dropin" / "same.c"
+
+
+def amalgamated(out: Path, *options: str) -> Path:
+    run(sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", out, *options)
+    return out
 
 
 @pytest.fixture(scope="module")

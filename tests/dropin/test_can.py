@@ -1,11 +1,13 @@
 """scripts/dropin/can, the example of a control loop, in every number format; on a microcontroller: tests/embedded."""
 
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
-from dropin_support import ROOT, run, tool
+
+ROOT = Path(__file__).resolve().parents[2]
 
 PROGRAM = r"""
 #include <stdio.h>
@@ -45,6 +47,22 @@ int main(void)
   return 0;
 }
 """
+
+
+def run(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:
+    done = subprocess.run(
+        [str(c) for c in command], cwd=cwd, env=os.environ | (env or {}), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, f"{' '.join(map(str, command))}: {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
+    return done.stdout
+
+
+def tool(name: str) -> Path:
+    """A program in PATH; else the test is skipped."""
+    found = shutil.which(name)
+    if not found:
+        pytest.skip(f"{name} is not installed")
+    return Path(found)
 
 
 @pytest.mark.parametrize("real", ["DOUBLE", "FLOAT", "FIXED"])

@@ -1,4 +1,5 @@
-"""No memory error and no leak across the boundary, as sanitizers and valgrind see it in the importer's own process."""
+"""No memory error and no leak across the boundary, as sanitizers and valgrind see it in the importer's own process.
+python test_fmu_memory.py BUILD_FOLDER ROWS: what is run under them."""
 
 import os
 import re
@@ -8,11 +9,45 @@ import sys
 from pathlib import Path
 
 import pytest
-from fmu_support import MODELS, build, exported, run, unit
+from fmpy.fmi1 import FMICallException
+from fmu_support import ESTIMATOR, MODELS, Instance, build, exported, recorded_drive, run, unit
 
 HERE = Path(__file__).parent
-SCENARIO = HERE / "memory_scenario.py"
 FLAGS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
+
+
+def main(folder: str, rows: int) -> None:
+    """Do everything an importer does, several times: drive, save, restore, refuse, free."""
+    for model in MODELS:
+        of = unit(model, folder)
+        for _ in range(2):
+            with Instance(of, "a", logging=True) as a, Instance(of, "b") as b:
+                parameters = {"filter.particles": 60} if model == ESTIMATOR else {"simulation.seed": 2}
+                a.start(parameters)
+                if model == ESTIMATOR:
+                    recorded_drive(rows).through_fmu(a)
+                else:
+                    for k in range(rows):
+                        a.set({"wheel_torque_front": 100.0 * (k % 5), "steer_angle": 0.001 * (k % 9)})
+                        a.step(0.01 * k, 0.01)
+                        a.get()
+                data = a.state()
+                b.restore(data)
+                for bad in (data[:-1], data[:3], data[:100] + b"x" + data[101:], b"\0" * len(data)):
+                    try:
+                        b.restore(bad)
+                    except FMICallException:
+                        continue
+                    raise AssertionError("a damaged state was taken")
+                for call in (lambda i=a: i.slave.getReal([10**6]), lambda i=a: i.set({"vehicle.mass": 1.0})):
+                    try:
+                        call()
+                    except FMICallException:
+                        continue
+                    raise AssertionError("a wrong call was taken")
+                a.slave.terminate()
+                a.slave.reset()
+        print(model, "done")
 
 
 def sanitizer() -> str:
@@ -24,7 +59,7 @@ def sanitizer() -> str:
 
 
 def scenario(environment: dict[str, str], *before: str, rows: int) -> subprocess.CompletedProcess:
-    return subprocess.run([*before, sys.executable, str(SCENARIO), environment["FOLDER"], str(rows)], cwd=HERE, capture_output=True,
+    return subprocess.run([*before, sys.executable, __file__, environment["FOLDER"], str(rows)], cwd=HERE, capture_output=True,
                           text=True, timeout=300, env={**os.environ, "PYTHONMALLOC": "malloc", **environment})  # fmt: skip
 
 
@@ -72,3 +107,7 @@ def test_valgrind_finds_nothing_in_a_client(model, tmp_path: Path) -> None:
     run(*common, tmp_path / "out.csv", *few, "--save", f"{tmp_path / 'state'}@6")
     run(*common, tmp_path / "rest.csv", "--restore", f"{tmp_path / 'state'}@6")
     assert (tmp_path / "rest.csv").read_text().splitlines()[1:] == (tmp_path / "out.csv").read_text().splitlines()[7:]
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))

@@ -15,8 +15,7 @@ import pandas as pd
 import pytest
 
 from conftest import COMMAND, tselab, tselab_here
-from dask_cluster import scheduler, starting, until, worker
-from deadly import kill_this_process
+from dask_cluster import kill_this_process, scheduler, starting, until, worker
 from tse.impl import maneuvers
 from tse.impl.core import STIFFNESS, Config, SimConfig
 from tse.impl.errors import UserError

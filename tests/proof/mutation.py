@@ -4,7 +4,7 @@ A fault is one token changed, or one statement left out (KINDS), in a file of FO
 until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile, and those that a
 compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives is tried once more by the
 file's own tests with sanitizers, as preset dev compiles them: a loop that runs one place too far shows nowhere else. What
-survives that stands in the report by file and line; one that no test could find stands in mutation.toml with the reason.
+survives that stands in the report by file and line; one that no test could find stands in faults.toml with the reason.
 """
 
 import argparse
@@ -26,7 +26,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 SRC = ROOT / "src"
 REPORT = ROOT / "scripts" / "results" / "mutation.md"
-EQUIVALENT = HERE / "mutation.toml"
+EQUIVALENT = HERE / "faults.toml"
 UNITY = Path(os.environ.get("TSE_UNITY", ROOT / ".venv" / "share" / "unity")) / "src"
 FOLDERS = ("estimator", "filter", "model", "number")
 FLAGS = ["-std=c99", "-O1", "-w", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-DTSE_MAX_PARTICLES=512"]
@@ -415,7 +415,7 @@ def report(given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str
     ]
     lines += [
         "",
-        "## Drawn, and found by no test that there could be (tests/proof/mutation.toml)",
+        "## Drawn, and found by no test that there could be (tests/proof/faults.toml)",
         "",
         "| file and line | fault | why |",
         "|---|---|---|",

@@ -1,8 +1,8 @@
 /* tests/unit/test_ekf.c <-> tests/bench/ekf.c: what the cost of a row is measured against does what it says: the estimates of a filter
- * in dense matrices (dense_kalman.h) on a drive with the noise that the settings say. */
+ * in dense matrices (single_track.h) on a drive with the noise that the settings say. */
 #include "unit_support.h"
 #include "../bench/ekf.c"
-#include "dense_kalman.h"
+#include "single_track.h"
 
 static void inputs_of_row(int k, double u[3]) /* steering angle, R omega */
 {

@@ -309,14 +309,9 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   c.gyro_scale_error = setting(0.02), c.steering_lag_time = setting(0.04);
   const tse_params p = prepared(c);
   const tse_car *const k = &p.car;
-  expect_relative(110000.0 / 1250, k->kx_front, "kx_front");
-  expect_relative(95000.0 / 1250, k->kx_rear, "kx_rear");
-  expect_relative(70000.0 / 1250, k->ky_front, "ky_front");
-  expect_relative(85000.0 / 1250, k->ky_rear, "ky_rear");
   expect_relative(9.81 * 1.6 / 2.7, k->load_front, "load_front");
   expect_relative(9.81 * 1.1 / 2.7, k->load_rear, "load_rear");
   expect_relative(0.9, k->grip, "grip");
-  expect_relative(1250 * 1.1 / 1700, k->jf, "jf");
   expect_relative(1250.0 / 1700, k->m_inertia, "m_inertia");
   expect_relative(1250.0 / 1700 * 0.03, k->trail, "trail");
   expect_relative(0.4 / 1250, k->drag, "drag");
@@ -632,3 +627,64 @@ static void test_stiffness_in_newtons_skips_what_is_not_asked_for(void)
   tse_stiffness_si(&c, NULL, x, x, x);
   expect_near(-1, of_setting(x[0]), 0, "untouched", 0);
 }
+
+/* -------------------------------------------------------------------------------------- number formats */
+
+static void test_every_form_works_in_every_format(void)
+{
+  static tse_filter_paper f;
+  static void (*const fill[])(tse_config *) = { tse_config_default, tse_config_robust, tse_config_paper };
+  for (int i = 0; i < ROWS(fill); i++) {
+    tse_config c;
+    tse_params p;
+    const char *wrong = "untouched";
+    fill[i](&c);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(&c, NULL));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, &wrong));
+    TEST_ASSERT_EQUAL_STRING("untouched", wrong);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  }
+}
+
+#if defined(TSE_REAL_FIXED)
+static void expect_not_fitting(const tse_config *c, const char *name)
+{
+  tse_params p, before;
+  const char *wrong = "";
+  memset(&p, 0x5a, sizeof p);
+  before = p;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(c, NULL)); /* inside its range */
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_FORMAT, tse_prepare(c, &p, &wrong), name);
+  TEST_ASSERT_EQUAL_STRING(name, wrong);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &p, sizeof p);
+}
+
+static void test_what_does_not_fit_is_refused_by_name(void)
+{
+#define TRY(name, value) { tse_config c; tse_config_default(&c); c.name = setting(value); expect_not_fitting(&c, #name); }
+  TRY(accel_x_sd, 0.001)
+  TRY(noise_max, 300)
+  TRY(steady_walk, 0.0001)
+#undef TRY
+}
+
+/* A state whose numbers stand at the end of the range goes on as numbers, and comes back. */
+static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
+{
+  static tse_filter one;
+  tse_params p;
+  tse_input u = blank_row();
+  tse_output y;
+  p = prepared(config_by(tse_config_default));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &one, sizeof one));
+  u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);
+  for (int i = 0; i < 50; i++) TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) >= 0);
+  one.k.ud.d[0] = one.k.ud.d[7] = FIXED_MOST;
+  u.steer_angle = real(0.05);
+  for (int i = 0; i < 500; i++) {
+    TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) >= 0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &one, sizeof one));
+  }
+  TEST_ASSERT_TRUE(fabs(number(y.vel_x) - 60 * 0.33) < 1);
+}
+#endif

@@ -1,5 +1,5 @@
 /* tests/unit/estimator/test_replay.c - a recorded drive gives the golden estimates, bit for bit, whatever the compiler, its
- * options and the width of its vectors. What to do when a change moves them on purpose: tests/replay/README.md. */
+ * options and the width of its vectors. What to do when a change moves them on purpose: tests/replay/update.py. */
 #include "unit_support.h"
 #include "replay.h"
 

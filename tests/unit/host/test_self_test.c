@@ -1,4 +1,4 @@
-/* tests/unit/host/test_self_test.c <-> src/host/self_test.c. Builds that fail it: tests/test_build_options.py. */
+/* tests/unit/host/test_self_test.c <-> src/host/self_test.c. Builds that fail it: tests/test_build.py. */
 #include "unit_support.h"
 
 static void test_this_build_computes_as_it_is_tested(void)

@@ -10,7 +10,6 @@
 
 #include "number/random.h"
 
-#include "student.h"
 #include "unit_support.h"
 
 #define SAMPLES 100000

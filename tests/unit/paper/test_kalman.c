@@ -1,8 +1,8 @@
 /* tests/unit/paper/test_kalman.c - the whole filter where the answer is known: linear and Gaussian, it must agree with a
- * Kalman filter (turning: dense_kalman.h), evidence included, with resampling on. */
+ * Kalman filter (turning: single_track.h), evidence included, with resampling on. */
 #include "paper/paper.h"
 #include "unit_support.h"
-#include "dense_kalman.h"
+#include "single_track.h"
 
 static tse_filter_paper f;
 

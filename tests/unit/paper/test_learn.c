@@ -5,7 +5,6 @@
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "paper_cases.h"
-#include "student.h"
 
 static tse_filter_paper f;
 
