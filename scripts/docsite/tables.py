@@ -315,8 +315,7 @@ def c_page() -> str:
         "convert.h": "Numbers of a fixed-point build",
     }
     text += [
-        "Structs member by member: [tse_config](config.md), [tse_input](input.md), [tse_output](output.md), "
-        "[status and reasons](status.md), "
+        "Structs member by member: [tse_config](config.md), [rows, status and reasons](rows.md), "
         "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; `-DTSE_REAL=float` and "
         "`fixed` make them "
         "float and 64-bit integers. In Python the same functions are called by [the API](python.md).",

@@ -14,7 +14,7 @@ import pytest
 
 import tse
 from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, STATUS, library
-from tselab.cli import cli
+from tselab.cli import CONTEXT, cli
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "scripts"))
@@ -95,7 +95,7 @@ def test_every_result_is_on_the_page_of_results():
     assert [r for r in results if f"/{r})" not in home] == []
 
 
-@pytest.mark.parametrize(("page", "which"), [("config", CONFIG), ("input", INPUT), ("simulator", SIM_CONFIG)])
+@pytest.mark.parametrize(("page", "which"), [("config", CONFIG), ("rows", INPUT), ("simulator", SIM_CONFIG)])
 def test_every_field_is_in_the_c_reference_with_range_and_unit(page, which):
     text = (PAGES / "reference" / f"{page}.md").read_text(encoding="utf-8")
     for f in library().fields(which):
@@ -109,11 +109,10 @@ def test_every_field_is_in_the_c_reference_with_range_and_unit(page, which):
 
 
 def test_every_output_status_reason_and_effect_is_in_the_reference():
-    text = (PAGES / "reference" / "output.md").read_text(encoding="utf-8")
+    text = (PAGES / "reference" / "rows.md").read_text(encoding="utf-8")
     members = tables.output_members()
     for f in library().fields(OUTPUT):
         assert f"`{members[f.name]}`" in text and f"`{f.name}`" in text, f.name
-    text = (PAGES / "reference" / "status.md").read_text(encoding="utf-8")
     for which in (STATUS, REASON):
         assert all(f"`{f.name}`" in text for f in library().fields(which))
     text = (PAGES / "gap" / "effects.md").read_text(encoding="utf-8")
@@ -190,7 +189,7 @@ def parsed(words: list[str]) -> None:
     command: click.Command = cli
     path = "tselab"
     while isinstance(command, click.Group):
-        ctx = click.Context(command, info_name=path, resilient_parsing=False)
+        ctx = click.Context(command, info_name=path, **CONTEXT)
         if not words or command.get_command(ctx, words[0]) is None:
             break
         path = words.pop(0)
@@ -198,9 +197,9 @@ def parsed(words: list[str]) -> None:
     if isinstance(command, click.Group):
         if path != "gap":  # whose command without a name is run
             raise AssertionError(f"{path}: no such command as {words[:1]}")
-        command = command.get_command(click.Context(command), "run")
+        command = command.get_command(click.Context(command, **CONTEXT), "run")
     try:
-        given, rest, _ = command.make_parser(click.Context(command, info_name=path)).parse_args(list(words))
+        given, rest, _ = command.make_parser(click.Context(command, info_name=path, **CONTEXT)).parse_args(list(words))
     except click.UsageError as error:
         raise AssertionError(f"tselab {path}: {error.format_message()}") from None
     missing = [p.opts[-1] for p in command.params if isinstance(p, click.Option) and p.required and p.name not in given]
