@@ -4,7 +4,7 @@
 scripts/tables.py            write
 scripts/tables.py --check    change nothing; fails, and names the files, where something would be
 
-A file says where: between `/* table: NAME */` and `/* end of table */` stands what the function NAME below makes of a table.
+A file says where: between `/* table: NAME */` and `/* end of table */` stands what REGIONS has of that name.
 """
 
 import argparse
@@ -12,7 +12,7 @@ import json
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -140,30 +140,6 @@ def input_members(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
     ]  # fmt: skip
 
 
-def input_channels() -> list[str]:
-    return input_members(channels(), {"drives": "else refused", "measured": "else missing"})
-
-
-def input_optional() -> list[str]:
-    return input_members(optional(), {"": "else not there"})
-
-
-def channel_places() -> list[str]:
-    return [f"TSE_CHANNEL_{r['name']}," for r in channels()]
-
-
-def optional_places() -> list[str]:
-    return [f"TSE_OPTIONAL_{r['name']}," for r in optional()]
-
-
-def missing_bits() -> list[str]:
-    return [f"#define TSE_MISSING_{r['name']} (1u << TSE_CHANNEL_{r['name']})" for r in channels()]
-
-
-def given_bits() -> list[str]:
-    return [f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in optional()]
-
-
 # ---- outputs, status
 
 
@@ -189,20 +165,8 @@ def hashed_outputs() -> list[str]:
     ]
 
 
-def regimes() -> list[str]:
-    return [f"{f'TSE_REGIME_{n},':<21} /* {t} */" for n, t in read("output")["regime"].items()]
-
-
 def codes(table: str) -> list[str]:
     return [f"{n + ' = ' + str(r['code']) + ',':<29} /* {r['text']} */" for n, r in read("status")[table].items()]
-
-
-def status_codes() -> list[str]:
-    return codes("status")
-
-
-def reason_codes() -> list[str]:
-    return codes("reason")
 
 
 def coded(rows: dict[str, Row]) -> list[str]:
@@ -220,14 +184,6 @@ def constants() -> list[str]:
     return [f"#define {n + ' TSE_R(' + c(r['value']) + ')':<32} /* [{r['unit']}] {r['why']} */" for n, r in rows]
 
 
-def config_members() -> list[str]:
-    return struct(config(), "tse_setting")
-
-
-def considered() -> list[str]:
-    return [f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r]
-
-
 def config_groups() -> list[str]:
     """Where the rows of some tables begin among those of their kind, and how many there are."""
     parts = []
@@ -240,24 +196,6 @@ def config_groups() -> list[str]:
     return packed([*parts, f"FIRST_WHOLE_FORMULA = {wholes.index(own[0])},", f"COUNT_WHOLE_FORMULA = {len(own)},"])
 
 
-def vehicle_names() -> list[str]:
-    return packed(f'"{n}",' for n in settings("vehicle"))
-
-
-def uncertainty_names() -> list[str]:
-    return packed(f'"{n}",' for n in settings("uncertainty"))
-
-
-def sensor_names() -> list[str]:
-    return packed(f'"{n}",' for n in settings("sensors"))
-
-
-def car_class() -> list[str]:
-    return [
-        f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */" for n, r in read("uncalibrated")["class"].items()
-    ]
-
-
 def copied(group: str) -> Iterator[str]:
     """Yield the constants that a setting of a table is as it is."""
     for name, row in settings(group).items():
@@ -265,40 +203,12 @@ def copied(group: str) -> Iterator[str]:
         yield from (f"COPY({x}, {name})," for x in ([constant] if isinstance(constant, str) else constant))
 
 
-def copies() -> list[str]:
-    return packed(row for group in CONFIG if group != "velocity" for row in copied(group))
-
-
-def velocity_copies() -> list[str]:
-    return packed(copied("velocity"))
-
-
-def uncalibrated() -> list[str]:
-    return packed(f"SET({n}, {c(r['value'])})," for n, r in read("uncalibrated")["setting"].items())
-
-
 # ---- effects, formula
-
-
-def effect_places() -> list[str]:
-    return packed(f"TSE_EFFECT_{i}," for i in read("effects"))
-
-
-def effect_members() -> list[str]:
-    return packed(f"{n}," for n in settings("effects"))
 
 
 def effect_numbers() -> list[str]:
     """How many tse_real struct tse_effects holds: its settings, and the ten numbers of mass and formula."""
     return [f"#define TSE_EFFECT_NUMBERS {len(settings('effects')) + 10}"]
-
-
-def effects_described() -> list[str]:
-    return [
-        "{ " + ", ".join(text(x) for x in (i, *(e[k] for k in ("hook", "title", "entry", "channels", "alike", "estimator"))))
-        + f", TSE_EFFECT_{i} }},"
-        for i, e in read("effects").items()
-    ]  # fmt: skip
 
 
 def effect_parameters() -> Iterator[str]:
@@ -317,18 +227,6 @@ def hooked(*hooks: str) -> list[str]:
     return [f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks]
 
 
-def constant_effects() -> list[str]:
-    return hooked("CONSTANT")
-
-
-def acting_effects() -> list[str]:
-    return hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR")
-
-
-def formula_places() -> list[str]:
-    return packed(f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items())
-
-
 def formula_operations() -> Iterator[str]:
     rows = read("formula")["operation"].items()
     yield from listed(
@@ -337,60 +235,13 @@ def formula_operations() -> Iterator[str]:
     )
 
 
-def formula_places_described() -> list[str]:
-    return coded(read("formula")["place"])
-
-
 # ---- simulator, replay
-
-
-def sim_members() -> list[str]:
-    return struct(settings("sim"), "tse_setting")
-
-
-def sim_input_members() -> list[str]:
-    return struct(settings("sim_input"), "tse_real")
 
 
 def truths() -> list[tuple[str, str, str, Row]]:
     """Return group, name, member and row of what a simulated row has besides what the car logs."""
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
-
-
-def sim_output_members() -> list[str]:
-    return [
-        member("tse_real", n + (f"[{r['count']}]" if "count" in r else ""), f"[{r['unit']}] {r['text']}", 29)
-        for n, r in read("sim_output")["member"].items()
-    ]
-
-
-def replay_log_members() -> list[str]:
-    return [
-        member("const tse_real", "*" + n, f"[{r['unit']}] {'' if r['needed'] else 'or NULL; '}{r['text']}", 35)
-        for n, r in read("replay")["log"].items()
-    ]
-
-
-def replay_start_members() -> list[str]:
-    return [
-        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30) for n, r in read("replay")["start"].items()
-    ]
-
-
-def replay_out_members() -> list[str]:
-    return [member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30) for n, r in read("replay")["out"].items()]
-
-
-def replay_log_described() -> list[str]:
-    return [
-        field("tse_replay_log", n, "p" if r["needed"] else "o", n, NO_RANGE, r["unit"], r["text"])
-        for n, r in read("replay")["log"].items()
-    ]
-
-
-def replay_out_described() -> list[str]:
-    return [field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"]) for n, r in read("replay")["out"].items()]
 
 
 # ---- variables of the FMUs
@@ -461,12 +312,86 @@ def changes() -> list[str]:
     return [f"{{ {text(r['word'])}, {text(r['text'])} }}," for r in read("output")["change"].values()]
 
 
+REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lines
+    "settings_lists": settings_lists,
+    "output_members": output_members,
+    "hashed_outputs": hashed_outputs,
+    "constants": constants,
+    "config_groups": config_groups,
+    "effect_numbers": effect_numbers,
+    "effect_parameters": effect_parameters,
+    "formula_operations": formula_operations,
+    "columns": columns,
+    "changes": changes,
+    # a log row
+    "input_channels": lambda: input_members(channels(), {"drives": "else refused", "measured": "else missing"}),
+    "input_optional": lambda: input_members(optional(), {"": "else not there"}),
+    "channel_places": lambda: [f"TSE_CHANNEL_{r['name']}," for r in channels()],
+    "optional_places": lambda: [f"TSE_OPTIONAL_{r['name']}," for r in optional()],
+    "missing_bits": lambda: [f"#define TSE_MISSING_{r['name']} (1u << TSE_CHANNEL_{r['name']})" for r in channels()],
+    "given_bits": lambda: [f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in optional()],
+    # outputs, status
+    "regimes": lambda: [f"{f'TSE_REGIME_{n},':<21} /* {t} */" for n, t in read("output")["regime"].items()],
+    "status_codes": lambda: codes("status"),
+    "reason_codes": lambda: codes("reason"),
+    # settings
+    "config_members": lambda: struct(config(), "tse_setting"),
+    "considered": lambda: [f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r],
+    "vehicle_names": lambda: packed(f'"{n}",' for n in settings("vehicle")),
+    "uncertainty_names": lambda: packed(f'"{n}",' for n in settings("uncertainty")),
+    "sensor_names": lambda: packed(f'"{n}",' for n in settings("sensors")),
+    "car_class": lambda: [
+        f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */" for n, r in read("uncalibrated")["class"].items()
+    ],
+    "copies": lambda: packed(row for group in CONFIG if group != "velocity" for row in copied(group)),
+    "velocity_copies": lambda: packed(copied("velocity")),
+    "uncalibrated": lambda: packed(f"SET({n}, {c(r['value'])})," for n, r in read("uncalibrated")["setting"].items()),
+    # effects, formula
+    "effect_places": lambda: packed(f"TSE_EFFECT_{i}," for i in read("effects")),
+    "effect_members": lambda: packed(f"{n}," for n in settings("effects")),
+    "effects_described": lambda: [
+        "{ "
+        + ", ".join(text(x) for x in (i, *(e[k] for k in ("hook", "title", "entry", "channels", "alike", "estimator"))))
+        + f", TSE_EFFECT_{i} }},"
+        for i, e in read("effects").items()
+    ],
+    "constant_effects": lambda: hooked("CONSTANT"),
+    "acting_effects": lambda: hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"),
+    "formula_places": lambda: packed(f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items()),
+    "formula_places_described": lambda: coded(read("formula")["place"]),
+    # simulator, replay
+    "sim_members": lambda: struct(settings("sim"), "tse_setting"),
+    "sim_input_members": lambda: struct(settings("sim_input"), "tse_real"),
+    "sim_output_members": lambda: [
+        member("tse_real", n + (f"[{r['count']}]" if "count" in r else ""), f"[{r['unit']}] {r['text']}", 29)
+        for n, r in read("sim_output")["member"].items()
+    ],
+    "replay_log_members": lambda: [
+        member("const tse_real", "*" + n, f"[{r['unit']}] {'' if r['needed'] else 'or NULL; '}{r['text']}", 35)
+        for n, r in read("replay")["log"].items()
+    ],
+    "replay_start_members": lambda: [
+        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30) for n, r in read("replay")["start"].items()
+    ],
+    "replay_out_members": lambda: [
+        member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30) for n, r in read("replay")["out"].items()
+    ],
+    "replay_log_described": lambda: [
+        field("tse_replay_log", n, "p" if r["needed"] else "o", n, NO_RANGE, r["unit"], r["text"])
+        for n, r in read("replay")["log"].items()
+    ],
+    "replay_out_described": lambda: [
+        field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"]) for n, r in read("replay")["out"].items()
+    ],
+}
+
+
 def filled(source: str) -> str:
     """Return a source or header with its tables as they are now."""
 
     def put(m: re.Match[str]) -> str:
         indent = m[1][: m[1].index("/")]
-        lines = globals()[m[2]]()
+        lines = REGIONS[m[2]]()
         return m[1] + "".join(f"{'' if x.startswith('#') else indent}{x}\n".replace("\0", " ") for x in lines) + m[3]
 
     return REGION.sub(put, source)

@@ -4,7 +4,7 @@
     .venv/bin/python -m docsite.fill --check     write nothing; fail where a block is not current
 
 A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with `<!-- end -->`. X is a file of the repository, or a
-function of docsite.tables, docsite.tables or of this module. Text between the two comments is replaced.
+function of docsite.tables or of this module. Text between the two comments is replaced.
 """
 
 import enum
@@ -100,7 +100,7 @@ def made(kind: str, what: str) -> str:
         return f"<!-- not run: the file {what}, which a test of its own runs -->\n```{LANGUAGES[Path(what).suffix]}\n{text}\n```\n"
     if what.endswith(".md"):
         return "\n" + untitled((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
-    function = globals().get(what) or getattr(tables, what, None) or getattr(tables, what)
+    function = globals().get(what) or getattr(tables, what)
     lines = [line.rstrip() for line in untitled(function()).splitlines()]
     return "\n" + re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n\n"
 

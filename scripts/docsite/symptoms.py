@@ -55,8 +55,7 @@ CASES = (
         "tselab: error",
         "The log has other names, or the channel is not in it.",
         "`tselab signals LOG --write signals.toml` proposes which signal is which channel: [logs](../use/logs.md#signalstoml). "
-        "Steering angle and "
-        "time cannot be done without.",
+        "Steering angle and time cannot be done without.",
     ),
     Symptom(
         "Neither accel_y nor yaw_rate",

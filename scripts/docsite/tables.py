@@ -99,13 +99,11 @@ def config_page() -> str:
     for name, title in GROUPS.items():
         own = [f for f in fields if group_of(f.name) == name]
         text.append(f"## {title}\n\n`src/tables/{sources.file_of(name)}.toml`, {len(own)} settings.\n\n{settings(own)}")
-    total = sum(1 for _ in fields)
     return (
-        f"# tse_config: settings\n\n`tse_config` has {total} members, in SI units; `tse_config_default()` fills in the defaults, "
-        "`tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
+        f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units; `tse_config_default()` fills in the "
+        "defaults, `tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
         "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of "
-        "`tse.Filter(settings=...)`, "
-        "and parameters of the FMUs.\n\n"
+        "`tse.Filter(settings=...)`, and parameters of the FMUs.\n\n"
         "For a car that nobody has calibrated, `tse_config_uncalibrated()` sets these:\n\n"
         + uncalibrated()
         + "\n"
@@ -127,21 +125,15 @@ def input_fields() -> str:
         policy = policies.get(f.name, "refused" if f.name == "dt" else "-")
         unit, allowed, text = f.unit, _range(f), f.text
         if f.name == "dt":
-            unit, allowed, text = (
-                "s",
-                "above 0 .. 3600",
-                "time since the previous row; ignored after tse_reset() up to the first row with all inputs",
-            )
-        if f.name == "missing":
-            unit, allowed = "bits", "any"
-            text = "channels that are missing, besides those that are NaN: " + ", ".join(
-                f"{1 << i} {c.name}" for i, c in enumerate(library().channels)
-            )
-        if f.name == "given":
-            unit, allowed = "bits", "any"
-            text = "what is measured of those below; 0: none is read: " + ", ".join(
-                f"{1 << i} {c.name}" for i, c in enumerate(library().optional)
-            )
+            unit, allowed = "s", "above 0 .. 3600"
+            text = "time since the previous row; ignored after tse_reset() up to the first row with all inputs"
+        for name, those, what in (
+            ("missing", library().channels, "channels that are missing, besides those that are NaN"),
+            ("given", library().optional, "what is measured of those below; 0: none is read"),
+        ):
+            if f.name == name:
+                unit, allowed = "bits", "any"
+                text = f"{what}: " + ", ".join(f"{1 << i} {c.name}" for i, c in enumerate(those))
         if f.name in optional:
             policy = "not there"
         rows.append([code(f.name), code(C_TYPES[f.kind]), allowed, cell(unit), policy, cell(text)])
@@ -294,13 +286,8 @@ def functions(header: str) -> list[tuple[str, str, str]]:
         comment = ""
         if before.endswith("*/"):
             comment = before[before.rindex("/*") + 2 : -2]
-        found.append(
-            (
-                match[1],
-                match[0],
-                "\n".join(line.strip().removeprefix("*").removeprefix(" ") for line in comment.splitlines()).strip(),
-            )
-        )
+        plain = (line.strip().removeprefix("*").removeprefix(" ") for line in comment.splitlines())
+        found.append((match[1], match[0], "\n".join(plain).strip()))
     return found
 
 
@@ -317,8 +304,7 @@ def c_page() -> str:
     text += [
         "Structs member by member: [tse_config](config.md), [rows, status and reasons](rows.md), "
         "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; `-DTSE_REAL=float` and "
-        "`fixed` make them "
-        "float and 64-bit integers. In Python the same functions are called by [the API](python.md).",
+        "`fixed` make them float and 64-bit integers. In Python the same functions are called by [the API](python.md).",
         "",
     ]
     for header, title in about.items():
