@@ -168,7 +168,11 @@ static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
 
 /* Steady cornering in replay; then the tyres' law, from the velocities that come out, must balance mass and moment:
  *   m accel_y = Fyf + Fyr + Fxf d,   lf (Fyf + Fxf d) = lr Fyr. */
-typedef double (*law)(double stiffness, double angle, double slip, double load, double ax, double ay, int rear);
+typedef struct tyre {
+  double c, angle, slip, load, ax, ay; /* stiffness; of the axle; accelerations that remain to tyres */
+  int rear;
+} tyre;
+typedef double (*law)(tyre t);
 
 static void expect_balance(const tse_config *c, double d, double extra_front, law f, const char *what)
 {
@@ -186,67 +190,27 @@ static void expect_balance(const tse_config *c, double d, double extra_front, la
   const double sf = (wf - vx) / fmax(wf, vx), sr = (wr - vx) / fmax(wr, vx);
   const double fxf = 1.6e5 * sf, drive = (fxf + 1.6e5 * sr) / m;
   const double side = ay - fxf * d / m; /* by lateral forces */
-  const double fyf = f(1.2e5, front, sf, m * G * lr / 2.75, drive, side, 0), fyr = f(1.4e5, rear, sr, m * G * lf / 2.75, drive, side, 1);
+  const double fyf = f((tyre){ 1.2e5, front, sf, m * G * lr / 2.75, drive, side, 0 });
+  const double fyr = f((tyre){ 1.4e5, rear, sr, m * G * lf / 2.75, drive, side, 1 });
   TEST_ASSERT_TRUE_MESSAGE(fabs(ay) > 2.5, what); /* where the laws differ from the linear one */
   expect_near(m * ay, fyf + fyr + fxf * d, BY_FORMAT(1e-3, 4), what, 0);          /* N */
   expect_near(0, lf * (fyf + fxf * d) - lr * fyr, BY_FORMAT(1e-2, 60), what, 1);  /* Nm; settled to rounding */
 }
 
-static double brush(double c, double a, double s, double load, double ax, double ay, int rear) /* friction 1.05 */
+static double brush(tyre t) /* friction 1.05 */
 {
-  const double z = c * fabs(a) / (3 * 1.05 * load);
-  (void)s;
-  (void)ax;
-  (void)ay;
-  (void)rear;
-  return (a < 0 ? -1 : 1) * 1.05 * load * (z < 1 ? 1 - pow(1 - z, 3) : 1);
+  const double z = t.c * fabs(t.angle) / (3 * 1.05 * t.load);
+  return (t.angle < 0 ? -1 : 1) * 1.05 * t.load * (z < 1 ? 1 - pow(1 - z, 3) : 1);
 }
-static double root(double c, double a, double s, double load, double ax, double ay, int rear)
+static double root(tyre t)
 {
-  const double most = 1.05 * load;
-  (void)s;
-  (void)ax;
-  (void)ay;
-  (void)rear;
-  const double q = c * a / most;
-  return c * a * pow(1 + q * q + pow(q, 4), -0.25);
+  const double q = t.c * t.angle / (1.05 * t.load);
+  return t.c * t.angle * pow(1 + q * q + pow(q, 4), -0.25);
 }
-static double half_root(double c, double a, double s, double load, double ax, double ay, int rear)
-{
-  return 0.5 * (brush(c, a, s, load, ax, ay, rear) + root(c, a, s, load, ax, ay, rear));
-}
-static double combined(double c, double a, double s, double load, double ax, double ay, int rear)
-{
-  (void)load;
-  (void)ax;
-  (void)ay;
-  (void)rear;
-  return c * a / sqrt(1 + 300 * s * s);
-}
-static double leaning(double c, double a, double s, double load, double ax, double ay, int rear)
-{
-  (void)s;
-  (void)load;
-  (void)ax;
-  (void)rear;
-  return c * (1 - 0.005 * ay * ay) * a;
-}
-static double nodding(double c, double a, double s, double load, double ax, double ay, int rear)
-{
-  (void)s;
-  (void)load;
-  (void)ay;
-  return c * (1 + (rear ? 0.04 : -0.04) * ax) * a;
-}
-static double drifted(double c, double a, double s, double load, double ax, double ay, int rear) /* at 15 s: half of 4 .. 26 s */
-{
-  (void)s;
-  (void)load;
-  (void)ax;
-  (void)ay;
-  (void)rear;
-  return c * (1 + 0.2 * (14.99 - 4) / 22) * a;
-}
+static double half_root(tyre t) { return 0.5 * (brush(t) + root(t)); }
+static double combined(tyre t) { return t.c * t.angle / sqrt(1 + 300 * t.slip * t.slip); }
+static double leaning(tyre t) { return t.c * (1 - 0.005 * t.ay * t.ay) * t.angle; }
+static double pitching(tyre t) { return t.c * (1 + (t.rear ? 0.04 : -0.04) * t.ax) * t.angle; }
 
 static void test_saturation_is_the_brush_model(void)
 {
@@ -277,11 +241,11 @@ static void test_saturation_ends_at_friction_times_load(void)
       memset(&pt, 0, sizeof pt);
       pt.vx = pt.u.v_front = pt.u.v_rear = real(20), pt.g.slip_front = pt.g.slip_rear = real(0.05 * i);
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
-      expect_near(of_shape(1.2e5, 0.05 * i, 0, load[0], 0, 0, 0), 1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
-      expect_near(of_shape(1.4e5, 0.05 * i, 0, load[1], 0, 0, 1), 1900 * number(pt.fy_rear), BY_FORMAT(1e-9, 1e-6) * load[1], "rear", i);
+      expect_near(of_shape((tyre){ .c = 1.2e5, .angle = 0.05 * i, .load = load[0] }), 1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
+      expect_near(of_shape((tyre){ .c = 1.4e5, .angle = 0.05 * i, .load = load[1] }), 1900 * number(pt.fy_rear), BY_FORMAT(1e-9, 1e-6) * load[1], "rear", i);
     }
   }
-  expect_near(1.05 * load[0], brush(1.2e5, 3, 0, load[0], 0, 0, 0), 1e-9, "the limit of the reference", 0);
+  expect_near(1.05 * load[0], brush((tyre){ .c = 1.2e5, .angle = 3, .load = load[0] }), 1e-9, "the limit of the reference", 0);
 }
 
 static void test_combined_slip_takes_from_the_lateral_force(void)
@@ -314,8 +278,8 @@ static void test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind(
 {
   tse_config c = default_car();
   c.longitudinal_load_transfer_gain = setting(0.04);
-  expect_balance(&c, 0.04, 0.05, nodding, "longitudinal_load_transfer, driven");
-  expect_balance(&c, 0.04, -0.05, nodding, "longitudinal_load_transfer, braked");
+  expect_balance(&c, 0.04, 0.05, pitching, "longitudinal_load_transfer, driven");
+  expect_balance(&c, 0.04, -0.05, pitching, "longitudinal_load_transfer, braked");
 }
 
 static void test_stiffness_drifts_between_two_times(void)
@@ -328,8 +292,9 @@ static void test_stiffness_drifts_between_two_times(void)
   for (int i = 0; i < rows; i++) log_steer[i] = real(0.04 * fmin(i / 500.0, 1));
   replay(&c, rows);
   const double vx = number(got_vx[last]), vy = number(got_vy[last]), r = number(got_yaw[last]), ay = number(got_y[last]);
-  const double fyf = drifted(1.2e5, 0.04 - (vy + 1.25 * r) / vx, 0, 0, 0, 0, 0), fyr = drifted(1.4e5, (1.5 * r - vy) / vx, 0, 0, 0, 0, 1);
-  const double fxf = 1.6e5 * (1 + 0.2 * 10.99 / 22) * (20 - vx) / 20;
+  const double drifted = 1 + 0.2 * (14.99 - 4) / 22; /* at 15 s: half of 4 .. 26 s */
+  const double fyf = 1.2e5 * drifted * (0.04 - (vy + 1.25 * r) / vx), fyr = 1.4e5 * drifted * (1.5 * r - vy) / vx;
+  const double fxf = 1.6e5 * drifted * (20 - vx) / 20;
   expect_near(1900 * ay, fyf + fyr + fxf * 0.04, BY_FORMAT(1e-2, 8), "force", 0);
   expect_near(0.33 * fxf, number(got_tf[last]), BY_FORMAT(1e-2, 8), "longitudinal, front", 0);
   expect_near(0.33 * fxf, number(got_tr[last]), BY_FORMAT(1e-2, 8), "longitudinal, rear", 0);
