@@ -84,8 +84,6 @@ def calibrate(
         | {str(p): p for p in (*logs, *hold_out)},
     )
     results.check_table(table)
-    if table is not None:
-        check_writable(table)
     with saying(progress) as say:
         result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading)
         output.write(out, result, [p.name for p in logs])

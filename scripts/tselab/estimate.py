@@ -151,7 +151,7 @@ def estimate(
     # a file that is loaded may be replaced by what is learnt now, and by nothing else
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
     results.check_table(table)
-    for path in (out, report, save_learnt, table):
+    for path in (out, report, save_learnt):
         if path is not None:
             check_writable(path)
     if age is not None and load_learnt is None:

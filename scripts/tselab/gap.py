@@ -208,13 +208,11 @@ def check(
     would; 2 bad input. --json says it for programs, --table writes a row for each effect.
     """
     from tse.impl import results
-    from tse.impl.files import check_distinct, check_writable
+    from tse.impl.files import check_distinct
     from tse.impl.gap.run.check import check as look
 
     check_distinct({"--table": table}, {"--vehicle": vehicle_path} | {str(p): p for p in logs})
     results.check_table(table)
-    if table is not None:
-        check_writable(table)
 
     with saying(progress) as say:
         found = look(logs, vehicle_path, jobs, say, reading)
@@ -238,11 +236,8 @@ def catalogue(as_json: bool, table: Path | None) -> None:
     """
     from tse.impl import results
     from tse.impl.core import library
-    from tse.impl.files import check_writable
 
     results.check_table(table)
-    if table is not None:
-        check_writable(table)
     rows = [
         {"id": e.id, "effect": e.title, "enters": ", ".join(e.entry_points), "shows_in": e.channels,
          "look_alikes": ", ".join(e.look_alikes), "setting": p.setting, "unit": p.unit, "typical_low": p.typical[0],

@@ -4,14 +4,15 @@
 python3 tests/replay/update.py            says what moved, and by how much
 python3 tests/replay/update.py --drive    also records a new drive with the simulator (rarely wanted)
 
-Needs a C compiler only ($CC, else cc). drive.csv is a recorded drive of 30 s at 10 ms from the simulator: standstill, acceleration
-with torque steps, two lane changes, braking to a stop, a little backwards; with lost channels, lost inputs, lost rows and one reading
-out of range. The golden files hold what the filter made of it: a hash of every bit of every output for each form (default, robust,
-paper, the default of a car that nobody has calibrated) and resampling scheme, and every 25th row of the default in digits.
+Needs a C compiler only ($CC, else cc). drive.csv is a recorded drive of 30 s at 10 ms from the simulator: standstill,
+acceleration with torque steps, two lane changes, braking to a stop, a little backwards; with lost channels, lost inputs, lost
+rows and one reading out of range. The golden files hold what the filter made of it: a hash of every bit of every output for
+each form (default, robust, paper, the default of a car that nobody has calibrated) and resampling scheme, and every 25th row of
+the default in digits.
 
 tests/unit/estimator/test_replay.c compares. The hash must be the same for every compiler, optimisation level, vector width and
-sanitizer; the digits say what moved and where. A change that is meant to move the estimates updates the golden files and says in
-its commit message why and by how much.
+sanitizer; the digits say what moved and where. A change that is meant to move the estimates updates the golden files and says
+in its commit message why and by how much.
 """
 
 import argparse

@@ -37,8 +37,7 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
         first = sets[0]
         notes.append(
             f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} (first by {first[1]:.3g} s at {first[0]:.3f} s): "
-            f"what "
-            "follows is bridged, one usual step later"
+            "what follows is bridged, one usual step later"
         )
     if late.any():
         notes.append(f"{late.sum()} entries are out of order: left out")

@@ -14,7 +14,7 @@ from tse.impl.config import filter_text
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate
-from tse.impl.files import atomic, is_parquet
+from tse.impl.files import atomic, check_writable, is_parquet
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle, latency_settings
 from tse.impl.verdict import Finding, Quantity, Verdict
@@ -136,8 +136,11 @@ def plain(x: Any) -> Any:
 
 def check_table(path: Path | None) -> None:
     """Refuse early a table that could not be written."""
-    if path is not None and not is_parquet(path) and path.suffix.lower() != ".csv":
+    if path is None:
+        return
+    if not is_parquet(path) and path.suffix.lower() != ".csv":
         raise UserError(f"option --table: {path}: a table is written as .parquet or .csv, by its name")
+    check_writable(path)
 
 
 def as_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:

@@ -397,8 +397,7 @@ def sampling_notes(log: Log, max_gap: float) -> list[str]:
     if len(gaps):
         notes.append(
             f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before "
-            f"{log.place} "
-            f"{log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
+            f"{log.place} {log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
         )
     return notes
 

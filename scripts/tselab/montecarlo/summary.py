@@ -191,8 +191,7 @@ LEGEND = (
     "the rows from which it clearly could not be observed, those that say so. Faults reported: of the rows with a missing or "
     "frozen channel, those not flagged valid or with the status that a measurement is missing. Seen: share of rows that say that "
     "the spread is learnt, not below what can be observed. Noise: sd as found over the setting, accel_x, accel_y, yaw_rate, "
-    "mean. Intervals: 95 %, "
-    "Clopper-Pearson for shares, bootstrap for RMS, t for means."
+    "mean. Intervals: 95 %, Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
 

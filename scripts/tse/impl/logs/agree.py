@@ -309,8 +309,7 @@ def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     if abs(x.corr) > ENOUGH["accel_y"] and abs(y.corr) < 0.5 and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2):
         return [
             f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor {x.slope:.3g}) and accel_y does "
-            f"not "
-            f"({y.corr:.2f}): accel_x and accel_y are swapped"
+            f"not ({y.corr:.2f}): accel_x and accel_y are swapped"
         ]
     return []
 

@@ -69,28 +69,22 @@ def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, 
         name = json.dumps(list(g.name) if len(g.name) > 1 else g.name[0], ensure_ascii=False)
         lines += ["", f"[signals.{g.channel}]  # {g.confidence}", *(f"# {f}" for f in g.figures), f"name = {name}"]
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
-        if g.sign < 0:
-            lines.append("sign = -1")
-        if g.add:
-            lines.append(f"add = {json.dumps(g.add, ensure_ascii=False)}")
-        if g.sign_bit:
-            lines.append(f"sign_bit = {json.dumps(g.sign_bit, ensure_ascii=False)}")
-        if g.ratio:
-            lines.append(f"ratio = {g.ratio:g}")
-        if g.latency:
-            lines.append(f"latency = {g.latency:g}")
-        if g.above is not None:
-            lines.append(f"above = {g.above:g}")
-        if g.valid:
-            lines.append(f"valid = {{name = {json.dumps(g.valid[0], ensure_ascii=False)}, is = [{g.valid[1]:g}]}}")
-        if g.counter:
-            lines.append(f"counter = {{name = {json.dumps(g.counter[0], ensure_ascii=False)}, modulo = {g.counter[1]}}}")
-        if g.unsure:
-            what = json.dumps(", ".join(g.unsure), ensure_ascii=False)
-            lines.append(f"unsure = {what}  # when you have looked, take this line out")
+        more = {"sign": "-1" if g.sign < 0 else "", "add": _quoted(g.add), "sign_bit": _quoted(g.sign_bit),
+                "ratio": f"{g.ratio:g}" if g.ratio else "", "latency": f"{g.latency:g}" if g.latency else "",
+                "above": "" if g.above is None else f"{g.above:g}",
+                "valid": f"{{name = {_quoted(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
+                "counter": f"{{name = {_quoted(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
+                "unsure": f"{_quoted(', '.join(g.unsure))}  # when you have looked, take this line out" if g.unsure else "",
+        }  # fmt: skip
+        lines += [f"{key} = {value}" for key, value in more.items() if value]
     for channel in proposal.missing:
         lines += ["", f"# [signals.{channel}]", '# name = "..."  # not found; left out, it is used as missing']
     return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str | None) -> str:
+    """A string of TOML, which is one of JSON; none is no text."""
+    return json.dumps(text, ensure_ascii=False) if text else ""
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -35,8 +35,7 @@ def databases_for(path: Path, how: How, required: bool) -> list[Path]:
     if not found and required:
         raise UserError(
             f"{path}: holds frames of a bus, and there is no database ({', '.join(SUFFIXES)}) beside it that says what they mean: "
-            f"name it "
-            'with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
+            'name it with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
     return found
 

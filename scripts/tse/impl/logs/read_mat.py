@@ -62,8 +62,7 @@ def read(path: Path, how: How) -> Recording:
     if not channels:
         raise UserError(
             f"{path}: no vector has a time of its length; vectors: {listed(f'{n} ({len(v)})' for n, v in vectors.items())}. Say "
-            f"which "
-            'is the time in signals.toml: [log] time = "NAME"'
+            'which is the time in signals.toml: [log] time = "NAME"'
         )
     return Recording(path, "MAT", channels, notes)
 

@@ -24,8 +24,7 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
                                                             "first",
     ".pcap": "record the bus as BLF, ASC or MF4", ".pcapng": "record the bus as BLF, ASC or MF4",
     ".dbc": "this is the database, not the log: name it with --database", ".arxml": "this is the database, not the log: name it "
-                                                            "with "
-    "--database", ".a2l": "this describes an ECU, it is not a log", ".toml": "a log is needed here",
+    "with --database", ".a2l": "this describes an ECU, it is not a log", ".toml": "a log is needed here",
     ".pkl": "save the table as Parquet", ".pickle": "save the table as Parquet", ".npz": "save the arrays as MAT or Parquet",
     ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV", ".d97": "export it as MF4",
     ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT", ".json": "save the table as Parquet or CSV",
