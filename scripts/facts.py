@@ -107,10 +107,8 @@ def study(name: str) -> None:
 def measure() -> None:
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
-    print("sizes ...", flush=True)
-    (RESULTS / "sizes.md").write_text(sizes())
-    print("time ...", flush=True)
-    (RESULTS / "bench.md").write_text(output(ROOT / "scripts" / "bench.sh"))
+    print("sizes, time ...", flush=True)
+    (RESULTS / "bench.md").write_text(sizes() + "\n" + output(ROOT / "scripts" / "bench.sh"))
     print("picture ...", flush=True)
     output(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())

@@ -50,7 +50,7 @@ def test_its_numbers_are_those_of_scripts_results():
     hours, _, false = cells("false-alarms.md", "false-alarms | tse |")[:3]
     assert f"detected after {delay} s (longest {longest})" in facts
     assert f"false alarms in {float(hours):.0f} hours: {false}" in facts
-    time, memory = cells("bench.md", "default |")[0], cells("sizes.md", "`tse_filter`: the default form |")[0]
+    time, memory = cells("bench.md", "default |")[0], cells("bench.md", "`tse_filter`: the default form |")[0]
     us, kilobytes = int(time.split()[0]) / 1000, int(memory.split()[0].replace(",", "")) / 1000
     assert f"{us:.0f} us and {kilobytes:.0f} kB in double" in facts
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
