@@ -16,7 +16,7 @@ from tse.impl.core import Config
 from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
 from tse.impl.gap.infer import forms, naming, noise
 from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
-from tse.impl.gap.infer.naming import Named, Probability, settings
+from tse.impl.gap.infer.naming import Named, Probability, matters, settings
 from tse.impl.gap.infer.remainder import Remainder
 from tse.impl.gap.infer.search import Search, judge
 from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout, Space, raw, slopes
@@ -151,11 +151,29 @@ def test_sets_that_copies_of_the_process_judge_are_worth_the_same() -> None:
     assert found[0] == found[1]
 
 
+def large(*ids: str) -> SimpleNamespace:
+    """A set in which every effect has its typical size, known to a percent."""
+    effects = [SimpleNamespace(id=i, effect=catalogue()[i]) for i in ids]
+    strengths = [p for h in effects for p in h.effect.strengths]
+    values, sd = ({p.name: share * p.scale for p in strengths} for share in (1.0, 0.01))
+    return SimpleNamespace(effects=effects, values=values, sd=lambda: sd)
+
+
+def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
+    """Beside the share of a million normal numbers that are, 1 sd: 0.0005."""
+    one = large("gyro_scale")
+    (p,) = one.effects[0].effect.strengths
+    drawn = np.random.default_rng(0).standard_normal(1_000_000)
+    for size, sd in ((1.0, 0.5), (0.5, 0.3), (-1.2, 1.0), (3.0, 0.1)):  # of what is negligible
+        one.values[p.name], one.sd()[p.name] = size * p.negligible, sd * p.negligible
+        assert matters(one, one.effects[0]) == pytest.approx(np.mean(np.abs(size + sd * drawn) > 1.0), abs=0.002)
+
+
 def test_effects_that_share_the_probability_are_each_others_look_alikes() -> None:
     """Two of which the logs of all drives prefer the one that the fitted ones do not: one class, surely missing."""
     sets = {("yaw_inertia",): 0.3, ("mass",): 0.6, ("mass", "grade"): 0.06, (): 0.04}
-    judged = SimpleNamespace(evidence=0.0)
-    search = SimpleNamespace(probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, known={"": judged})
+    known = {frozenset(k): large(*k) for k in sets}
+    search = SimpleNamespace(probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, known=known)
     found = Probability(search, frozenset(("yaw_inertia",)))
     assert found.of_class("yaw_inertia") == pytest.approx(0.96)
     assert found.in_place("yaw_inertia") == pytest.approx({"mass": 0.66, "grade": 0.06})
@@ -348,8 +366,8 @@ def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: P
 
 
 def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scale that is sure and below what counts is negligible; a name that does not stand has the reason given, and so has one
-    that closes less of what the others leave than a name must."""
+    """A scale that is surely below what counts is not there; a name that does not stand has the reason given, and so has one that
+    closes less of what the others leave than a name must."""
     vehicle = car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.06}, 3)
     config = Config(read_vehicle(vehicle).values)
@@ -359,8 +377,7 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
     found = naming.name(problem, asked)
     assert [n.effect.id for n in found.named] == ["body_roll"]
     why = {p["id"]: p["why"] for p in found.possible}
-    assert why["gyro_scale"] == "its size is negligible"
-    assert {w for i, w in why.items() if i != "gyro_scale"} <= {"below 90 %"}
+    assert "gyro_scale" not in why and set(why.values()) <= {"below 90 %"}
     less = naming.without(problem, found, frozenset(), "a reason")
     assert {p["id"]: p["why"] for p in less.possible} == {"body_roll": "a reason"} | why
     assert naming.LEAST_CLOSED < found.named[0].alone <= 1.0

@@ -38,6 +38,7 @@ ROAD_ODDS = float(np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)))
 ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
 # nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
 ROAD_HARM = 3.0
+LEAST_SET = 1e-4  # probability of a set that counts
 MOST_SETS = 8  # that are written with their probability
 MOST_KNOTS = 600  # of a road's profile: every one is a number that is fitted
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
@@ -188,8 +189,17 @@ def negligible(effect: Effect, values: Mapping[str, float]) -> bool:
     return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
 
 
+def matters(judged: Judged, h: Hypothesis) -> float:
+    """Probability that a strength of it is more than negligible, where it is there."""
+    little, sd = 1.0, judged.sd()
+    for p in h.effect.strengths:
+        ends = (np.array([-p.negligible, p.negligible]) - (judged.values[p.name] - p.default)) / sd[p.name]
+        little *= float(np.diff(norm.cdf(ends))[0])
+    return 1.0 - little
+
+
 class Probability:
-    """Of effects, from the sets that a search looked at."""
+    """Of effects, from the sets that a search looked at: that they are there, at a size that matters."""
 
     def __init__(self, search: Search, found: frozenset[str]):
         """`found`: the set that is to be named."""
@@ -197,8 +207,9 @@ class Probability:
         self._found = found
         self.effects: dict[str, float] = {}
         for ids, p in self._sets.items():
-            for i in ids:
-                self.effects[i] = self.effects.get(i, 0.0) + p
+            judged = search.known[ids]
+            for h in judged.effects if p > LEAST_SET else ():
+                self.effects[h.id] = self.effects.get(h.id, 0.0) + p * matters(judged, h)
 
     def in_place(self, effect: str) -> dict[str, float]:
         """What sets that lack this effect have, and the set that is to be named has not: by that, the probability of these sets."""
