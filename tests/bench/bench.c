@@ -36,9 +36,8 @@ static void record(void)
   tse_sim_config_default(&s);
   tse_sim_reset(&sim, &c, &s, NULL);
   for (int i = 0; i < DRIVE; i++) {
-    tse_sim_input u;
+    tse_sim_input u = { 0 };
     tse_sim_output y;
-    memset(&u, 0, sizeof u);
     u.dt = TSE_R(0.01), u.road_level = TSE_R(1);
     u.steer_angle = i % 400 < 200 ? TSE_R(0.02) : TSE_R(-0.02);
     u.wheel_torque_front = i % 500 < 250 ? TSE_R(700) : TSE_R(-700);

@@ -11,16 +11,14 @@ static uint64_t run(const uint8_t *data, size_t size)
   bytes b = { data, size };
   tse_config c;
   tse_params p;
-  tse_replay_log log;
+  tse_replay_log log = { 0 };
   tse_replay_start s;
-  tse_replay_out out;
+  tse_replay_out out = { 0 };
   int32_t wrong = -1, arrays = 0;
   const uint32_t first = take(&b, 1), profiles = take(&b, 1), wanted = take(&b, 1);
   take_settings(&b, &c, 0);
   c.form = 0;
   if (tse_prepare(&c, &p, NULL) < 0) return 0;
-  memset(&log, 0, sizeof log);
-  memset(&out, 0, sizeof out);
   tse_replay_start_default(&s);
   for (uint32_t n = first & 3u; n > 0; n--) {
     const uint32_t which = take(&b, 1);

@@ -84,8 +84,7 @@ static event any_event(uint32_t drive)
 /* The driver: a speed to hold, and a sum of sines whose lateral acceleration is bounded. */
 static tse_sim_input drive_on(const event *e, double t, double speed, const double pace[3], double sideways, double now)
 {
-  tse_sim_input u;
-  memset(&u, 0, sizeof u);
+  tse_sim_input u = { 0 };
   const int active = t >= e->from && t < e->to, stops = e->kind == EVENT_standstill && active;
   const double wanted = stops ? 0 : speed * (1 + 0.15 * sin(0.2 * t)), torque = 1500 * (wanted - now);
   const double most = sideways * 2.75 / fmax(now * now, 25.0);
@@ -136,8 +135,8 @@ static void drive_once(uint32_t drive)
   tse_config c;
   tse_sim_config s;
   tse_params p;
-  tse_sim_output now;
-  tse_input hold;
+  tse_sim_output now = { 0 };
+  tse_input hold = { 0 };
   word = 2654435761u * (drive + 1);
   tse_config_default(&c);
   tse_sim_config_default(&s);
@@ -149,8 +148,6 @@ static void drive_once(uint32_t drive)
   s.true_cy_rear = tse_setting_of(between(0.6, 1.2));
   MUST(tse_sim_reset(&sim, &c, &s, NULL) == TSE_OK && tse_prepare(&c, &p, NULL) == TSE_OK, "settings");
   MUST(tse_reset(&p, &f, sizeof f) == TSE_OK, "reset");
-  memset(&now, 0, sizeof now);
-  memset(&hold, 0, sizeof hold);
   now.vel_x = real_of(speed);
   tally *const n = &all[e.kind];
   int was = 0;
@@ -195,8 +192,7 @@ int main(int argc, char **argv)
 {
   const uint64_t rows = argc > 1 ? strtoull(argv[1], NULL, 10) : 600000;
   const uint32_t first = argc > 2 ? (uint32_t)strtoul(argv[2], NULL, 10) : 0;
-  tally sum;
-  memset(&sum, 0, sizeof sum);
+  tally sum = { 0 };
   for (uint32_t d = 0; d < (rows + DRIVE_ROWS - 1) / DRIVE_ROWS; d++) drive_once(first + d);
   (void)printf("| happens | rows | refused | stiffnesses valid | no number | state refused | recoveries | of them false |\n"
                "|---|---:|---:|---:|---:|---:|---:|---:|\n");

@@ -16,8 +16,7 @@ static tse_real got_tf[LOG_MOST], got_tr[LOG_MOST];
 
 static inline tse_replay_log the_log(void)
 {
-  tse_replay_log log;
-  memset(&log, 0, sizeof log);
+  tse_replay_log log = { 0 };
   log.dt = log_dt, log.steer_angle = log_steer, log.wheel_speed_front = log_front;
   log.wheel_speed_rear = log_rear;
   return log;
@@ -25,8 +24,7 @@ static inline tse_replay_log the_log(void)
 
 static inline tse_replay_out the_out(void)
 {
-  tse_replay_out out;
-  memset(&out, 0, sizeof out);
+  tse_replay_out out = { 0 };
   out.accel_x = got_x, out.accel_y = got_y, out.yaw_rate = got_r, out.vel_x = got_vx, out.vel_y = got_vy;
   out.true_yaw_rate = got_yaw, out.wheel_torque_front = got_tf, out.wheel_torque_rear = got_tr;
   return out;

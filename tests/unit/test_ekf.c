@@ -28,7 +28,7 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
   c.initial_mean_sd = setting(0.2), c.initial_vel_x_sd = setting(sd[0]), c.initial_vel_y_sd = setting(sd[1]);
   c.initial_yaw_rate_sd = setting(sd[2]);
   for (int k = 0; k < 400; k++) {
-    tse_input row;
+    tse_input row = { 0 };
     double u[3], next[3], y[3];
     inputs_of_row(k, u);
     inputs_of_row(k + 1, next);
@@ -39,7 +39,6 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
     for (int a = 0; a < 3; a++) truth[3 + a] = mean[a] + spread * next_normal(&seed);
     dense_observe(d.car, truth, u, y);
     for (int a = 0; a < 3; a++) y[a] = single(y[a] + d.sd[a] * next_normal(&seed));
-    memset(&row, 0, sizeof row);
     row.dt = real(0.01), row.steer_angle = real(u[0]), row.wheel_speed_front = real(u[1] / 0.33);
     row.wheel_speed_rear = real(u[2] / 0.33), row.accel_x = real(y[0]), row.accel_y = real(y[1]);
     row.yaw_rate = real(y[2]);

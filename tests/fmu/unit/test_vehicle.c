@@ -14,8 +14,7 @@ static void put_inputs(fmi2Component c, const tse_sim_input *u)
 
 static tse_sim_input input_of(int k)
 {
-  tse_sim_input u;
-  memset(&u, 0, sizeof u);
+  tse_sim_input u = { 0 };
   u.dt = STEP, u.steer_angle = 0.02 * sin(0.13 * k);
   u.wheel_torque_front = k % 50 < 25 ? 700.0 : -700.0;
   u.wheel_torque_rear = 100.0 * cos(0.3 * k);

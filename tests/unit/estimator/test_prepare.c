@@ -8,11 +8,7 @@
 #include <float.h>
 #include <stddef.h>
 
-static tse_config defaults(void)
-{
-  tse_config c = config_by(tse_config_default);
-  return c;
-}
+static tse_config defaults(void) { return config_by(tse_config_default); }
 
 /* None of the defaults, all different, inside the ranges. No effects. */
 static tse_config other_car(void)
@@ -615,9 +611,8 @@ static void test_stiffness_in_newtons_is_nominal_times_relative(void)
 static void test_stiffness_in_newtons_skips_what_is_not_asked_for(void)
 {
   const tse_config c = defaults();
-  tse_output y;
+  tse_output y = { 0 };
   tse_setting x[3] = { setting(-1), setting(-1), setting(-1) };
-  memset(&y, 0, sizeof y);
   y.stiffness_sd[1] = real(0.5);
   tse_stiffness_si(&c, &y, NULL, x, NULL);
   expect_near(6e4, of_setting(x[1]), 0, "sd", 1);
@@ -672,10 +667,9 @@ static void test_what_does_not_fit_is_refused_by_name(void)
 static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
 {
   static tse_filter one;
-  tse_params p;
+  const tse_params p = prepared(defaults());
   tse_input u = blank_row();
   tse_output y;
-  p = prepared(config_by(tse_config_default));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &one, sizeof one));
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(60);
   for (int i = 0; i < 50; i++) TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) >= 0);

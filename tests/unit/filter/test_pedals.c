@@ -76,10 +76,9 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
     const int at = n % 2 ? SF : SR;
     const steering straight = { TSE_R(0), TSE_R(0), real(0.01) };
     static tse_kalman k;
-    decoded z;
+    decoded z = { 0 };
     double x[STATES], off;
     memset(&k, 0, sizeof k);
-    memset(&z, 0, sizeof z);
     any_covariance(&k.ud, &seed);
     for (int i = 0; i < STATES; i++) k.ud.d[i] = real(0.05 * number(k.ud.d[i]));
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
@@ -113,10 +112,9 @@ static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
   const steering straight = { TSE_R(0), TSE_R(0), real(0.01) };
   for (int contradicts = 0; contradicts < 2; contradicts++) {
     static tse_kalman k;
-    decoded z;
+    decoded z = { 0 };
     forces by_slip;
     memset(&k, 0, sizeof k);
-    memset(&z, 0, sizeof z);
     for (int i = 0; i < STATES; i++) k.ud.d[i] = i == SF || i == SR ? TSE_R(1) : TSE_R(0);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.x[VX] = real(20);

@@ -13,8 +13,7 @@ static tse_params a_car(void)
 
 static decoded a_row(double dt, double steer)
 {
-  decoded z;
-  memset(&z, 0, sizeof z);
+  decoded z = { 0 };
   z.dt = real(dt), z.steer = real(steer), z.has_steer = 1;
   return z;
 }

@@ -609,8 +609,7 @@ static void test_one_repeat_is_no_frozen_steering_at_any_rate(void)
   for (int k = 0; k < ROWS(dt); k++) {
     start(a_car(), 20, 0, 5);
     (void)drive(500);
-    decoded z;
-    memset(&z, 0, sizeof z);
+    decoded z = { 0 };
     z.dt = real(dt[k]), z.has_steer = 1, z.steer = real(0.03);
     f.k.repeats[STEERING] = f.k.repeats_again[STEERING] = TSE_R(0);
     f.k.innovation_var[YAW_RATE] = f.k.slow_var[YAW_RATE] = real(0.001), f.k.slow[YAW_RATE] = TSE_R(1); /* it turns otherwise */

@@ -11,9 +11,8 @@ typedef struct schmidt {
 /* What the filter knows: U D U' and what is uncertain, each of variance 1, with what it shares with the state. */
 static schmidt schmidt_of(const tse_kalman *k)
 {
-  schmidt s;
+  schmidt s = { 0 };
   const dense own = dense_of(&k->ud);
-  memset(&s, 0, sizeof s);
   for (int i = 0; i < STATES; i++) {
     s.x[i] = number(k->x[i]) / number(state_unit[i]);
     for (int j = 0; j < STATES; j++) {
@@ -294,11 +293,10 @@ static void expect_activity(double q, double left, double counts)
 {
   tse_params p = a_car(1);
   static tse_kalman k;
-  decoded z;
+  decoded z = { 0 };
   uint32_t seed = 11;
   const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
   in_a_turn(&p, &k, &seed);
-  memset(&z, 0, sizeof z);
   z.dt = u.dt, z.has_steer = z.one_speed = 1;
   p.car.shape = p.car.load_gain = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
   p.car.rolling = p.car.drag = p.car.compliance = p.car.pull_front = p.car.pull_rear = TSE_R(0);
@@ -349,9 +347,8 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   const tse_params p = a_car(0);
   static tse_kalman k;
   tse_real variance[STATES], before[STATES];
-  decoded z;
+  decoded z = { 0 };
   memset(&k, 0, sizeof k);
-  memset(&z, 0, sizeof z);
   for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
   for (int c = 0; c < TSE_SENSORS; c++) k.noise[c] = k.usual[c] = TSE_R(1);
   ud_set(&k.ud, variance);

@@ -290,7 +290,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     const tse_real angle = real(0.01);
     const steering still = { angle, angle, real(0.01) };
     forces f;
-    decoded z;
+    decoded z = { 0 };
     memset(&k, 0, sizeof k);
     any_full(&k.ud, &seed);
     for (int j = 0; j < STATES; j++) k.ud.d[j] = real(0.01 * number(k.ud.d[j])); /* what is linear in it */
@@ -315,7 +315,6 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int i = 0; i < 4; i++) k.velocity.past[1][i] = real(-0.2 * (i < 3 ? number(rate[i]) : number(k.velocity.gyro)));
     for (int i = 0; i < 3; i++) k.velocity.motion[i] = k.x[VX + i];
     k.velocity.turned = TSE_R(0);
-    memset(&z, 0, sizeof z);
     z.dt = real(1e-7); /* the past hardly moves */
 
     /* dense */

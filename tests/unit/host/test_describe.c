@@ -177,8 +177,7 @@ static void test_simulator_names_lead_to_their_members(void)
   static const char *const mean[3] = { "true_cx_front", "true_cy_front", "true_cy_rear" }, *const drawn[3] = { "drawn_cx_front", "drawn_cy_front", "drawn_cy_rear" };
   static const char *const bias[3] = { "true_bias_accel_x", "true_bias_accel_y", "true_bias_yaw_rate" };
   static const int which[3] = { TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR };
-  tse_sim_output y;
-  memset(&y, 0, sizeof y);
+  tse_sim_output y = { 0 };
   EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_vel_x", vel_x);
   EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "accel_x", row.accel_x);
   EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_accel_x", accel_x);
@@ -323,8 +322,7 @@ static void test_count_and_size_need_not_be_asked_for(void)
 static void test_build_tells_version_format_capacity_and_sizes(void)
 {
   char version[32];
-  tse_build b;
-  memset(&b, 0, sizeof b);
+  tse_build b = { 0 };
   tse_describe_build(&b);
   (void)snprintf(version, sizeof version, "%d.%d.%d", TSE_VERSION_MAJOR, TSE_VERSION_MINOR, TSE_VERSION_PATCH);
   TEST_ASSERT_EQUAL_STRING(version, b.version);

@@ -421,8 +421,7 @@ static void test_outputs_that_are_not_wanted_are_left_out(void)
   const tse_params p = prepared(c);
   const tse_replay_log log = the_log();
   const tse_replay_start s = the_start();
-  tse_replay_out none;
-  memset(&none, 0, sizeof none);
+  tse_replay_out none = { 0 };
   lively(&c, 100);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 100, &s, &none, NULL));
 }
@@ -567,10 +566,9 @@ static void test_a_reading_that_overflows_alone_is_refused_too(void)
   for (int i = 0; i < 20; i++) profile[i] = i < 5 ? TSE_R(0) : huge;
   for (int k = 0; k < 3; k++) {
     const tse_replay_out all = the_out();
-    tse_replay_out out;
+    tse_replay_out out = { 0 };
     tse_replay_start s = the_start();
     int32_t wrong = -1;
-    memset(&out, 0, sizeof out);
     log = the_log();
     if (k == 0) {
       log.force_x = profile;

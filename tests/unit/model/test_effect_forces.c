@@ -235,10 +235,8 @@ static void test_saturation_ends_at_friction_times_load(void)
     const tse_params p = prepared(c);
     const law of_shape = shape ? root : brush;
     for (int i = -60; i <= 60; i++) {
-      tse_effect_memory m;
-      point pt;
-      memset(&m, 0, sizeof m);
-      memset(&pt, 0, sizeof pt);
+      tse_effect_memory m = { 0 };
+      point pt = { 0 };
       pt.vx = pt.u.v_front = pt.u.v_rear = real(20), pt.g.slip_front = pt.g.slip_rear = real(0.05 * i);
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
       expect_near(of_shape((tyre){ .c = 1.2e5, .angle = 0.05 * i, .load = load[0] }), 1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
@@ -334,8 +332,7 @@ static void test_drag_acts_against_the_motion_backwards_too(void)
   tse_config c = default_car();
   c.aero_drag_coefficient = setting(0.45);
   const tse_params p = prepared(c);
-  point at;
-  memset(&at, 0, sizeof at);
+  point at = { 0 };
   at.p = &p;
   for (int way = -1; way <= 1; way += 2) {
     at.vx = real(30 * way), at.force.x = real(0.1);
@@ -425,10 +422,8 @@ static void test_exact_kinematics_are_those_of_vectors(void)
     const double vy = next_between(&seed, -3, 3), r = next_between(&seed, -0.8, 0.8), wf = next_between(&seed, 0.9, 1.1) * vx;
     c.exact_kinematics_share = setting(share);
     const tse_params p = prepared(c);
-    tse_effect_memory m;
-    point pt;
-    memset(&m, 0, sizeof m);
-    memset(&pt, 0, sizeof pt);
+    tse_effect_memory m = { 0 };
+    point pt = { 0 };
     pt.vx = real(vx), pt.vy = real(vy), pt.r = real(r), pt.u.steer = real(d), pt.u.v_front = real(wf);
     pt.u.v_rear = real(vx);
     effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);

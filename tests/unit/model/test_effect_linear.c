@@ -49,8 +49,7 @@ typedef struct linear {
 
 static linear linear_of(const tse_config *c, double v)
 {
-  linear l;
-  memset(&l, 0, sizeof l);
+  linear l = { 0 };
   l.m = number(c->mass), l.inertia = number(c->yaw_inertia), l.lf = number(c->lf), l.lr = number(c->lr);
   l.cf = number(c->cornering_stiffness_front), l.cr = number(c->cornering_stiffness_rear), l.v = v;
   l.roll_f = l.leak_f = 1.5, l.roll_d = l.leak_d = 0.3;

@@ -135,11 +135,9 @@ static double value_of(const int *ops, int n)
 {
   static tse_params p;
   tse_effects *const e = &p.effects;
-  tse_effect_memory m;
-  point pt;
+  tse_effect_memory m = { 0 };
+  point pt = { 0 };
   memset(&p, 0, sizeof p);
-  memset(&m, 0, sizeof m);
-  memset(&pt, 0, sizeof pt);
   for (int k = 0; k < n; k++) e->formula_code[k] = (uint8_t)ops[k];
   for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real(k - 2.5);
   e->formula_gain = real(2);
@@ -277,12 +275,9 @@ static void test_a_lag_of_less_than_half_a_step_is_none(void)
 /* Of a memory that says that it has settled, and holds no sample: as one that came from somewhere may (tse_filter_check()). */
 static void test_late_of_nothing_is_now(void)
 {
-  tse_effect_memory m;
-  point at;
-  formula_run f;
-  memset(&m, 0, sizeof m);
-  memset(&at, 0, sizeof at);
-  memset(&f, 0, sizeof f);
+  tse_effect_memory m = { 0 };
+  point at = { 0 };
+  formula_run f = { 0 };
   m.settled = 1;
   at.ahead = real(0.01), at.m = f.next = &m;
   f.pt = &at;

@@ -23,10 +23,8 @@ static tse_params params(void)
 /* A row in which every channel reads as predicted but for `off` sigma. */
 static void forget_after(const tse_params *p, tse_filter_paper *f, tse_real dt, double off)
 {
-  sample y;
-  tse_output now;
-  memset(&y, 0, sizeof y);
-  memset(&now, 0, sizeof now);
+  sample y = { 0 };
+  tse_output now = { 0 };
   y.dt = dt;
   now.vel_x = y.u.v_front = y.u.v_rear = real(20); /* straight on: no slip, no force */
   for (int a = 0; a < 3; a++) {

@@ -19,8 +19,7 @@ static tse_params params(double sample_time)
 
 static void propagate(const tse_params *p, tse_filter_paper *f, inputs u, tse_real dt)
 {
-  sample y;
-  memset(&y, 0, sizeof y);
+  sample y = { 0 };
   y.u = u, y.dt = dt;
   paper_predict_state(p, f, &y);
 }

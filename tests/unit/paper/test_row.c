@@ -525,10 +525,9 @@ static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spre
       c.forgetting = setting(0.99);
       tse_params own = prepared(c);
       tse_output est = blank_output();
-      sample y;
+      sample y = { 0 };
       int32_t excited[3];
       memset(&f, 0, sizeof f);
-      memset(&y, 0, sizeof y);
       y.dt = own.sample_time;
       y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
       f.filter.seen = TSE_R(500);

@@ -27,8 +27,7 @@ static tse_config settings(void)
 
 static sample row(double v_front, double v_rear, double yaw_rate, int has_gyro)
 {
-  sample y;
-  memset(&y, 0, sizeof y);
+  sample y = { 0 };
   y.u.steer = real(0.1), y.u.v_front = real(v_front), y.u.v_rear = real(v_rear), y.dt = real(0.01);
   y.use[0] = y.use[1] = real(1), y.use[2] = real(has_gyro);
   y.y[2] = real(has_gyro ? yaw_rate / 0.005 : 0);
