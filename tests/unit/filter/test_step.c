@@ -195,7 +195,6 @@ static void freeze(tse_input *u, const tse_input *at, int channel)
   *value[channel] = was[channel];
 }
 
-/* Whatever the channel: it is named, no road is believed to have changed, it is heard again when it moves again, and the stiffness stays. */
 /* An accelerometer that reads an uneven road, 1 m/s2 either way, of a car that goes straight on: events are held against what
  * happens, and that is the largest unevenness which is no outlier. The innovation's mean square is 1 or more. */
 static void test_an_uneven_road_happens(void)
@@ -217,15 +216,15 @@ static void test_an_uneven_road_happens(void)
   TEST_ASSERT_TRUE(number(f.k.activity[YAW_RATE]) > 4.0 / (20 * 20) * 0.5);
 }
 
+/* Whatever the channel: it is named, no road is believed to have changed, it is heard again when it moves again, and the stiffness stays. */
 static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
 {
   for (int channel = 0; channel < TSE_SENSORS; channel++) {
-    tse_input last;
     tse_output y;
     int found = 0;
     start(a_car(), 20, 0.3, 7);
     (void)drive(1500);
-    last = truth_row(&w, 0.01);
+    const tse_input last = truth_row(&w, 0.01);
     step(&w.p, last, &y);
     for (int n = 0; n < 300; n++) {
       tse_input u = truth_row(&w, 0.01);
@@ -271,12 +270,11 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
  * changed, and what was learnt is as good afterwards. */
 static void test_an_imu_that_freezes_teaches_nothing(void)
 {
-  tse_input last;
   tse_output y;
   int named = 0;
   start(a_car(), 20, 0.3, 7);
   (void)drive(1500);
-  last = truth_row(&w, 0.01);
+  const tse_input last = truth_row(&w, 0.01);
   step(&w.p, last, &y);
   for (int n = 0; n < 600; n++) {
     tse_input u = truth_row(&w, 0.01);
@@ -297,12 +295,11 @@ static void test_an_imu_that_freezes_teaches_nothing(void)
 /* While accel_y is frozen and named, the gyro alone shows another road. */
 static void test_another_road_is_found_while_a_channel_is_frozen(void)
 {
-  tse_input last;
   tse_output y;
   start(a_car(), 20, 0.3, 7);
   w.throttle = 0; /* else it shows along, too */
   (void)drive(3000);
-  last = truth_row(&w, 0.01);
+  const tse_input last = truth_row(&w, 0.01);
   step(&w.p, last, &y);
   for (int n = 0; n < 1500; n++) {
     for (int i = LCF; i <= LCR && n == 300; i++) w.x[i] += real(log(0.35));
@@ -818,7 +815,6 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   for (int a = 0; a < 3; a++) expect_near(0, number(sd[a]), 0, "before the first row", a);
 }
 
-/* More doubt about the car: a wider interval. */
 /* With every wheel driven on a road that may climb nothing says how fast the car is, and so how its wheels slip. */
 static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_road_alone(void)
 {
@@ -837,6 +833,7 @@ static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_ro
   }
 }
 
+/* What is less certain of the car makes the interval wider. */
 static void test_uncertain_parameters_widen_the_interval(void)
 {
   double sd[2][3];
