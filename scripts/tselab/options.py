@@ -114,9 +114,8 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--rate", metavar="HZ", type=float, help="Rows per second to which the log is resampled; default: the fastest "
                      "channel's, up to 100, or as it is when that is even."),
         DATABASE,
-        click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel ('tselab "
-                                                            "signals' "
-                     "proposes it); default: signals.toml beside the log."),
+        click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel "
+                     "('tselab signals' proposes it); default: signals.toml beside the log."),
     ):  # fmt: skip
         with_reading = option(with_reading)
     return with_reading

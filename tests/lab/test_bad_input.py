@@ -47,11 +47,11 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
 }  # fmt: skip
 # What a few bad rows or a sensor that is not there cost: these, no more. What is said of them.
 REPAIRED: dict[str, tuple[Change, list[str]]] = {
-    "a cell that is no number": (cell(7, "accel_x", "abc"), ["accel_x: a cell that is no number is treated as "
-                                                            "missing", "line 7: 'abc'"]),
+    "a cell that is no number": (cell(7, "accel_x", "abc"),
+                                 ["accel_x: a cell that is no number is treated as missing", "line 7: 'abc'"]),
     "a cell with a decimal comma": (cell(9, "yaw_rate", "0,5"), ["yaw_rate: a cell that is no number", "line 9"]),
-    "a wheel that spins": (cell(8, "wheel_speed_rear", "401"), ["wheel_speed_rear: 1 values outside", "-400 .. 400 "
-                                                            "rad/s", "line 8"]),
+    "a wheel that spins": (cell(8, "wheel_speed_rear", "401"),
+                            ["wheel_speed_rear: 1 values outside", "-400 .. 400 rad/s", "line 8"]),
     "an infinite angle": (cell(30, "steer_angle", "inf"), ["steer_angle: 1 values outside", "line 30"]),
     "a row late": (cell(12, "time", "0.05"), ["time: 1 entries are out of order: left out"]),
     "a row twice": (cell(12, "time", "0.09"), ["time: 1 entries have the time of the next one", "0.090 s"]),

@@ -19,15 +19,15 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
 }
 OTHERS = {  # what people have, that nobody reads here, and what to do
-    ".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV", ".ods": "save the sheet as CSV",
-    ".zip": "unpack it first", ".gz": "unpack it first", ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it "
-                                                            "first",
+    ".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV", ".ods": "save the sheet as CSV", ".zip": "unpack it first",
+    ".gz": "unpack it first", ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it first",
     ".pcap": "record the bus as BLF, ASC or MF4", ".pcapng": "record the bus as BLF, ASC or MF4",
-    ".dbc": "this is the database, not the log: name it with --database", ".arxml": "this is the database, not the log: name it "
-    "with --database", ".a2l": "this describes an ECU, it is not a log", ".toml": "a log is needed here",
-    ".pkl": "save the table as Parquet", ".pickle": "save the table as Parquet", ".npz": "save the arrays as MAT or Parquet",
-    ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV", ".d97": "export it as MF4",
-    ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT", ".json": "save the table as Parquet or CSV",
+    ".dbc": "this is the database, not the log: name it with --database",
+    ".arxml": "this is the database, not the log: name it with --database", ".a2l": "this describes an ECU, it is not a log",
+    ".toml": "a log is needed here", ".pkl": "save the table as Parquet", ".pickle": "save the table as Parquet",
+    ".npz": "save the arrays as MAT or Parquet", ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV",
+    ".d97": "export it as MF4", ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT",
+    ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
 CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#")  # (1489113253.31) can0 083#0FE0, whatever the file is called
 # a table with a frame per row: SavvyCAN's, python-can's and others of time, identifier, bytes

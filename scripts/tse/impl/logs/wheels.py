@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,10 +15,6 @@ from tse.impl.logs.raster import resample
 from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.vocabulary import NO_WHEEL, place_of, score, text_of
 from tse.impl.units import kind
-
-if TYPE_CHECKING:
-    from tse.impl.logs.look import Guess
-
 
 SLOWEST = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
 
