@@ -216,7 +216,7 @@ function contradictions(rows, car, { ratio, tracks } = {}) {
     return [`check the units: ${fits ? "" : "perhaps "}${found.causes.map((c) => c.text).join(" and ")}; factor ${found.causes.map((c) => short(c.factor)).join(", ")}: ${names.map((n) => `${P.figures[n]} is ${short(found.plain[n].value)}, ${short(after[n])} after`).join("; ")} (about 1 is expected)`];
   }
   return Object.entries(found.plain).filter(([, f]) => Math.abs(Math.log(Math.abs(f.value))) > P.far + 2 * f.sd)
-    .map(([n, f]) => `check the units: ${P.figures[n]} is ${short(f.value)} times what is expected, about 1 is; no unit that is often mixed up explains it`);
+    .map(([n, f]) => `check the units: ${P.figures[n]} is ${short(f.value)} times what is expected, about 1 is; no unit that is often mixed up explains it${n === "steer_angle" && Math.abs(Math.log(Math.abs(f.value))) < P.handling ? ", perhaps braking in bends does" : ""}`);
 }
 
 // Units and signs of channels of which neither file nor name says the unit, by what the rows have to do with each other: causes.

@@ -8,6 +8,7 @@ import pytest
 import tse
 from conftest import RAN, tselab, tselab_here
 from tests.cars.logs import make_logs
+from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.logs.agree import stood
 from tse.impl.logs.log import read_log
@@ -290,6 +291,27 @@ def test_a_scale_that_no_unit_has_is_said_without_one(lively):
     """2.9 is no unit; with the wheels taken for rpm the car would hardly move, so nothing would speak against it."""
     said = warnings(lively, yaw_rate=2.9)
     assert "no unit that is often mixed up explains it" in said and "rpm" not in said and "factor" not in said
+
+
+def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_path):
+    """Neutral, and braked in every bend: half of the steering that cars need, which no unit explains."""
+    from tse.impl.logs.agree import check_car, sure
+    from tse.impl.vehicle import default_vehicle
+
+    time = np.arange(0.0, 60.0, 0.01)
+    v = 18.0 + 2.0 * np.sin(0.6 * time)
+    r = 0.15 * np.sin(0.3 * time)
+    car = default_vehicle()
+    config = Config(car.values)
+    base, radius = config.lf + config.lr, config.wheel_radius_front
+    rows = {"time": time, "steer_angle": 0.6 * base * r / v, "yaw_rate": r, "accel_x": np.gradient(v, time), "accel_y": v * r,
+            "wheel_speed_front": v / radius, "wheel_speed_rear": v / radius}  # fmt: skip
+    pd.DataFrame(rows).to_csv(tmp_path / "log.csv", index=False)
+    log = read_log(tmp_path / "log.csv")
+    said = check_car(log, car, config)
+    assert len(said) == 1 and "braking in bends" in said[0] and not sure(said)
+    log.data["steer_angle"] *= 0.4
+    assert sure(check_car(log, car, config))
 
 
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
