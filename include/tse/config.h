@@ -101,7 +101,8 @@ typedef struct tse_config {
   tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k of 1/sqrt(1 + k slip^2) */
   tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: axle load over the most lateral force */
   tse_setting tyre_saturation_shape;            /* [1] 0, 0 .. 1; 0: brush model with parabolic pressure, 1: as magic-formula tyres, which saturate later and harder */
-  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0, -0.08 .. 0.08; cornering stiffness per accel_x: less in front, more in the rear */
+  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0, -0.08 .. 0.08; k: cornering stiffness per accel_x, less in front, more in the rear */
+  tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; front k (1 + balance), rear k (1 - balance): tyres of the axle that carries more gain less by a load */
   tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0, -0.003 .. 0.03; k of C (1 - k accel_y^2) */
   tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; front k (1 + balance), rear k (1 - balance): which axle carries the roll */
   tse_setting aero_drag_coefficient;            /* [kg/m] 0, 0 .. 5; force per speed squared: 1/2 rho cd A */

@@ -17,11 +17,11 @@
 #if defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
 #define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_ROWS)
-#define TSE_CONSTANT_NUMBERS 188
+#define TSE_CONSTANT_NUMBERS 189
 #else
 #define TSE_FILTER_SHORTS 1243
 #define TSE_FILTER_NUMBERS (515 + 7 * TSE_LATENCY_ROWS)
-#define TSE_CONSTANT_NUMBERS 200
+#define TSE_CONSTANT_NUMBERS 201
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
 #if defined(TSE_NO_EFFECTS)
@@ -29,7 +29,7 @@
 #define TSE_EFFECT_BYTES 0
 #else
 /* table: effect_numbers */
-#define TSE_EFFECT_NUMBERS 65
+#define TSE_EFFECT_NUMBERS 66
 /* end of table */
 #define TSE_EFFECT_BYTES 40
 #endif

@@ -350,6 +350,8 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   car->load_front = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lr), span));
   car->load_rear = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lf), span));
   car->grip = real_of(friction);
+  car->along_front = real_of(r_mul(c->longitudinal_load_transfer_gain, one + c->longitudinal_load_transfer_balance));
+  car->along_rear = real_of(r_mul(c->longitudinal_load_transfer_gain, one - c->longitudinal_load_transfer_balance));
   car->side_front = real_of(r_mul(c->lateral_load_transfer_gain, one + c->lateral_load_transfer_balance));
   car->side_rear = real_of(r_mul(c->lateral_load_transfer_gain, one - c->lateral_load_transfer_balance));
   car->height_front = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lr)));

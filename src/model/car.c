@@ -31,9 +31,9 @@ typedef struct tyres {
 static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
-  const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR]))), shift = r_mul(c->load_gain, drive);
-  const tse_real front = r_mul(r_mul(c->ky_front, exponential(x[LCF])), load_left(-shift));
-  const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), load_left(shift));
+  const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])));
+  const tse_real front = r_mul(r_mul(c->ky_front, exponential(x[LCF])), load_left(-r_mul(c->along_front, drive)));
+  const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), load_left(r_mul(c->along_rear, drive)));
   const tse_real square = lateral_square(r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
   const tse_real load_front = load_left(-r_mul(c->height_front, drive)), load_rear = load_left(r_mul(c->height_rear, drive));
   const tse_real most_front = r_mul(r_mul(mu, c->load_front), load_front), most_rear = r_mul(r_mul(mu, c->load_rear), load_rear);

@@ -13,7 +13,7 @@
  * Loads      A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)      limit_i = grip e^c_mu load_i (1 -+ height_i A)
  *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness
  * Stiffness  along    C = kx_i e^c_x (1 -+ height_i A)
- *            across   C = ky_i e^c_i (1 -+ load_gain A) max(1 - side_i B^2, 0.1)
+ *            across   C = ky_i e^c_i (1 -+ along_i A) max(1 - side_i B^2, 0.1)
  * Wheels     d = (1 + gain)(steer - late steer') + steer_offset - compliance Y_f
  * Forces     X, Y: of the front axle in the axes of the car      X = X_f cos d - Y_f sin d      Y = Y_f cos d + X_f sin d
  *            a_x = X + X_r - drag |v_x| v_x - rolling v_x/max(|v_x|, 0.5)

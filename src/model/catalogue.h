@@ -138,15 +138,14 @@ static inline void tyre_saturation_grip(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, tyre_secant(r_div(r_mul(inv, rear), pt->p->car.load_rear), e->tyre_saturation_shape, &slope));
 }
 
-/* longitudinal_load_transfer: cornering stiffness Cf (1 - gain ax), Cr (1 + gain ax), each between 0.1 and 1.9;
+/* longitudinal_load_transfer: cornering stiffness Cf (1 - k (1 + balance) ax), Cr (1 + k (1 - balance) ax), not below a tenth;
  * ax: specific force of drive and brakes. The longitudinal stiffness is left, whose sum would not change.
- * Typical 0.02 .. 0.04 s2/m. */
+ * Typical k 0.02 .. 0.04 s2/m. */
 static inline void longitudinal_load_transfer_stiffness(point *pt)
 {
-  const tse_real ax = r_mul(pt->k.x_front, pt->s.s_front) + r_mul(pt->k.x_rear, pt->s.s_rear);
-  const tse_real shift = r_mul(pt->p->car.load_gain, tyre_pull(ax));
-  pt->k.y_front = r_mul(pt->k.y_front, TSE_R(1) - shift);
-  pt->k.y_rear = r_mul(pt->k.y_rear, TSE_R(1) + shift);
+  const tse_real ax = tyre_pull(r_mul(pt->k.x_front, pt->s.s_front) + r_mul(pt->k.x_rear, pt->s.s_rear));
+  pt->k.y_front = r_mul(pt->k.y_front, load_left(-r_mul(pt->p->car.along_front, ax)));
+  pt->k.y_rear = r_mul(pt->k.y_rear, load_left(r_mul(pt->p->car.along_rear, ax)));
 }
 
 /* lateral_load_transfer: cornering stiffness C (1 - k a^2), a: lateral acceleration by the tyres with that very

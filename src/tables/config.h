@@ -10,8 +10,8 @@ static const whole_row wholes[] = { SETTINGS(NO_ROW, CONFIG_WHOLE) };
 enum { REALS = sizeof reals / sizeof reals[0],
        WHOLES = sizeof wholes / sizeof wholes[0],
        /* table: config_groups */
-       FIRST_VEHICLE = 0, COUNT_VEHICLE = 11, FIRST_LATENCY = 38, COUNT_LATENCY = 5, FIRST_EFFECTS = 55, COUNT_EFFECTS = 55,
-       FIRST_FORMULA = 110, COUNT_FORMULA = 9, FIRST_WHOLE_FORMULA = 0, COUNT_WHOLE_FORMULA = 12,
+       FIRST_VEHICLE = 0, COUNT_VEHICLE = 11, FIRST_LATENCY = 38, COUNT_LATENCY = 5, FIRST_EFFECTS = 55, COUNT_EFFECTS = 56,
+       FIRST_FORMULA = 111, COUNT_FORMULA = 9, FIRST_WHOLE_FORMULA = 0, COUNT_WHOLE_FORMULA = 12,
        /* end of table */
 };
 
@@ -39,8 +39,7 @@ static const struct {
   COPY(prior_sd[BX], accel_x_bias_sd), COPY(prior_sd[BY], accel_y_bias_sd), COPY(prior_sd[BR], yaw_rate_bias_sd),
   COPY(bias_sd_walk[0], accel_x_bias_walk), COPY(bias_sd_walk[1], accel_y_bias_walk), COPY(bias_sd_walk[2], yaw_rate_bias_walk),
   COPY(no_torque, wheel_torque_least), COPY(prior[GAIN], steering_ratio_change), COPY(prior[STEER_OFFSET], steering_offset_angle),
-  COPY(car.roll_steer, rear_roll_steer_gain), COPY(car.shape, tyre_saturation_shape),
-  COPY(car.load_gain, longitudinal_load_transfer_gain), COPY(prior[LEAN], bank_superelevation),
+  COPY(car.roll_steer, rear_roll_steer_gain), COPY(car.shape, tyre_saturation_shape), COPY(prior[LEAN], bank_superelevation),
   COPY(car.lever_x, imu_lever_arm_x), COPY(car.lever_y, imu_lever_arm_y), COPY(car.pitch_frequency, pitch_leak_frequency),
   COPY(car.pitch_damping, pitch_leak_damping), COPY(sample_time, sample_time), COPY(forgetting_change, forgetting_change),
   COPY(prior_sd[LCX], initial_cx_sd), COPY(prior_sd[LCF], initial_cy_front_sd), COPY(prior_sd[LCR], initial_cy_rear_sd),

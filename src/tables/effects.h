@@ -36,11 +36,12 @@ typedef struct tse_effects {
   steering_compliance_trail, rear_roll_steer_gain, rear_roll_steer_roll, rear_roll_steer_frequency, rear_roll_steer_damping,
   relaxation_length, longitudinal_relaxation_length, stiffness_drift_change, stiffness_drift_time, stiffness_drift_start,
   combined_slip_factor, tyre_saturation_inverse_friction, tyre_saturation_shape, longitudinal_load_transfer_gain,
-  lateral_load_transfer_gain, lateral_load_transfer_balance, aero_drag_coefficient, rolling_resistance_coefficient, grade_angle,
-  bank_angle, bank_superelevation, crosswind_speed, crosswind_heading, crosswind_coefficient, crosswind_arm, conicity_front,
-  conicity_rear, aligning_moment_trail, imu_lever_arm_x, imu_lever_arm_y, body_roll_gain, body_roll_frequency, body_roll_damping,
-  body_roll_height, body_roll_coupling, pitch_leak_gain, pitch_leak_frequency, pitch_leak_damping, pitch_leak_height,
-  imu_misalignment_angle, imu_scale_ax_error, imu_scale_ay_error, gyro_scale_error, imu_delay_time,
+  longitudinal_load_transfer_balance, lateral_load_transfer_gain, lateral_load_transfer_balance, aero_drag_coefficient,
+  rolling_resistance_coefficient, grade_angle, bank_angle, bank_superelevation, crosswind_speed, crosswind_heading,
+  crosswind_coefficient, crosswind_arm, conicity_front, conicity_rear, aligning_moment_trail, imu_lever_arm_x, imu_lever_arm_y,
+  body_roll_gain, body_roll_frequency, body_roll_damping, body_roll_height, body_roll_coupling, pitch_leak_gain,
+  pitch_leak_frequency, pitch_leak_damping, pitch_leak_height, imu_misalignment_angle, imu_scale_ax_error, imu_scale_ay_error,
+  gyro_scale_error, imu_delay_time,
   /* end of table */
   mass; /* [kg] */
   tse_real formula_gain, formula[TSE_FORMULA_NUMBERS];

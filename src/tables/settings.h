@@ -32,7 +32,8 @@
   ROW(REAL, combined_slip, factor, 0.0, 0.0, 2000.0, "1", "k of 1/sqrt(1 + k slip^2)", 1, 1, 50.0, 100.0, 10.0) \
   ROW(REAL, tyre_saturation, inverse_friction, 0.0, 0.0, 5.0, "1", "1/friction: axle load over the most lateral force", 1, 1, 0.9, 1.0, 0.2) \
   ROW(REAL, tyre_saturation, shape, 0.0, 0.0, 1.0, "1", "0: brush model with parabolic pressure, 1: as magic-formula tyres, which saturate later and harder", 0, 1, 0.0, 1.0, 0.0) \
-  ROW(REAL, longitudinal_load_transfer, gain, 0.0, -0.08, 0.08, "s2/m", "cornering stiffness per accel_x: less in front, more in the rear", 1, 1, 0.02, 0.04, 0.004) \
+  ROW(REAL, longitudinal_load_transfer, gain, 0.0, -0.08, 0.08, "s2/m", "k: cornering stiffness per accel_x, less in front, more in the rear", 1, 1, 0.02, 0.04, 0.004) \
+  ROW(REAL, longitudinal_load_transfer, balance, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): tyres of the axle that carries more gain less by a load", 0, 0, -0.3, 0.3, 0.0) \
   ROW(REAL, lateral_load_transfer, gain, 0.0, -0.003, 0.03, "s4/m2", "k of C (1 - k accel_y^2)", 1, 1, 0.002, 0.005, 0.0004) \
   ROW(REAL, lateral_load_transfer, balance, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): which axle carries the roll", 0, 0, -0.3, 0.3, 0.0) \
   ROW(REAL, aero_drag, coefficient, 0.0, 0.0, 5.0, "kg/m", "force per speed squared: 1/2 rho cd A", 1, 1, 0.35, 0.45, 0.1) \

@@ -298,7 +298,7 @@ static void expect_activity(double q, double left, double counts)
   const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
   in_a_turn(&p, &k, &seed);
   z.dt = u.dt, z.has_steer = z.one_speed = 1;
-  p.car.shape = p.car.load_gain = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
+  p.car.shape = p.car.along_front = p.car.along_rear = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
   p.car.rolling = p.car.drag = p.car.compliance = p.car.pull_front = p.car.pull_rear = TSE_R(0);
   for (int i = 0; i < STATES; i++) k.x[i] = TSE_R(0);
   k.x[VX] = TSE_R(20), k.x[YAW] = real(0.3);

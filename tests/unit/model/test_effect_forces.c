@@ -211,6 +211,7 @@ static double half_root(tyre t) { return 0.5 * (brush(t) + root(t)); }
 static double combined(tyre t) { return t.c * t.angle / sqrt(1 + 300 * t.slip * t.slip); }
 static double leaning(tyre t) { return t.c * (1 - 0.005 * t.ay * t.ay) * t.angle; }
 static double pitching(tyre t) { return t.c * (1 + (t.rear ? 0.04 : -0.04) * t.ax) * t.angle; }
+static double pitching_front(tyre t) { return t.c * (1 + (t.rear ? 0.02 : -0.06) * t.ax) * t.angle; }
 
 static void test_saturation_is_the_brush_model(void)
 {
@@ -278,6 +279,8 @@ static void test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind(
   c.longitudinal_load_transfer_gain = setting(0.04);
   expect_balance(&c, 0.04, 0.05, pitching, "longitudinal_load_transfer, driven");
   expect_balance(&c, 0.04, -0.05, pitching, "longitudinal_load_transfer, braked");
+  c.longitudinal_load_transfer_balance = setting(0.5);
+  expect_balance(&c, 0.04, -0.05, pitching_front, "longitudinal_load_transfer, more in front");
 }
 
 static void test_stiffness_drifts_between_two_times(void)

@@ -91,6 +91,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     # the axle that carries more of the roll than of the car loses more: 0.4 .. 0.63 of the roll stiffness in front
     Unknown("lateral_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
+    # the axle that carries more has tyres that gain less by a load
+    Unknown("longitudinal_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
     Unknown("tyre_saturation_inverse_friction", "tyres", 1.0, 0.25, 0.0, 5.0, worth=0.2),
