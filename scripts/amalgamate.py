@@ -303,6 +303,7 @@ HOW_TO_USE = """\
  *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
  *   TSE_NO_VELOCITY                                           without measured velocities, 1.9 kB of RAM in float
  *   TSE_NO_PARTICLES                                          without the paper's form, 12 kB of flash
+ *   TSE_SMALL                                                 with both of these: lateral motion alone, 14 states for 23
  *   TSE_NO_DESCRIBE                                           without tse_describe(): names, units and texts, 36 kB of flash
  *   TSE_FORMULA                                               tse.c includes tse_formula.h, which `tselab formula` writes
  * Not with -ffast-math: what is missing is NaN.

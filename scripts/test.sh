@@ -14,9 +14,9 @@ for word in "$@"; do
     *) presets+=("$word") ;;
   esac
 done
-every=(dev release avx2 float fixed clang-dev clang-release clang-float clang-fixed)
+every=(dev release avx2 float fixed small clang-dev clang-release clang-float clang-fixed)
 if [ "${#presets[@]}" -eq 0 ]; then
-  if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); else presets=(dev float fixed clang-release); fi
+  if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); else presets=(dev float fixed small clang-release); fi
 fi
 scripts/setup.sh clients logs || exit 1
 

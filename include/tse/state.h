@@ -14,7 +14,13 @@
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
 /* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
-#if defined(TSE_NO_VELOCITY)
+#if defined(TSE_SMALL)
+#define TSE_FILTER_SHORTS 196
+#define TSE_FILTER_NUMBERS (323 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_WHOLE 100
+#define TSE_FILTER_PADDED (9 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
+#define TSE_CONSTANT_NUMBERS 209
+#elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
 #define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 189
@@ -22,6 +28,10 @@
 #define TSE_FILTER_SHORTS 1243
 #define TSE_FILTER_NUMBERS (515 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 201
+#endif
+#if !defined(TSE_SMALL)
+#define TSE_FILTER_WHOLE 156 /* bytes of whole numbers */
+#define TSE_FILTER_PADDED (22 + sizeof(tse_short) / sizeof(tse_real))
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
 #if defined(TSE_NO_EFFECTS)
@@ -51,7 +61,7 @@ typedef struct tse_params_bytes {
 
 typedef struct tse_filter_bytes {
   tse_real first;
-  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + 156 + TSE_LATENCY_BYTES + (22 + sizeof(tse_short) / sizeof(tse_real)) * TSE_PADDING];
+  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + TSE_FILTER_WHOLE + TSE_LATENCY_BYTES + TSE_FILTER_PADDED * TSE_PADDING];
 } tse_filter_bytes;
 
 typedef struct tse_paper_bytes {

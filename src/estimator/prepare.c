@@ -406,10 +406,13 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   p->prior_sd[GX] = real_of(r_mul(STANDARD_GRAVITY, c->grade_sd));
   p->prior_sd[GY] = BANK_SD;
   for (int i = 0; i < 3; i++) {
-    p->prior[LCX + i] = logarithm(real_of(initial[i]));
+    p->prior[stiffness_at(i)] = logarithm(real_of(initial[i]));
     p->mu0[i] = real_of(initial[i] - TSE_S(1));
   }
   p->prior[LATE] = real_of(c->steering_delay_time + c->imu_delay_time);
+#if defined(TSE_SMALL)
+  p->uncertain[CONSIDER_LATE] = p->prior_sd[LATE];
+#endif
   p->prior[GX] = gravity_along(real_of(c->grade_angle));
   p->prior[GY] = -gravity_along(real_of(c->bank_angle));
   p->log_min = logarithm(real_of(c->stiffness_min));
@@ -443,7 +446,7 @@ static void prepare_imu(tse_params *p)
 {
   for (int i = 0; i < 3; i++) {
     p->inv_sd[i] = r_div(TSE_R(1), p->sd[i]);
-    p->bias_var0[i] = r_sqr(r_div(p->prior_sd[BX + i], p->sd[i]));
+    p->bias_var0[i] = r_sqr(r_div(p->prior_sd[bias_at(i)], p->sd[i]));
     p->bias_walk[i] = r_sqr(r_div(p->bias_sd_walk[i], p->sd[i]));
     p->log_sd[i] = r_log2(p->sd[i]);
   }

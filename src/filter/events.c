@@ -15,7 +15,7 @@ typedef struct opens {
 } opens;
 
 /* Slots of another road, the first ones; each has a second amplitude, as many slots behind it. Each kind behind these two has one slot. */
-enum { ROADS = 2 };
+enum { ROADS = HAS_SLIP ? 2 : 1 };
 typedef char roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
 typedef char kinds_fill_the_slots[2 * ROADS + (EVENT_KINDS - EVENT_ROAD_RETURN) == TSE_EVENTS ? 1 : -1];
 
@@ -44,8 +44,9 @@ static const kind *kind_of(int32_t which)
   static const kind kinds[EVENT_KINDS] = {
     { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
     /* another road, and by how much it is not the same for both axles; back on the one before; a road that shows along the car alone */
-    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
+    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { HAS_SLIP ? LCX : -1, CHANGE_SD } }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
     { { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO }, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
+#if !defined(TSE_SMALL)
     { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
     { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LONGITUDINAL, TSE_REGIME_CHANGED },
     /* tyres of the front axle, of the rear axle; wheels of it that slide */
@@ -60,6 +61,7 @@ static const kind *kind_of(int32_t which)
     SENSOR(LATERAL),
     SENSOR(LONGITUDINAL),
     SENSOR(LONGITUDINAL),
+#endif
   };
   return &kinds[which];
 }
@@ -126,14 +128,14 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
   for (int n = 0; n < TSE_EVENTS; n++) fade_short(&k->event[n].v[i], left);
 }
 
-static void move(tse_short v[STATES], tse_short M[MOTION][COLUMNS])
+static void move(tse_short v[STATES], tse_short M[MOTION][PLACES])
 {
   tse_short to[MOTION];
   for (int i = 0; i < MOTION; i++) to[i] = r_slope_sum(r_short(TSE_R(0)), M[i], v, STATES);
   for (int i = 0; i < MOTION; i++) v[i] = to[i];
 }
 
-void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], tse_real dt)
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt)
 {
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const e = &k->event[n];
@@ -152,7 +154,7 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
 {
   const tse_real over = r_div(TSE_R(1), s);
   const int all = STATES + k->ud.extras;
-  tse_real of_road[ROADS] = { TSE_R(0), TSE_R(0) };
+  tse_real of_road[ROADS] = { TSE_R(0) };
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
     if (a->kind == EVENT_NONE) continue;
@@ -255,7 +257,7 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
     if (what->common[i].state >= 0 && !is_known(p, what->common[i].state)) a->v[what->common[i].state] = r_short(r_div(what->common[i].sd, state_unit[what->common[i].state]));
-  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
+  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN && HAS_SLIP; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
 
 /* Open an event of a kind in slot n, and its second amplitude with it. */
@@ -283,7 +285,7 @@ static void recall(tse_kalman *k, int i)
 int may_be_back(const tse_kalman *k)
 {
   if (k->change_kind == TSE_CHANGE_NONE || k->change_kind == TSE_CHANGE_RESTART) return 0;
-  return !(k->change_from_var[LCF - LCX] > ud_variance(&k->ud, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->ud, LCR));
+  return !(k->change_from_var[1] > ud_variance(&k->ud, LCF)) || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
 /* Find a slot for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its slot for
@@ -315,14 +317,14 @@ static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const 
   for (int i = 0; i < TSE_ALL; i++) rescale[i] = TSE_R(1);
   for (int i = 0; i < STATES + k->ud.extras; i++) {
     tse_real shift = r_mul(by[i], state_unit[i]);
-    if (which <= EVENT_REAR && i >= LCX && i <= LMU) {
+    if (which <= EVENT_REAR && i >= STIFFNESS && i <= LMU) {
       const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
       shift = r_div(r_log2(force), LOG2_OF_E);
       rescale[i] = r_div(TSE_R(1), force);
     }
     k->x[i] += shift;
   }
-  for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
+  for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
 /* Add var times v v' to the covariance, v the slopes rescaled to the state after move_state(). */
@@ -340,7 +342,7 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4], tse_real 
 {
   const kind *const what = kind_of(which);
   const int axle = which == EVENT_REAR;
-  const tse_real moved = which <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[LCF - LCX + axle]) : TSE_R(0);
+  const tse_real moved = which <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle]) : TSE_R(0);
   for (int i = 0; i < 3; i++) {
     const int32_t at = what->own[i].state;
     if (at >= 0) ud_add_at(&k->ud, at, r_div(r_mul(weight, r_sqr(what->own[i].sd) + r_sqr(moved)), r_sqr(state_unit[at])));
@@ -361,7 +363,7 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
   const event_says s = event_of(k, n);
   const int32_t which = k->event[n].kind;
   tse_real was[4], first[TSE_ALL], second[TSE_ALL], mean[TSE_ALL], by[TSE_ALL], rescale[TSE_ALL];
-  for (int i = 0; i < 4; i++) was[i] = k->x[LCX + i];
+  for (int i = 0; i < 4; i++) was[i] = k->x[stiffness_at(i)];
   for (int i = 0; i < TSE_ALL; i++) {
     second[i] = s.second ? r_long(s.second->v[i]) : TSE_R(0);
     first[i] = r_long(k->event[n].v[i]) - r_mul(s.part, second[i]);
@@ -378,9 +380,9 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 /* Give event n up. What was found of the slip stiffness before is as much less known. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
-  const tse_real own = ud_variance(&k->ud, LCX);
+  const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
   mix_in(p, k, n, weight);
-  k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
+  if (HAS_SLIP) k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
 /* Open the next event of each kind when it is due, in the slot of one that is given up: of these one a row, which bounds its time.
@@ -469,17 +471,17 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
   const int32_t which = k->event[n].kind;
   const tse_along along = k->along;
   for (int i = 0; i < 4; i++) {
-    was[i] = k->x[LCX + i];
-    was_var[i] = ud_variance(&k->ud, LCX + i);
+    was[i] = k->x[stiffness_at(i)];
+    was_var[i] = i > 0 || HAS_SLIP ? ud_variance(&k->ud, stiffness_at(i)) : TSE_R(0);
   }
   mix_in(p, k, n, TSE_R(1));
-  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN; i++) recall(k, i);
+  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN && HAS_SLIP; i++) recall(k, i);
   if (which >= EVENT_STEER) {
     k->fault = which == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(which - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
   k->slow[ACCEL_X] = which <= EVENT_ROAD_RETURN ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
-  if (which <= EVENT_ROAD_RETURN) along_change(p, k, which, was_var[0]);
+  if (which <= EVENT_ROAD_RETURN && HAS_SLIP) along_change(p, k, which, was_var[0]);
   if (which <= EVENT_REAR) note_change(k, which, was, was_var, along);
   close_events(k, group_of(which));
 }

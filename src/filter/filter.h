@@ -81,13 +81,13 @@ enum { EVENT_NONE,
        EVENT_SLIP_REAR,
        EVENT_STEER,
        EVENT_SENSOR,
-       EVENT_KINDS = EVENT_SENSOR + TSE_SENSORS };
+       EVENT_KINDS = HAS_SLIP ? EVENT_SENSOR + TSE_SENSORS : EVENT_ROAD_RETURN }; /* TSE_SMALL: another road alone */
 
 /* Unit of each state in the covariance: numbers of one magnitude in every number format. */
-extern const tse_real state_unit[TSE_ALL];
+extern const tse_real state_unit[TSE_VALUES + TSE_EXTRAS];
 
 /* No car goes beyond: [m/s] [m/s] [rad/s] ... as the states. */
-extern const tse_real state_most[TSE_ALL];
+extern const tse_real state_most[TSE_VALUES + TSE_EXTRAS];
 
 /* row.c      Check a log row. Nothing is changed. */
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
@@ -162,7 +162,7 @@ enum { NO_SENSOR_LONGITUDINAL = -1,
  *            decide: weigh, believe, open */
 void sensitivities_clear(tse_kalman *k, int count);
 void sensitivities_fade(tse_kalman *k, int i, tse_real left);
-void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][COLUMNS], tse_real dt);
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
 void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd);
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 /* What the samples say of an event. A second amplitude is integrated out: of the first times v - part times its own v, and beside it. */

@@ -15,6 +15,8 @@
 #define STEER_OPENS TSE_R(0.05)       /* rad: error of a steering angle at fault, */
 #define STEER_OWN TSE_R(0.01)         /* rad: and what it is uncertain by once it is believed */
 #define HELD_STILL TSE_R(0.095)       /* s: time constant of how long a driver who steers holds the wheel still now and then; a tenth of rows of 10 ms move it */
+#define LONGEST_ROW TSE_R(0.125)      /* s: longer ones are gaps where substeps are half as many */
+#define FORCE_TIME TSE_R(0.1)         /* s: the force that accel_x reads is smoothed by, where slip follows it */
 #define LEAST_COURSE TSE_R(10)        /* m/s: below, the course is worse in inverse proportion */
 #define LEAST_OFF TSE_R(0.2)          /* m/s: how fast an axle slips sideways where nothing happens */
 

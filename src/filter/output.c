@@ -29,8 +29,12 @@ static void possible_of(const tse_kalman *k, possible *e)
 
 /* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift:
  * their mean. SI */
-static tse_real variance_of(const tse_kalman *k, const possible *e, int i, tse_real *shift)
+static tse_real variance_of(const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
+  if (i >= STATES) { /* nothing estimates it */
+    *shift = TSE_R(0);
+    return r_sqr(p->prior_sd[i]);
+  }
   const tse_real var = own_variance_of(k, i);
   tse_real mean = TSE_R(0), square = TSE_R(0);
   for (int n = 0; n < e->count; n++) {
@@ -66,7 +70,7 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    *state_sd[i] = r_sqrt(variance_of(k, e, VX + i, &shift));
+    *state_sd[i] = r_sqrt(variance_of(p, k, e, VX + i, &shift));
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
@@ -113,8 +117,9 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
   car_secants(&p->car, k->x, share);
   for (int i = 0; i < 3; i++) {
     const tse_real floor = i == TSE_CX_FRONT ? MODEL_FLOOR : side_floor;
-    tse_real var = variance_of(k, e, LCX + i, &shift);
-    const tse_real log = i == TSE_CX_FRONT ? along_of(p, k, shift, &var) : k->x[LCX + i] + shift;
+    const int at = stiffness_at(i);
+    tse_real var = variance_of(p, k, e, at, &shift);
+    const tse_real log = i == TSE_CX_FRONT && HAS_SLIP ? along_of(p, k, shift, &var) : k->x[at] + shift;
     out->stiffness[i] = exponential(r_clamp(log, p->log_min, p->log_max));
     var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
@@ -123,20 +128,20 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
     out->spread_seen[i] = 0;
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
   }
-  const tse_real var = variance_of(k, e, LMU, &shift);
+  const tse_real var = variance_of(p, k, e, LMU, &shift);
   out->grip = r_mul(p->car.grip, exponential(r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU])));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
 }
 
 /* Report biases, latencies, noise and innovations of the sensors. */
-static void report_sensors(const tse_kalman *k, const possible *e, tse_output *out)
+static void report_sensors(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    out->bias_sd[i] = r_sqrt(variance_of(k, e, BX + i, &shift));
-    out->bias[i] = k->x[BX + i] + shift;
+    out->bias_sd[i] = r_sqrt(variance_of(p, k, e, bias_at(i), &shift));
+    out->bias[i] = k->x[bias_at(i)] + shift;
   }
-  out->lag_steer_sd = r_sqrt(variance_of(k, e, LATE, &shift));
+  out->lag_steer_sd = r_sqrt(variance_of(p, k, e, LATE, &shift));
   out->lag_steer = k->x[LATE] + shift;
   for (int c = 0; c < TSE_SENSORS; c++) {
     out->noise[c] = r_sqrt(k->noise[c]);
@@ -164,7 +169,7 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
 static void report_change(const tse_kalman *k, tse_output *out)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE;
-  for (int i = 0; i < 3; i++) out->change_ratio[i] = changed ? exponential(k->x[LCX + i] - k->change_from[i]) : TSE_R(1);
+  for (int i = 0; i < 3; i++) out->change_ratio[i] = changed ? exponential(k->x[stiffness_at(i)] - k->change_from[i]) : TSE_R(1);
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
   out->change_probability = changed ? probability_none(k) : TSE_R(0);
@@ -180,11 +185,19 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   possible_of(k, &e);
   report_motion(p, k, &e, out);
   report_tyres(p, k, &e, out);
-  report_sensors(k, &e, out);
+  report_sensors(p, k, &e, out);
   report_regimes(p, k, out);
   report_change(k, out);
   out->n_eff = TSE_R(1);
   out->log_evidence = k->log_likelihood;
+}
+
+/* Return whether slow innovations of a channel are larger than a model that fits leaves them, or than usual: where no event names a channel
+ * at fault, they do. */
+static int misfits(const tse_kalman *k, int channel)
+{
+  const tse_real usual = k->usual[channel];
+  return usual > TAIL || r_sqr(k->slow[channel]) > r_mul(r_mul(TAIL, usual), r_max(k->slow_var[channel], LEAST_SLOW_VAR));
 }
 
 /* Return the first reason that applies.   Given: sd, mean  of the quantity, whose state is `at` */
@@ -197,7 +210,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_SENSOR_FAULT;
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
-  if (probability_none(k) < BELIEVED) return TSE_MISFIT;
+  if (probability_none(k) < BELIEVED || (!HAS_SLIP && (misfits(k, ACCEL_Y) || misfits(k, YAW_RATE)))) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
   tse_real consider_var = p->mass_var;
   for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_sqr(r_mul(r_long(k->consider[q][at]), state_unit[at]));
@@ -206,10 +219,10 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_
 
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
 {
-  for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], LCX + a);
+  for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
   /* No slip is seen where both wheel speeds are one, and none where no axle rolls freely and the road may climb: accel_x then says no speed. */
   const int has_speed = p->car.driven != 0 || w->rolls >= ROLLS_FRONT || !(p->prior_sd[GX] > TSE_R(0));
-  if (out->reason[TSE_CX_FRONT] == TSE_VALID && (w->one_speed || !has_speed)) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
+  if (out->reason[TSE_CX_FRONT] == TSE_VALID && (w->one_speed || !has_speed || !HAS_SLIP)) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
   out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
 }
@@ -226,10 +239,14 @@ typedef struct origin {
 /* Return what of the sd of state i, in its units, goes with an uncertainty. */
 static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int i)
 {
+  if (i >= STATES) return o.of == OF_MASS ? r_sqrt(p->mass_var) : o.of == OF_MODEL ? MODEL_FLOOR
+                                                                                   : TSE_R(0);
+  if ((o.of == OF_STATE && o.at >= STATES) || (o.of == OF_CONSIDER && o.at >= TSE_CONSIDERED)) return TSE_R(0);
   if (o.of == OF_MASS) return r_div(r_sqrt(p->mass_var), state_unit[i]);
   if (o.of == OF_MODEL) return r_div(MODEL_FLOOR, state_unit[i]);
   if (o.of == OF_STATE) return r_div(r_abs(ud_covariance(&k->ud, i, o.at)), r_sqrt(ud_variance(&k->ud, o.at)));
-  if (o.at == CONSIDER_RELAXATION_FRONT) return r_sqrt(r_sqr(r_long(k->consider[CONSIDER_RELAXATION_FRONT][i])) + r_sqr(r_long(k->consider[CONSIDER_RELAXATION_REAR][i])));
+  if ((int)CONSIDER_RELAXATION_REAR < TSE_CONSIDERED && o.at == CONSIDER_RELAXATION_FRONT) /* and that of the rear axle */
+    return r_sqrt(r_sqr(r_long(k->consider[o.at][i])) + r_sqr(r_long(k->consider[o.at + 1][i])));
   return r_abs(r_long(k->consider[o.at][i]));
 }
 
@@ -257,11 +274,11 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
   if (!belong(p, f) || p->form != 0) return TSE_E_STATE;
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
-    const int i = LCX + a;
+    const int i = stiffness_at(a);
     const tse_real all = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
     tse_real itself;
-    const tse_real part = i == LCX && origins[k].of >= OF_CONSIDER ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all) : all;
-    sd[a] = r_mul(exponential(f->k.x[i]), r_mul(part, state_unit[i]));
+    const tse_real part = HAS_SLIP && i == LCX && origins[k].of >= OF_CONSIDER ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all) : all;
+    sd[a] = r_mul(exponential(f->k.x[i]), i < STATES ? r_mul(part, state_unit[i]) : part);
   }
   return TSE_OK;
 }

@@ -4,7 +4,7 @@
 void signal_shares(const tse_kalman *k, tse_real share[3])
 {
   static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
-  for (int a = 0; a < 3; a++) {
+  for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     tse_real signal = TSE_R(0), error = LEAST_ERROR;
     for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
       signal += r_sqr(r_div(k->x[of[a][n]], state_unit[of[a][n]]));
@@ -32,8 +32,8 @@ static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
   k->slow_turn++;
   if (k->slow_turn < slow && k->since_slow < WALK_TIME) return;
   for (int i = FAST; i < STATES; i++) {
-    const tse_real walk = i >= BX && i <= BR ? p->bias_sd_walk[i - BX] : r_mul(WALK_SHARE, p->prior_sd[i]);
-    const tse_real stiff = i >= LCX && i <= LCR ? p->steady_sd_walk : TSE_R(0);
+    const tse_real walk = i <= BR ? p->bias_sd_walk[i == BX ? 0 : i - BY + 1] : r_mul(WALK_SHARE, p->prior_sd[i]);
+    const tse_real stiff = i == LCX || i == LCF || i == LCR ? p->steady_sd_walk : TSE_R(0);
     const tse_real q = r_sqr(r_div(r_max(walk, stiff), state_unit[i]));
     if (q > TSE_R(0)) ud_add_at(&k->ud, i, r_mul(q, k->since_slow));
   }
@@ -54,12 +54,13 @@ static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   const tse_real left = left_of(r_min(dt, MOST_AGE), ROAD_TIME);
-  k->x[GX] -= p->prior[GX];
-  k->x[GY] -= p->prior[GY];
-  fade(k, GX, left, p->prior_sd[GX]);
-  fade(k, GY, left, p->prior_sd[GY]);
-  k->x[GX] += p->prior[GX];
-  k->x[GY] += p->prior[GY];
+  static const int gravity[2] = { GX, GY };
+  for (int i = HAS_SLIP ? 0 : 1; i < 2; i++) {
+    const int at = gravity[i];
+    k->x[at] -= p->prior[at];
+    fade(k, at, left, p->prior_sd[at]);
+    k->x[at] += p->prior[at];
+  }
   walk_slowly(p, k, dt);
   k->change_age = k->change_kind ? r_min(k->change_age + dt, LONGEST_TIME) : TSE_R(0);
 }
@@ -67,12 +68,12 @@ void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 /* Scale the transition to state units. Multiply derivatives with respect to a stiffness by share: slip^2/(slip^2 + var slip), of
  * signal_shares().
  *   Given: no_slip  1: v_x does not depend on the longitudinal stiffness      Updated: M  from car_move() to ud_move() */
-static void scale_transition(tse_short M[MOTION][COLUMNS], const tse_real share[3], int no_slip)
+static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], int no_slip)
 {
   r_factored unit[STATES];
   for (int i = 0; i < MOTION; i++)
-    for (int a = 0; a < 3; a++) M[i][LCX + a] = r_short_scaled(r_mul(r_long_scaled(M[i][LCX + a], ROW_UP), share[a]), ROW_UP);
-  if (no_slip) M[VX][LCX] = r_short(TSE_R(0));
+    for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) M[i][stiffness_at(a)] = r_short_scaled(r_mul(r_long_scaled(M[i][stiffness_at(a)], ROW_UP), share[a]), ROW_UP);
+  if (no_slip && HAS_SLIP) M[VX][LCX] = r_short(TSE_R(0));
   for (int j = 0; j < STATES; j++) unit[j] = r_unit(state_unit[j]);
   for (int i = 0; i < MOTION; i++) {
     const r_factored own = r_over_unit(state_unit[i]);
@@ -82,23 +83,42 @@ static void scale_transition(tse_short M[MOTION][COLUMNS], const tse_real share[
   }
 }
 
+/* Set the slip of each axle to that of the force that accel_x reads: of the axle that drives, of both where they brake or which one drives
+ * is not known. Where accel_x is missing, none. */
+static void slip_of_force(const tse_params *p, tse_kalman *k, const decoded *z)
+{
+  const tse_car *const c = &p->car;
+  const tse_real rest = drag_of(c->drag, k->x[VX]) + rolling_of(c->rolling, k->x[VX]);
+  const tse_real force = z->use[ACCEL_X] ? tyre_pull(r_div(z->z[ACCEL_X], c->scale_x) + rest) : TSE_R(0);
+  const int32_t free = z->rolls != ROLLS_UNKNOWN ? z->rolls : force < TSE_R(0) ? ROLLS_NONE
+                                                                               : not_driven(c);
+  const tse_real stiff = r_mul(exponential(k->x[LCX]), (free == ROLLS_FRONT ? TSE_R(0) : c->kx_front) + (free == ROLLS_REAR ? TSE_R(0) : c->kx_rear));
+  const tse_real slip = r_div(force, stiff), follow = r_div(z->dt, z->dt + FORCE_TIME);
+  k->x[SF] += r_mul(follow, (free == ROLLS_FRONT ? TSE_R(0) : slip) - k->x[SF]);
+  k->x[SR] += r_mul(follow, (free == ROLLS_REAR ? TSE_R(0) : slip) - k->x[SR]);
+}
+
 steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
 {
-  tse_short M[MOTION][COLUMNS];
+  tse_short M[MOTION][PLACES];
   tse_real noise[MOTION], share[3];
   const tse_real dt = z->dt, left = left_of(dt, SLIP_TIME);
   const steering u = delayed(p, k, z);
+  if (!HAS_SLIP) slip_of_force(p, k, z);
   signal_shares(k, share);
   car_move(&p->car, k->x, u, M);
   for (int i = 0; i < MOTION; i++) {
     k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
     noise[i] = r_mul(r_sqr(WALK_SHARE), dt);
   }
+  if (!HAS_SLIP) noise[VX] = r_mul(r_sqr(r_div(p->prior_sd[GX] + p->prior_sd[BX] + LEAST_ACTIVITY, state_unit[VX])), dt);
   scale_transition(M, share, z->no_slip);
   ud_move(&k->ud, M, noise);
   sensitivities_move(p, k, M, dt);
-  fade(k, SF, left, SLIP_SD);
-  fade(k, SR, left, SLIP_SD);
+  if (HAS_SLIP) {
+    fade(k, SF, left, SLIP_SD);
+    fade(k, SR, left, SLIP_SD);
+  }
   rest_row(p, k, dt);
   return u;
 }

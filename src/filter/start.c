@@ -4,11 +4,11 @@
 #define STATE_UNIT(name, unit, most) TSE_R(unit),
 #define STATE_MOST(name, unit, most) TSE_R(most),
 #if defined(TSE_NO_VELOCITY)
-const tse_real state_unit[TSE_ALL] = { STATE_ROWS(STATE_UNIT) };
-const tse_real state_most[TSE_ALL] = { STATE_ROWS(STATE_MOST) };
+const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) };
+const tse_real state_most[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) };
 #else
-const tse_real state_unit[TSE_ALL] = { STATE_ROWS(STATE_UNIT) EXTRA_ROWS(STATE_UNIT) };
-const tse_real state_most[TSE_ALL] = { STATE_ROWS(STATE_MOST) EXTRA_ROWS(STATE_MOST) };
+const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) EXTRA_ROWS(STATE_UNIT) };
+const tse_real state_most[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) EXTRA_ROWS(STATE_MOST) };
 #endif
 
 void along_start(tse_kalman *k, tse_real var)
@@ -21,8 +21,8 @@ void start_all(const tse_params *p, tse_filter *f)
 {
   tse_kalman *const k = &f->k;
   tse_real variance[STATES];
+  for (int i = 0; i < TSE_VALUES; i++) k->x[i] = p->prior[i];
   for (int i = 0; i < STATES; i++) {
-    k->x[i] = p->prior[i];
     variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i]));
   }
   for (int c = 0; c <= STEERING; c++) k->repeats[c] = TSE_R(1);
@@ -36,13 +36,14 @@ void start_all(const tse_params *p, tse_filter *f)
   if (!f->start.loaded) return;
   for (int i = 0; i < TSE_KEPT; i++) k->x[FAST + i] = f->start.kept[i];
   ud_set_block(&k->ud, FAST, f->start.kept_cov);
-  along_start(k, r_mul(f->start.kept_cov[LCX - FAST][LCX - FAST], r_sqr(state_unit[LCX])));
+  const int slip = HAS_SLIP ? LCX - FAST : 0;
+  if (HAS_SLIP) along_start(k, r_mul(f->start.kept_cov[slip][slip], r_sqr(state_unit[LCX])));
 }
 
 void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;
-  tse_real *const x = k->x, variance[GX];
+  tse_real *const x = k->x, variance[PLACED];
   const int rear = z->use[WHEEL_REAR] && (not_driven(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
   const int axle = rear ? WHEEL_REAR : WHEEL_FRONT, has_gyro = z->use[YAW_RATE] && works(k, YAW_RATE);
   /* a front wheel runs the faster, the more it is turned */
@@ -51,23 +52,23 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
   const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, exponential(x[LCF])));
   const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, exponential(x[LCR])));
-  for (int i = 0; i < GX; i++) x[i] = TSE_R(0);
+  for (int i = 0; i < PLACED; i++) x[i] = TSE_R(0);
   x[VX] = v;
   x[YAW] = r;
   x[AF] = r_clamp(front, -MOST_SIDEWAYS, MOST_SIDEWAYS);
   x[AR] = r_clamp(back, -MOST_SIDEWAYS, MOST_SIDEWAYS);
   x[VY] = r_mul(c->lr, r) - r_mul(r_max(r_abs(v), TSE_R(1)), x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
-  const tse_real sd[GX] = {
+  const tse_real sd[] = {
     TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                              /* VX: a wheel that slips */
     TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                          /* VY */
     (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)),   /* YAW */
     TSE_R(0.01) + r_abs(x[AF]), TSE_R(0.01) + r_abs(x[AR]),          /* AF AR */
     TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02)                      /* PHI DPHI SF SR */
   };
-  for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
-  ud_forget(&k->ud, variance, GX);
-  sensitivities_clear(k, GX);
+  for (int i = 0; i < PLACED; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
+  ud_forget(&k->ud, variance, PLACED);
+  sensitivities_clear(k, PLACED);
   k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
   k->pitch[0] = k->pitch[1] = TSE_R(0);
   k->before[0] = TSE_R(0);

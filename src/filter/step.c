@@ -143,7 +143,7 @@ static void recover(const tse_params *p, tse_filter *f, const decoded *z)
   start_motion(p, k, z);
   k->change_kind = TSE_CHANGE_RESTART;
   for (int a = 0; a < 3; a++) {
-    k->change_from[a] = k->x[LCX + a];
+    k->change_from[a] = k->x[stiffness_at(a)];
     f->known[a] = TSE_UNKNOWN;
   }
 }
@@ -182,7 +182,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (watch_steering(&f->k, &z)) start_over(p, f, &z);
   const int fine = all_finite(&f->k) && agreement_finite(&f->k.agreement); /* each row leaves it finite */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time); /* before this row: the car may have turned otherwise */
-  const int gap = has_jumped(p, f, &z) || z.dt > p->max_gap || (z.has_steer && f->lost);
+  const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW)) || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);
   advance_timers(p, f, &z, speed);
   const row_class w = classify(p, f, &z, speed, gap);

@@ -137,7 +137,7 @@ typedef struct sums {
 } sums;
 
 /* Multiply M by U.   Updated: columns of U behind the motion, which may be anything   Returned: s  columns of the motion */
-static void transform(tse_ud *p, tse_short M[MOTION][COLUMNS], sums *s)
+static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
   tse_short sum[MOTION];
   for (int j = STATES - 1; j >= 0; j--) {
@@ -177,7 +177,7 @@ static void take_out(tse_ud *p, sums *s, int j)
   }
 }
 
-void ud_move(tse_ud *p, tse_short M[MOTION][COLUMNS], const tse_real noise[MOTION])
+void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION])
 {
   sums s;
   transform(p, M, &s);

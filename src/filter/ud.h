@@ -57,7 +57,7 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count);
 
 /* Move the covariance to F P F' + Q.
  *   Given:   M  rows of F before MOTION (r_slope()), the others are those of the identity      noise  diagonal of Q      O(MOTION STATES^2 / 2) time */
-void ud_move(tse_ud *p, tse_short M[MOTION][COLUMNS], const tse_real noise[MOTION]);
+void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION]);
 
 /* Multiply state i by share, 0 < share <= 1. */
 void ud_fade(tse_ud *p, int i, tse_real share);

@@ -93,8 +93,8 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
-  for (int i = LCX; i <= LCR; i++) ud_add_at(&k->ud, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
-  for (int i = LCX; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
+  for (int i = STIFFNESS; i <= LCR; i++) ud_add_at(&k->ud, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
+  for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
 void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
@@ -116,7 +116,7 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
 /* Find the slopes of the sensors over what is uncertain and no state of the car: latencies, by how fast forces and speed change,
  * and scales.
  *   Updated: k->before */
-static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt, tse_real consider[TSE_SENSORS][TSE_CONSIDERED])
+static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt, tse_real consider[TSE_SENSORS][TSE_UNCERTAIN_ALL])
 {
   const tse_real over = r_div(TSE_R(1), dt), late = p->uncertain[CONSIDER_ACCEL_LATE];
   for (int a = 0; a < TSE_SENSORS; a++)
@@ -160,7 +160,7 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, co
 
 /* What the car reads, as the state predicts it, and its slopes over state and uncertain quantities, SI. */
 typedef struct prediction {
-  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], consider[TSE_SENSORS][TSE_CONSIDERED];
+  tse_real read[TSE_SENSORS], H[TSE_SENSORS][PLACES], consider[TSE_SENSORS][TSE_UNCERTAIN_ALL];
 } prediction;
 
 /* Predict all sensors.   Given: f  forces at the row   Updated: k  the mode of pitch, and what is known of the row for the next one */
@@ -172,8 +172,8 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
   car_measure(c, k->x, f, pitch, s->read, s->H);
   signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
-    for (int i = 0; i < 3; i++) s->H[a][LCX + i] = r_mul(s->H[a][LCX + i], share[i]);
-  if (z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
+    for (int i = HAS_SLIP ? 0 : 1; i < 3; i++) s->H[a][stiffness_at(i)] = r_mul(s->H[a][stiffness_at(i)], share[i]);
+  if (z->no_slip && HAS_SLIP) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
   slopes_of_sensors(p, k, f, z->dt, s->consider);
 }
 
@@ -198,6 +198,21 @@ static tse_real unexplained(const tse_params *p, const tse_kalman *k, int channe
   return r_mul(r_mul(r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))), k->activity[channel]);
 }
 
+/* Return the variance of what a wheel speed is off by where the slip is that of a force, m2/s2. */
+static tse_real slip_var(const tse_params *p, const tse_kalman *k, int channel)
+{
+  const tse_real slip = r_mul(p->prior_sd[LCX], k->x[channel == WHEEL_FRONT ? SF : SR]);
+  return r_mul(r_sqr(k->x[VX]), r_sqr(FREE_SLIP_SD) + r_sqr(slip));
+}
+
+/* Return whether a channel is a measurement where the slip is that of a force: accel_x is none, of two wheel speeds that which drives less. What
+ * both differ by, radius and slip, is not white, and would say how the car turns. */
+static int is_measured(const tse_params *p, const decoded *z, int channel)
+{
+  const int axle = z->use[WHEEL_REAR] && (not_driven(&p->car) != ROLLS_FRONT || !z->use[WHEEL_FRONT]) ? WHEEL_REAR : WHEEL_FRONT;
+  return channel < WHEEL_FRONT ? channel != ACCEL_X : channel == axle;
+}
+
 /* Make the measurement of a channel about the state that those before it have left.   Given: sin_d  of the front wheels */
 static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s, tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)
 {
@@ -216,7 +231,8 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   }
   /* the front wheels have different angles (Ackermann): their mean speed is not that of one wheel */
   const tse_real turn = channel == WHEEL_FRONT ? r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d))) : TSE_R(0);
-  m->white = r_mul(k->noise[channel], r_sqr(p->sensor_sd[channel])) + turn;
+  const tse_real by_slip = !HAS_SLIP && channel >= WHEEL_FRONT ? slip_var(p, k, channel) : TSE_R(0);
+  m->white = r_mul(k->noise[channel], r_sqr(p->sensor_sd[channel])) + turn + by_slip;
   m->r = m->white + unexplained(p, k, channel, z->dt);
 }
 
@@ -263,7 +279,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     const int channel = order[n];
     scalar m;
     k->innovation[channel] = k->innovation_var[channel] = TSE_R(0);
-    if (!z->use[channel]) continue;
+    if (!z->use[channel] || (!HAS_SLIP && !is_measured(p, z, channel))) continue;
     make_scalar(p, k, z, &s, f.sin_d, channel, change, &m);
     watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), TSE_R(1) - BELIEVED, z->dt);
     if (works(k, channel)) use_channel(p, k, channel, &m, change);
@@ -271,7 +287,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   }
   /* accel_x is more than the slip explains: grip has not dropped; only a return to the road before is possible */
   if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0) && !may_be_back(k)) k->unusual = TSE_R(0);
-  if (!z->one_speed && z->has_steer) roll_freely(p, k, z, &f, change);
+  if (!z->one_speed && z->has_steer && HAS_SLIP) roll_freely(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);
   apply_correction(p, k, change);
 }

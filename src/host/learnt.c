@@ -7,14 +7,15 @@
 #define LEAST_SPREAD TSE_R(0.01)  /* as initial_spread's                            */
 #define MOST_CORRELATION TSE_R(0.95)
 #define DAY 86400u                /* s */
-#define PAIRS (TSE_KEPT * (TSE_KEPT - 1) / 2)
+#define PLACES_KEPT 11            /* of a file: biases, stiffness, grip, steering, radius */
+#define PAIRS (PLACES_KEPT * (PLACES_KEPT - 1) / 2)
 #define ONE_14 16384              /* 1 in a correlation: 2^-14 */
 #define MOST_ONE 16777216
 #define MOST_NU 1000000u
 
 typedef struct content { /* of format 3, after the frame; q24 and 2^-14 as in the file */
   uint32_t vehicle, known, nu;
-  int32_t mean[TSE_KEPT], sd[TSE_KEPT], pair[PAIRS], noise[TSE_SENSORS], spread[3], correlation[3];
+  int32_t mean[PLACES_KEPT], sd[PLACES_KEPT], pair[PAIRS], noise[TSE_SENSORS], spread[3], correlation[3];
 } content;
 
 #if !defined(TSE_NO_PARTICLES)
@@ -25,8 +26,20 @@ static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
 
 enum {
   K_BIAS = 0,
-  K_STIFFNESS = LCX - FAST
+  K_STIFFNESS = 3
 };
+
+/* Return the place in a file of what is kept of state FAST + i, and of the correlation of two. */
+#if defined(TSE_SMALL)
+static int place_of(int i) { return i + (FAST + i < LCF ? 1 : 2); } /* without accel_x, cx_front; lateness and radius are the last */
+#else
+static int place_of(int i) { return i; }
+#endif
+static int pair_of(int i, int j)
+{
+  const int low = place_of(i), high = place_of(j);
+  return low * (2 * PLACES_KEPT - low - 1) / 2 + high - low - 1;
+}
 
 /* ------------------------------------------------------------------------------------------ bytes */
 
@@ -73,8 +86,8 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
   at = put(at, c->vehicle);
   at = put(at, c->known);
   at = put(at, c->nu);
-  at = put_all(at, c->mean, TSE_KEPT);
-  at = put_all(at, c->sd, TSE_KEPT);
+  at = put_all(at, c->mean, PLACES_KEPT);
+  at = put_all(at, c->sd, PLACES_KEPT);
   for (int i = 0; i < PAIRS; i++, at += 2) {
     at[0] = (uint8_t)((uint32_t)c->pair[i] & 0xffu);
     at[1] = (uint8_t)((uint32_t)c->pair[i] >> 8 & 0xffu);
@@ -89,19 +102,24 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 static int code_within(int32_t x, int32_t most) { return x >= -most && x <= most; }
 
 /* What is written is inside this bound, and what is read is refused outside: what the filter allows a state. */
-static int32_t most_of(int i) { return r_to_q24(state_most[FAST + i]); }
+static int32_t most_of(int place)
+{
+  for (int i = 0; i < TSE_KEPT; i++)
+    if (place_of(i) == place) return r_to_q24(state_most[FAST + i]);
+  return INT32_MAX; /* no state here */
+}
 
 /* Whoever wrote it: nothing but what a drive may have taught.   Returned: what cannot be, NULL where all can */
 static const char *implausible(const content *c)
 {
-  static const char *const of[TSE_KEPT] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate", "mean of cx_front", "mean of cy_front", "mean of cy_rear",
-                                            "mean of grip", "steering offset", "steering ratio", "lateness of the steering", "radius" };
-  static const char *const of_sd[TSE_KEPT] = { "sd of the bias of accel_x", "sd of the bias of accel_y", "sd of the bias of yaw_rate", "sd of cx_front",
-                                               "sd of cy_front", "sd of cy_rear", "sd of grip", "sd of the steering offset", "sd of the steering ratio",
-                                               "sd of the lateness of the steering", "sd of the radius" };
+  static const char *const of[PLACES_KEPT] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate", "mean of cx_front", "mean of cy_front", "mean of cy_rear",
+                                               "mean of grip", "steering offset", "steering ratio", "lateness of the steering", "radius" };
+  static const char *const of_sd[PLACES_KEPT] = { "sd of the bias of accel_x", "sd of the bias of accel_y", "sd of the bias of yaw_rate", "sd of cx_front",
+                                                  "sd of cy_front", "sd of cy_rear", "sd of grip", "sd of the steering offset", "sd of the steering ratio",
+                                                  "sd of the lateness of the steering", "sd of the radius" };
   if (c->known > 7) return "which stiffnesses are learnt";
   if (c->nu > MOST_NU) return "trust in the spread";
-  for (int i = 0; i < TSE_KEPT; i++) {
+  for (int i = 0; i < PLACES_KEPT; i++) {
     if (!code_within(c->mean[i], most_of(i))) return of[i];
     if (c->sd[i] < 0) return of_sd[i];
   }
@@ -134,8 +152,8 @@ static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, cont
   c->vehicle = get(in + 8);
   c->known = get(in + 12);
   c->nu = get(in + 16);
-  const uint8_t *at = get_all(in + 20, c->mean, TSE_KEPT);
-  at = get_all(at, c->sd, TSE_KEPT);
+  const uint8_t *at = get_all(in + 20, c->mean, PLACES_KEPT);
+  at = get_all(at, c->sd, PLACES_KEPT);
   for (int i = 0; i < PAIRS; i++, at += 2) {
     const int32_t word = (int32_t)at[0] | (int32_t)at[1] << 8;
     c->pair[i] = word < 32768 ? word : word - 65536;
@@ -164,28 +182,28 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
 {
   const tse_kalman *const k = &f->k;
   tse_real sd[TSE_KEPT], share = TSE_R(1), itself;
-  int n = 0;
   for (int i = 0; i < TSE_KEPT; i++) {
     tse_real var = ud_variance(&k->ud, FAST + i), mean = k->x[FAST + i];
     for (int q = 0; q < TSE_CONSIDERED; q++) var += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + i]);
-    if (i == K_STIFFNESS) { /* the slip stiffness itself */
+    const int place = place_of(i);
+    if (HAS_SLIP && place == K_STIFFNESS) { /* the slip stiffness itself */
       share = along_share(p, k, var, &itself);
       var = r_div(itself, r_sqr(state_unit[LCX]));
       mean = k->along.mean + r_mul(share, mean - k->along.mean);
     }
     sd[i] = r_sqrt(var);
-    c->sd[i] = r_to_q24(r_mul(sd[i], state_unit[FAST + i]));
+    c->sd[place] = r_to_q24(r_mul(sd[i], state_unit[FAST + i]));
     const int32_t code = r_to_q24(mean);
-    if (code == INT32_MIN || c->sd[i] < 0) return 0;
-    c->mean[i] = code_clamped(code, most_of(i));
+    if (code == INT32_MIN || c->sd[place] < 0) return 0;
+    c->mean[place] = code_clamped(code, most_of(place));
   }
   for (int i = 0; i < TSE_KEPT; i++)
-    for (int j = i + 1; j < TSE_KEPT; j++, n++) {
+    for (int j = i + 1; j < TSE_KEPT; j++) {
       tse_real both = ud_covariance(&k->ud, FAST + i, FAST + j);
       for (int q = 0; q < TSE_CONSIDERED; q++) both += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + j]);
-      if (i == K_STIFFNESS || j == K_STIFFNESS) both = r_mul(share, both);
+      if (HAS_SLIP && (i == K_STIFFNESS || j == K_STIFFNESS)) both = r_mul(share, both);
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
-      c->pair[n] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
+      c->pair[pair_of(i, j)] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
     }
   for (int i = 0; i < TSE_SENSORS; i++) {
     c->noise[i] = r_to_q24(r_sqrt(k->noise[i]));
@@ -278,25 +296,24 @@ static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real most
 static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real was[TSE_KEPT];
-  int n = 0;
   for (int i = 0; i < TSE_KEPT; i++) {
-    const int at = FAST + i, stiff = at >= LCX && at <= LCR;
-    const tse_real prior = p->prior_sd[at], sd = r_from_q24(c->sd[i]);
-    tse_real mean = r_from_q24(c->mean[i]), var = r_sqr(sd);
-    const int known = c->sd[i] > 0 && (!stiff || (c->known >> (at - LCX) & 1u));
+    const int at = FAST + i, place = place_of(i), stiff = place >= K_STIFFNESS && place < K_STIFFNESS + 3;
+    const tse_real prior = p->prior_sd[at], sd = r_from_q24(c->sd[place]);
+    tse_real mean = r_from_q24(c->mean[place]), var = r_sqr(sd);
+    const int known = c->sd[place] > 0 && (!stiff || (c->known >> (place - K_STIFFNESS) & 1u));
     if (!known) {
       mean = p->prior[at];
       var = r_sqr(prior);
     } else if (stiff) var = aged(p, sd, age_s, r_sqr(prior));
-    else if (at <= BR) age_bias(&mean, &var, r_sqr(p->bias_sd_walk[i]), r_sqr(prior), age_s);
+    else if (at <= BR) age_bias(&mean, &var, r_sqr(p->bias_sd_walk[place]), r_sqr(prior), age_s);
     else var = r_min(r_max(var, r_sqr(r_mul(TSE_R(0.1), prior))), r_sqr(prior));
     s->kept[i] = mean;
     was[i] = known ? r_div(r_min(sd, r_sqrt(var)), state_unit[at]) : TSE_R(0);
     s->kept_cov[i][i] = r_sqr(r_div(known ? r_sqrt(var) : prior, state_unit[at]));
   }
   for (int i = 0; i < TSE_KEPT; i++)
-    for (int j = i + 1; j < TSE_KEPT; j++, n++) {
-      const tse_real r = r_div(r_from_int(c->pair[n]), TSE_R(ONE_14));
+    for (int j = i + 1; j < TSE_KEPT; j++) {
+      const tse_real r = r_div(r_from_int(c->pair[pair_of(i, j)]), TSE_R(ONE_14));
       s->kept_cov[i][j] = s->kept_cov[j][i] = r_mul(r, r_mul(was[i], was[j]));
     }
   for (int i = 0; i < TSE_SENSORS; i++) s->noise[i] = c->noise[i] > 0 ? r_min(r_sqr(r_from_q24(c->noise[i])), p->noise_max_var) : TSE_R(1);
@@ -353,6 +370,6 @@ tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in
 #if !defined(TSE_NO_PARTICLES)
   if (p->form != 0) load_particles(p, &c, age_s, &f->start);
 #endif
-  for (int a = 0; a < 3; a++) f->known[a] = (c.known >> a & 1u) != 0 ? TSE_KNOWN_BEFORE : TSE_UNKNOWN;
+  for (int a = HAS_SLIP || p->form != 0 ? 0 : 1; a < 3; a++) f->known[a] = (c.known >> a & 1u) != 0 ? TSE_KNOWN_BEFORE : TSE_UNKNOWN;
   return TSE_OK;
 }

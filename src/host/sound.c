@@ -75,7 +75,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->nis, &k->change_age, &k->agrees_for };
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
              sound_int(k->slow_turn, 0, INT32_MAX - 1);
-  fine = fine && sound_reals(k->x, TSE_ALL, -MOST_REAL, MOST_REAL) && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
+  fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL) && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
   fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_SQUARE);
   fine = fine && (k->ud.extras == 0 || k->ud.extras == TSE_EXTRAS) && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
   fine = fine && sound_reals(k->ud.e, TSE_EXTRAS, TSE_R(0), MOST_SQUARE) && sound_velocity(&k->velocity, k->ud.extras > 0);

@@ -28,7 +28,7 @@ typedef struct tyres {
 
 /* Return all tyre forces at x. Load goes to the rear with the acceleration: slip stiffness and grip with it in proportion,
  * cornering stiffness less; and from wheel to wheel with the lateral acceleration. */
-static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
+static tyres tyres_of(const tse_car *c, const tse_real x[TSE_VALUES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
   const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])));
@@ -45,7 +45,7 @@ static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
   return t;
 }
 
-void car_secants(const tse_car *c, const tse_real x[STATES], tse_real share[3])
+void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[3])
 {
   const tyres t = tyres_of(c, x);
   share[0] = r_div(t.x_front.secant, r_mul(c->kx_front, exponential(x[LCX])));
@@ -57,7 +57,7 @@ void car_secants(const tse_car *c, const tse_real x[STATES], tse_real share[3])
  * the grip.
  *   Given:    ax, ay  of the front axle, in the axes of the car
  *   Updated:  f       its slopes */
-static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const tyres *t, tse_real ax, tse_real ay, forces *f)
+static void slopes_of_forces(const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
 {
   const tse_real none = TSE_R(0), sine = f->sin_d, cosine = f->cos_d;
   const struct {
@@ -73,26 +73,28 @@ static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const t
     { LCR, none, none, none, t->y_rear.by_stiffness },
     { LMU, none, t->y_front.by_mu, none, t->y_rear.by_mu },
   };
-  for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
+  for (int j = 0; j < PLACES; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
   for (int i = 0; i < (int)(sizeof by / sizeof by[0]); i++) {
+    if (by[i].at >= COLUMNS) continue;
     const tse_real y = r_mul(by[i].y, cosine) + r_mul(by[i].x, sine);
     f->by_x[by[i].at] = r_mul(by[i].x, cosine) - r_mul(by[i].y, sine) + by[i].rear_x;
     f->by_y[by[i].at] = y + by[i].rear_y;
     f->by_yaw[by[i].at] = r_mul(c->jf, y) - r_mul(c->trail, by[i].y) - r_mul(c->jr + c->trail, by[i].rear_y);
   }
   f->by_x[VX] = -r_mul(TSE_R(2), r_mul(c->drag, r_abs(x[VX])));
+  static const int of_d[3] = { STEER_OFFSET, GAIN, LATE };
   const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate), -r_mul(TSE_R(1) + x[GAIN], f->rate) };
   for (int i = 0; i < 3; i++) { /* forces turn with the wheels */
-    f->by_x[STEER_OFFSET + i] = -r_mul(by_d[i], ay);
-    f->by_y[STEER_OFFSET + i] = r_mul(by_d[i], ax);
-    f->by_yaw[STEER_OFFSET + i] = r_mul(c->jf, r_mul(by_d[i], ax));
+    f->by_x[of_d[i]] = -r_mul(by_d[i], ay);
+    f->by_y[of_d[i]] = r_mul(by_d[i], ax);
+    f->by_yaw[of_d[i]] = r_mul(c->jf, r_mul(by_d[i], ax));
   }
   f->by_yaw[STATES + CONSIDER_INERTIA] = -f->yaw;
   f->by_yaw[STATES + CONSIDER_CENTRE] = r_mul(c->m_inertia, ay + t->y_rear.f);
   f->by_yaw[STATES + CONSIDER_TRAIL] = -r_mul(c->m_inertia, t->y_front.f + t->y_rear.f);
 }
 
-void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
+void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_real share, forces *f)
 {
   const tyres t = tyres_of(c, x);
   const tyre *const xf = &t.x_front, *const yf = &t.y_front, *const xr = &t.x_rear, *const yr = &t.y_rear;
@@ -128,28 +130,32 @@ static kinematic kinematic_of(tse_real side, tse_real vx)
 }
 
 /* Return phi''. */
-static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real ay)
+static tse_real roll_swing(const tse_car *c, const tse_real x[TSE_VALUES], tse_real ay)
 {
   return mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
 /* Whether the motion has a slope over it: biases and the front radius are of the sensors. */
-static int moves(int j) { return !(j >= BX && j <= BR) && j != RAD; }
+static int moves(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
-static void add_to(tse_short *x, tse_real more) { *x = r_short_sum(*x, r_short_scaled(more, ROW_UP)); }
+/* Add to the slope of a row over column j, if it is one. */
+static void add_to(tse_short *row, int j, tse_real more)
+{
+  if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));
+}
 
 /* Move velocities and roll by a substep of h, and their slopes by the chain rule in the same order: the yaw rate first, so that speeds
  * turn with that of its middle. What slip angles follow of the velocities until then is not in f, which would make it of first order where
  * they follow within a substep; it is added.
  *   Given: f  forces in its middle      follow  [s/m] how far slip angles follow in half a substep, over the speed */
-static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real follow, tse_real h, tse_short M[MOTION][COLUMNS])
+static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow, tse_real h, tse_short M[MOTION][PLACES])
 {
   const tse_real half = r_mul(TSE_R(0.5), h), level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const tse_real vx = x[VX], r = x[YAW] + r_mul(half, f->yaw), pull = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
   const tse_real lag = r_mul(follow, half), front = r_mul(lag, pull + r_mul(c->lf, f->yaw)), rear = r_mul(lag, pull - r_mul(c->lr, f->yaw));
   const tse_real across_rate = pull - r_mul(f->by_y[AF], front) - r_mul(f->by_y[AR], rear), vy = x[VY] + r_mul(half, across_rate);
-  tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
+  tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[HAS_ROLL ? (int)PHI : (int)VX], *const mq = M[HAS_ROLL ? (int)DPHI : (int)VX];
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]), y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx), across = r_coef(vy), turn = r_coef(r);
   const r_coefficient flat = r_coef(level), stiff = r_coef(w2), damp = r_coef(drag), couple = r_coef(c->roll_coupling);
@@ -172,22 +178,24 @@ static void substep_velocities(const tse_car *c, tse_real x[STATES], const force
     }
     const tse_short spun = r_end_rate(gr), middle = r_plus_times(mr[j], half_step, spun);
     const tse_short side = r_end_rate(gy), turned = r_end_rate(r_plus(r_product(ahead, middle), turn, was));
-    const tse_short swings = r_end_rate(r_minus(r_product(stiff, r_plus_times(-mp[j], roll_follow, side)), damp, mq[j]));
     mx[j] = r_plus_times(was, step, r_end_rate(r_plus(r_plus(gx, across, middle), turn, my[j])));
-    my[j] = r_plus_times(my[j], step, r_end(r_plus(r_minus(r_start(side), flat, turned), couple, swings)));
     mr[j] = r_plus_times(mr[j], step, spun);
+    if (!HAS_ROLL) my[j] = r_plus_times(my[j], step, r_end(r_minus(r_start(side), flat, turned)));
+    if (!HAS_ROLL) continue;
+    const tse_short swings = r_end_rate(r_minus(r_product(stiff, r_plus_times(-mp[j], roll_follow, side)), damp, mq[j]));
+    my[j] = r_plus_times(my[j], step, r_end(r_plus(r_minus(r_start(side), flat, turned), couple, swings)));
     mq[j] = r_plus_times(mq[j], step, swings);
     mp[j] = r_plus_times(mp[j], step_on, mq[j]);
   }
-  add_to(&mx[GX], -h);
-  add_to(&my[GY], h);
-  add_to(&my[LEAN], r_mul(h, r_mul(vx, r)));
+  add_to(mx, GX, -h);
+  add_to(my, GY, h);
+  add_to(my, LEAN, r_mul(h, r_mul(vx, r)));
 }
 
 /* Move the slip angles by h, with velocities and roll in its middle, and their slopes; return [1] how far they follow.
  *   Given: side  force of the front axle   from  steering angle at its start, late   rate  of it
  * A ramp of the steering angle moves them as one angle of it does, in the middle, or, the shorter the relaxation, later: within 0.1 of h. */
-static tse_real substep_slip_angles(const tse_car *c, tse_real x[STATES], tse_real side, tse_real from, tse_real rate, tse_real h, tse_short M[MOTION][COLUMNS])
+static tse_real substep_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from, tse_real rate, tse_real h, tse_short M[MOTION][PLACES])
 {
   const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn), goes = TSE_R(1) - stays;
   const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
@@ -195,7 +203,7 @@ static tse_real substep_slip_angles(const tse_car *c, tse_real x[STATES], tse_re
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[STEER_OFFSET] - r_mul(c->compliance, side);
   const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
   const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
-  const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mp = M[PHI];
+  const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mp = M[HAS_ROLL ? (int)PHI : (int)VX];
   tse_short *const mf = M[AF], *const mb = M[AR];
   const r_coefficient f_side = r_coef(kf.by_side), f_ahead = r_coef(kf.by_v), r_side = r_coef(kr.by_side), r_ahead = r_coef(kr.by_v);
   const r_coefficient to_axle = r_coef(c->lf), from_axle = r_coef(c->lr), roll = r_coef(c->roll_steer), stay = r_coef(stays), go = r_coef(goes);
@@ -204,24 +212,25 @@ static tse_real substep_slip_angles(const tse_car *c, tse_real x[STATES], tse_re
   for (int j = 0; j < COLUMNS; j++) {
     if (!moves(j)) continue;
     const tse_short front = r_end(r_plus(r_product(f_side, r_end(r_plus(r_start(my[j]), to_axle, mr[j]))), f_ahead, mx[j]));
-    const tse_short rear = r_end(r_plus(r_plus(r_product(r_side, r_end(r_minus(r_start(my[j]), from_axle, mr[j]))), r_ahead, mx[j]), roll, mp[j]));
+    const r_total back = r_plus(r_product(r_side, r_end(r_minus(r_start(my[j]), from_axle, mr[j]))), r_ahead, mx[j]);
+    const tse_short rear = r_end(HAS_ROLL ? r_plus(back, roll, mp[j]) : back);
     mf[j] = r_end(r_plus(r_product(stay, mf[j]), go, front));
     mb[j] = r_end(r_plus(r_product(stay, mb[j]), go, rear));
   }
-  add_to(&mf[STEER_OFFSET], goes);
-  add_to(&mf[GAIN], r_mul(goes, steer));
-  add_to(&mf[LATE], -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), rate));
-  add_to(&mf[STATES + CONSIDER_CENTRE], r_mul(goes, r_mul(kf.by_side, x[YAW])));
-  add_to(&mb[STATES + CONSIDER_CENTRE], r_mul(goes, r_mul(kr.by_side, x[YAW])));
-  add_to(&mf[STATES + CONSIDER_RELAXATION_FRONT], r_mul(by_length, to_front));
-  add_to(&mb[STATES + CONSIDER_RELAXATION_REAR], r_mul(by_length, to_rear));
-  add_to(&mb[STATES + CONSIDER_ROLL_STEER], r_mul(goes, x[PHI]));
+  add_to(mf, STEER_OFFSET, goes);
+  add_to(mf, GAIN, r_mul(goes, steer));
+  add_to(mf, LATE, -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), rate));
+  add_to(mf, STATES + CONSIDER_CENTRE, r_mul(goes, r_mul(kf.by_side, x[YAW])));
+  add_to(mb, STATES + CONSIDER_CENTRE, r_mul(goes, r_mul(kr.by_side, x[YAW])));
+  add_to(mf, STATES + CONSIDER_RELAXATION_FRONT, r_mul(by_length, to_front));
+  add_to(mb, STATES + CONSIDER_RELAXATION_REAR, r_mul(by_length, to_rear));
+  add_to(mb, STATES + CONSIDER_ROLL_STEER, r_mul(goes, x[PHI]));
   return goes;
 }
 
 /* Slip angles half a substep ahead, then velocities and slip angles in turn, slip angles half a substep at the end: each is moved about the
  * middle of what moves the other, so that the error is of second order in the substep (Strang, SIAM J. Numer. Anal. 5 (1968) 506). */
-void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_short M[MOTION][COLUMNS])
+void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[MOTION][PLACES])
 {
   int32_t steps = -r_floor_to_int(-r_div(u.dt, LONGEST));
   steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS
@@ -243,7 +252,7 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_short M[MOTI
   }
 }
 
-void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS])
+void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3], tse_real by[3][PLACES])
 {
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN];
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
@@ -252,7 +261,7 @@ void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_
   rate[0] = f->x + r_mul(vy, r) - x[GX];
   rate[1] = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
   rate[2] = f->yaw;
-  for (int j = 0; j < COLUMNS; j++) {
+  for (int j = 0; j < PLACES; j++) {
     by[0][j] = f->by_x[j];
     by[1][j] = r_mul(own, f->by_y[j]);
     by[2][j] = f->by_yaw[j];
@@ -277,7 +286,7 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
 /* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks in as body rolls and pitches, and an
  * IMU off the centre of gravity swings.
  *   Returned: their rows of z and H */
-static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
+static void measure_imu(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
   const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
@@ -301,6 +310,7 @@ static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces
     H[ACCEL_Y][j] = r_mul(c->scale_y, h.y);
     H[YAW_RATE][j] = TSE_R(0);
   }
+  for (int j = COLUMNS; j < PLACES; j++) H[ACCEL_X][j] = H[ACCEL_Y][j] = H[YAW_RATE][j] = TSE_R(0);
   H[ACCEL_X][BX] = H[ACCEL_Y][BY] = H[YAW_RATE][BR] = TSE_R(1);
   H[YAW_RATE][YAW] = c->scale_r;
 }
@@ -308,7 +318,7 @@ static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces
 /* Predict the wheel speeds. Load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about
  * the speed, the driven one about its slip.
  *   Returned: their rows of z and H */
-static void measure_wheels(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
+static void measure_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
   const tse_real r = x[YAW], give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);
   const planar wheel = turn_axes(x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* across: slope of what is along over d */
@@ -322,6 +332,7 @@ static void measure_wheels(const tse_car *c, const tse_real x[STATES], const for
     front[j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
     rear[j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
   }
+  for (int j = COLUMNS; j < PLACES; j++) front[j] = rear[j] = TSE_R(0);
   front[VX] += r_mul(forward, f->cos_d);
   front[VY] += sideways;
   front[YAW] += r_mul(c->lf, sideways);
@@ -335,7 +346,7 @@ static void measure_wheels(const tse_car *c, const tse_real x[STATES], const for
   rear[SR] += x[VX];
 }
 
-void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
+void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
   measure_imu(c, x, f, pitch, z, H);
   measure_wheels(c, x, f, z, H);

@@ -49,6 +49,25 @@
 /* The state x: ROW(name, its unit in the covariance, no car goes beyond), SI. The unit makes numbers of one magnitude in every number
  * format. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
 /* clang-format off */
+#if defined(TSE_SMALL) /* lateral motion alone: what is no state is a number that nothing estimates, in KNOWN_ROWS */
+#define STATE_ROWS(ROW) \
+  ROW(VX,   0.2,   200) \
+  ROW(VY,   0.1,   60)  \
+  ROW(YAW,  0.02,  20)  \
+  ROW(AF,   0.01,  1.5) \
+  ROW(AR,   0.01,  1.5) \
+  ROW(GY,   0.15,  5)   \
+  ROW(BY,   0.05,  50)  \
+  ROW(BR,   0.002, 6)   \
+  ROW(LCF,  0.1,   4)   \
+  ROW(LCR,  0.1,   4)   \
+  ROW(LMU,  0.2,   4)   \
+  ROW(STEER_OFFSET, 0.002, 0.2) \
+  ROW(GAIN, 0.02,  0.5) \
+  ROW(LEAN, 0.05,  0.9)
+/* roll follows the lateral force at once; the slip is that of the force that accel_x reads; all others stay at their prior */
+#define KNOWN_ROWS(NAME) NAME(PHI) NAME(DPHI) NAME(SF) NAME(SR) NAME(GX) NAME(BX) NAME(LCX) NAME(RAD)
+#else
 #define STATE_ROWS(ROW) \
   ROW(VX,   0.2,   200) /* [m/s] speed along the car, and across */ \
   ROW(VY,   0.1,   60)  \
@@ -73,6 +92,7 @@
   ROW(LATE, 0.01,  0.2) /* [s] lateness of the steering */ \
   ROW(RAD,  0.005, 0.2) /* [1] error of the front radius */ \
   ROW(LEAN, 0.05,  0.9) /* [1] share of v r that roads lean into their curves */
+#endif
 #define EXTRA_ROWS(ROW) /* behind them, of a measured velocity */ \
   ROW(PSI,           0.02, 10)  /* [rad] heading of the car, in the axes of the course */ \
   ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] model discrepancy of the speed across */ \
@@ -83,14 +103,44 @@
   ROW(V_LEVER_Y,     0.2,  30)
 /* clang-format on */
 #define STATE_NAME(name, unit, most) name,
+#if defined(TSE_SMALL)
+enum {
+  STATE_ROWS(STATE_NAME) STATES,
+  MOTION = GY,
+  PLACED = GY,
+  FAST = BY
+};
+#else
 enum {
   STATE_ROWS(STATE_NAME) EXTRA_ROWS(STATE_NAME) STATES = PSI,
   MOTION = SF, /* states before this one: in motion */
+  PLACED = GX, /* states before this one: placed from the sensors */
   FAST = BX    /* states before this one: with noise in every row */
 };
+#endif
 
 /* Consider parameters: uncertain, and no state. The first, of the car, are columns of the slopes after the state; then those of the sensors.
  * A name is that of TSE_CONSIDER_ (tse/config.h), where states and the model have one, too, and both axles one of relaxation. */
+#if defined(TSE_SMALL)
+#define KNOWN_NAME(name) name,
+enum {
+  CONSIDER_CENTRE,
+  CONSIDER_LATE, /* of the steering, no state here */
+  CONSIDER_SCALE,
+  CONSIDER_GYRO,
+  CONSIDER_INERTIA, /* from here on: their columns are written and not read */
+  CONSIDER_TRAIL,
+  CONSIDER_RELAXATION_FRONT,
+  CONSIDER_RELAXATION_REAR,
+  CONSIDER_ROLL_STEER,
+  CONSIDER_WHEELS_LATE,
+  CONSIDER_ACCEL_LATE,
+  COLUMNS = STATES + CONSIDER_SCALE,
+  LATE = STATES + CONSIDER_LATE,
+  KNOWN = STATES + TSE_UNCERTAIN_ALL - 1,
+  KNOWN_ROWS(KNOWN_NAME) PLACES
+};
+#else
 enum {
   CONSIDER_INERTIA,
   CONSIDER_CENTRE,
@@ -102,8 +152,19 @@ enum {
   CONSIDER_GYRO,
   CONSIDER_WHEELS_LATE,
   CONSIDER_ACCEL_LATE,
-  COLUMNS = STATES + CONSIDER_SCALE
+  COLUMNS = STATES + CONSIDER_SCALE,
+  PLACES = COLUMNS /* of slopes: columns, and behind them what is written and not read */
 };
+#endif
+
+/* Known when it is compiled: whether roll, and longitudinal motion, have states. */
+enum { HAS_ROLL = (int)PHI < (int)STATES,
+       HAS_SLIP = (int)LCX < (int)STATES,
+       STIFFNESS = HAS_SLIP ? (int)LCX : (int)LCF }; /* the first that is a state */
+
+/* Place of a stiffness or the grip (TSE_CX_FRONT .., 3), of a bias. */
+static inline int stiffness_at(int a) { return a == 0 ? LCX : LCF + a - 1; }
+static inline int bias_at(int i) { return i == 0 ? BX : BY + i - 1; }
 
 /* What the sensors measure, in the order of every array of TSE_SENSORS. The first are the IMU's. */
 enum {
@@ -123,30 +184,30 @@ typedef struct steering {
 /* Specific forces, yaw acceleration, and their slopes over the state at this time. */
 typedef struct forces {
   tse_real x, y, yaw;                              /* [m/s2] [m/s2] [rad/s2] */
-  tse_real by_x[COLUMNS], by_y[COLUMNS], by_yaw[COLUMNS];
+  tse_real by_x[PLACES], by_y[PLACES], by_yaw[PLACES];
   tse_real sin_d, cos_d, steer, rate;              /* of the road-wheel angle d; logged angle [rad] and its rate [rad/s] */
   tse_real side;                                   /* [m/s2] front axle's lateral force */
   tse_real endless_x, endless_y;                   /* [m/s2] forces along and across of tyres that had no end */
 } forces;
 
 /* Find the forces at x.   Given: share  of the row's steering, 0 .. 1    O(1) time */
-void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f);
+void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_real share, forces *f);
 
 /* Find what slip and load leave of the stiffness at x: force over slip, or slip angle, over the stiffness at none.
  *   Returned:  share[3]  longitudinal front, cornering front, cornering rear    O(1) time */
-void car_secants(const tse_car *c, const tse_real x[STATES], tse_real share[3]);
+void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[3]);
 
 /* Move x through the row u and find the transition of the motion.
  *   Updated:   x
- *   Returned:  M[MOTION][COLUMNS]  slopes of the motion at the end over state and uncertain quantities at the start, SI units;
+ *   Returned:  M[MOTION][PLACES]  slopes of the motion at the end over state and uncertain quantities at the start, SI units;
  *              r_short_scaled(x, ROW_UP)
  *   O(substeps) time, at most TSE_SUBSTEPS. */
-void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_short M[MOTION][COLUMNS]);
+void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[MOTION][PLACES]);
 
 /* Find how fast speeds along and across and the yaw rate change at x.
  *   Given:     f  car_forces() there
- *   Returned:  rate[3]  [m/s2] [m/s2] [rad/s2]     by[3][COLUMNS]  their slopes */
-void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS]);
+ *   Returned:  rate[3]  [m/s2] [m/s2] [rad/s2]     by[3][PLACES]  their slopes */
+void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3], tse_real by[3][PLACES]);
 
 /* Move the body's pitch from the row before to a_x = ax, dt later.
  *   Updated:  pitch  the acceleration that it follows, and its rate      Returned: [m/s2] what accel_x reads of it */
@@ -155,7 +216,7 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
 /* Predict what the sensors read at x.
  *   Given:     f  car_forces() there, at the end of the row      pitch  from car_pitch(), or 0
  *   Returned:  z[TSE_SENSORS]  accel_x, accel_y [m/s2], yaw_rate [rad/s], wheel speeds front, rear times radius [m/s]
- *              H[TSE_SENSORS][COLUMNS]  their slopes */
-void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS]);
+ *              H[TSE_SENSORS][PLACES]  their slopes */
+void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES]);
 
 #endif

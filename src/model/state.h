@@ -52,10 +52,27 @@ typedef struct tse_particles {
   tse_real logw[1][TSE_STRIDE]; /* [log2] log-weight relative to the largest                              */
 } tse_particles;
 
-#define TSE_STATES 23   /* src/model/car.h */
 #define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
+#if defined(TSE_SMALL)  /* lateral motion alone: src/model/car.h */
+#if !defined(TSE_NO_VELOCITY) || !defined(TSE_NO_PARTICLES)
+#error "TSE_SMALL goes with TSE_NO_VELOCITY and TSE_NO_PARTICLES"
+#endif
+#define TSE_STATES 14
+#define TSE_SUBSTEPS 4
+#define TSE_UNCERTAIN_ALL 11
+#define TSE_VALUES (TSE_STATES + TSE_UNCERTAIN_ALL + 8) /* places of the state, with those of what is none here */
+#define TSE_CONSIDERED 4
+#define TSE_KEPT 7
+#define TSE_EVENTS 2
+#else
+#define TSE_STATES 23   /* src/model/car.h */
 #define TSE_SUBSTEPS 8
-#define TSE_CONSIDERED 10 /* consider parameters (Schmidt): uncertain, and no state */
+#define TSE_VALUES TSE_STATES
+#define TSE_UNCERTAIN_ALL 10 /* what may be a consider parameter (Schmidt): uncertain, and no state */
+#define TSE_CONSIDERED TSE_UNCERTAIN_ALL
+#define TSE_KEPT 11     /* states that a drive leaves to the next: biases, stiffness, grip, steering, radius */
+#define TSE_EVENTS 16   /* slots of events, src/filter/events.c */
+#endif
 #if defined(TSE_NO_VELOCITY) /* a build that is 1.9 kB of RAM smaller in float; rows that give one are refused there */
 #define TSE_EXTRAS 1 /* not in use */
 #define TSE_PAST 1
@@ -64,7 +81,6 @@ typedef struct tse_particles {
 #define TSE_PAST 8      /* earlier motion that is kept for velocities that come late */
 #endif
 #define TSE_ALL (TSE_STATES + TSE_EXTRAS)
-#define TSE_KEPT 11     /* states that a drive leaves to the next: biases, stiffness, grip, steering, radius */
 
 /* The car as the filter's model has it, src/model/car.h. Forces are over mass. */
 typedef struct tse_car {
@@ -118,8 +134,8 @@ struct tse_params {
   tse_real learnt_floor, learnt_walk; /* [1], [1/day] variance of a mean from an earlier drive: at least, growth */
   tse_real w_min, w_low, w_max, valid_var; /* w_low: where a draw is reflected */
   tse_car car;                        /* of it stiffness and geometry: every form */
-  tse_real prior[TSE_STATES], prior_sd[TSE_STATES]; /* form 0: of the state at the start */
-  tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_CONSIDERED], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
+  tse_real prior[TSE_VALUES], prior_sd[TSE_VALUES]; /* form 0: of the state at the start */
+  tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_UNCERTAIN_ALL], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] */
   tse_real velocity_sd[TSE_VELOCITIES], velocity_late; /* [m/s] [m/s] [m/s] [rad]; [s] behind the row that is stepped to */
@@ -144,7 +160,6 @@ enum { TSE_UNKNOWN,
        TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
 
 #define TSE_GROUPS 2     /* of events that exclude each other */
-#define TSE_EVENTS 16   /* slots of events, src/filter/events.c */
 
 typedef struct tse_ud {
   tse_short u[TSE_STATES * (TSE_STATES - 1) / 2];
@@ -195,7 +210,7 @@ typedef struct tse_along {
 
 /* A filter of the default form. */
 typedef struct tse_kalman {
-  tse_real x[TSE_ALL];                /* SI */
+  tse_real x[TSE_VALUES + TSE_EXTRAS]; /* SI */
   tse_ud ud;                          /* in units of the state */
   tse_short consider[TSE_CONSIDERED][TSE_ALL]; /* [unit] error of x per sd of each consider parameter */
   tse_real noise[TSE_SENSORS];        /* [1] variance of a channel as found, over the setting's */

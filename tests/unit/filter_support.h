@@ -55,17 +55,17 @@ static inline void any_covariance(tse_ud *p, uint32_t *seed)
 }
 
 /* Slopes over a stiffness: of its slip, or slip angle, squared, the share that is no error of the estimate. */
-static inline void weaken(tse_real (*slopes)[COLUMNS], int rows, const tse_kalman *k)
+static inline void weaken(tse_real (*slopes)[PLACES], int rows, const tse_kalman *k)
 {
   const dense m = dense_of(&k->ud);
   static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
-  for (int a = 0; a < 3; a++) {
+  for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     double signal = 0, error = 1e-6; /* as in signal_shares(): never 0 over 0 */
     for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
       signal += pow(number(k->x[of[a][n]]) / number(state_unit[of[a][n]]), 2);
       error += m.p[of[a][n]][of[a][n]];
     }
-    for (int i = 0; i < rows; i++) slopes[i][LCX + a] = real(number(slopes[i][LCX + a]) * signal / (signal + error));
+    for (int i = 0; i < rows; i++) slopes[i][stiffness_at(a)] = real(number(slopes[i][stiffness_at(a)]) * signal / (signal + error));
   }
 }
 
@@ -73,7 +73,7 @@ static inline void weaken(tse_real (*slopes)[COLUMNS], int rows, const tse_kalma
 
 typedef struct truth {
   tse_params p;
-  tse_real x[STATES];
+  tse_real x[TSE_VALUES];
   double t, steer, amplitude, frequency, throttle; /* [s] [rad] [rad] [Hz] [1] of slip */
   double noise;                                    /* [1] over the settings' */
   uint32_t seed;
@@ -86,7 +86,8 @@ static inline void truth_start(truth *w, tse_config c, double speed, double spre
   w->p = prepared(c), w->seed = seed, w->noise = 1, w->amplitude = 0.03, w->frequency = 0.4;
   w->throttle = 0.012;
   for (int i = 0; i < 100; i++) (void)next_word(&w->seed);
-  for (int i = BX; i < STATES; i++) {
+  for (int i = STATES; i < TSE_VALUES; i++) w->x[i] = w->p.prior[i];
+  for (int i = FAST; i < STATES; i++) {
     const double drawn = fmax(-2, fmin(2, next_normal(&w->seed)));
     w->x[i] = real(number(w->p.prior[i]) + spread * drawn * number(w->p.prior_sd[i]));
   }
@@ -98,8 +99,8 @@ static inline double truth_noise(truth *w, double sd) { return w->noise * sd * n
 /* The row after dt. Speed is held by the driver, who brakes and accelerates in turn. */
 static inline tse_input truth_row(truth *w, double dt)
 {
-  tse_short M[MOTION][COLUMNS];
-  tse_real z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+  tse_short M[MOTION][PLACES];
+  tse_real z[TSE_SENSORS], H[TSE_SENSORS][PLACES];
   forces f;
   tse_input u = blank_row();
   double left = dt, reading[TSE_SENSORS];
@@ -125,7 +126,7 @@ static inline tse_input truth_row(truth *w, double dt)
   return u;
 }
 
-static inline double truth_stiffness(const truth *w, int a) { return exp(number(w->x[LCX + a])); }
+static inline double truth_stiffness(const truth *w, int a) { return exp(number(w->x[stiffness_at(a)])); }
 
 /* Every output is a number. */
 static inline void expect_estimates_are_numbers(const tse_output *y, const char *what)

@@ -343,6 +343,13 @@ BLANK(tse_input, blank_row)
 BLANK(tse_sim_input, blank_sim_input)
 BLANK(tse_output, blank_output)
 
+/* Forms of the filter that the build has: 0 .. MOST_FORM. */
+#if defined(TSE_NO_PARTICLES)
+#define MOST_FORM 0
+#else
+#define MOST_FORM 2
+#endif
+
 /* Parameters from settings that must be right. */
 static inline tse_params prepared(tse_config c)
 {

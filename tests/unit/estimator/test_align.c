@@ -1,5 +1,6 @@
 /* tests/unit/estimator/test_align.c <-> src/estimator/align.c, and what tse_step() makes of it.
  * Expected rows are read from a whole log with absolute times, in double; expected estimates are those of a log without delays. */
+#include "model/car.h"
 #include "unit_support.h"
 #include "tables/constants.h"
 #include "tse/learnt.h"
@@ -122,7 +123,7 @@ static void test_channels_late_by_whole_rows_give_the_same_bits_later(void)
 {
   static const int cases[][6] = { { 3, 0, 0, 0, 0, 0 }, { 0, 6, 6, 0, 0, 0 }, { -2, -2, -2, -2, -2, 0 }, { 5, -4, 1, 2, -1, 0 }, { 20, -8, -8, 0, 3, 0 }, { 0, 0, 0, -7, 0, 0 }, { 1, 2, 3, 4, 5, 0 } };
   for (int i = 0; i < ROWS(cases); i++)
-    for (int32_t form = i < 4 ? 2 : 0; form >= 0; form--) TEST_ASSERT_TRUE(compare_shifted(form, cases[i], 0.01) > LOG - 40);
+    for (int32_t form = i < 4 ? MOST_FORM : 0; form >= 0; form--) TEST_ASSERT_TRUE(compare_shifted(form, cases[i], 0.01) > LOG - 40);
   TEST_ASSERT_TRUE(compare_shifted(0, cases[3], 0.007) > LOG - 40);
 }
 
@@ -297,7 +298,7 @@ static void test_a_value_that_repeats_itself_does_so_when_interpolated(void)
 static void test_until_all_channels_are_known_the_start_is_reported(void)
 {
   static const double late[5] = { 0.04, 0.04, 0, 0, -0.02 };
-  for (int32_t form = 0; form <= 2; form++) {
+  for (int32_t form = 0; form <= MOST_FORM; form++) {
     tse_config c = settings(form);
     uint8_t bytes[TSE_LEARNT_BYTES];
     tse_output y;
@@ -312,7 +313,7 @@ static void test_until_all_channels_are_known_the_start_is_reported(void)
       for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] == TSE_STARTING || y.reason[a] == TSE_INPUT_INVALID);
       if (k >= 6) continue;
       expect_near(0.8, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "stiffness", k);
-      const double floor = number(MODEL_FLOOR), own = number(p.prior_sd[15]), sd = form ? number(c.initial_mean_sd) : 0.8 * sqrt(own * own + floor * floor);
+      const double floor = number(MODEL_FLOOR), own = number(p.prior_sd[LCF]), sd = form ? number(c.initial_mean_sd) : 0.8 * sqrt(own * own + floor * floor);
       expect_near(sd, number(y.stiffness_sd[TSE_CY_FRONT]), 1e-6, "its sd", k);
       if (form) expect_near(number(c.initial_spread), number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
       expect_near(number(c.accel_y_bias_sd), number(y.bias_sd[1]), 1e-6, "sd of a bias", k);
@@ -327,7 +328,7 @@ static void test_nothing_is_read_across_a_gap(void)
 {
   static const double late[5] = { 0.035, 0, 0, 0, -0.01 };
   enum { GAP = 600 };
-  for (int32_t form = 0; form <= 2; form += 2) {
+  for (int32_t form = 0; form <= MOST_FORM; form += 2) {
     tse_output y;
     double waited = 0.04; /* whole rows */
     tse_real last = TSE_R(0);
@@ -541,7 +542,7 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
 {
   uint32_t seed = 11;
   for (int run = 0; run < 60; run++) {
-    const int32_t form = run % 4 ? 0 : 2;
+    const int32_t form = run % 4 ? 0 : MOST_FORM;
     tse_config c = settings(form);
     c.sample_time = setting(next_between(&seed, 0.002, 0.05));
     c.max_gap = setting(next_between(&seed, 0.05, 0.5));

@@ -44,7 +44,7 @@ static tse_config other_car(void)
   c.stiffness_max = setting(3), c.hold_speed = setting(4), c.max_steer = setting(0.6);
   c.max_slip = setting(0.08), c.noise_max = setting(12), c.max_gap = setting(0.2), c.valid_sd = setting(0.05);
   c.forgetting_mean = setting(0.97), c.forgetting_change = setting(0.8), c.spread_kernel = setting(0.03);
-  c.integration = 2, c.reflect_draws = 1, c.particles = 120, c.form = 1, c.driven_axle = 2, c.wheel_signals = 1;
+  c.integration = 2, c.reflect_draws = 1, c.particles = 120, c.form = MOST_FORM > 0, c.driven_axle = 2, c.wheel_signals = 1;
   c.steady_walk = setting(0.002), c.resampling = 2, c.initial_vel_x_from_wheels = 0, c.seed = 12345;
   return c;
 }
@@ -103,6 +103,7 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
   tse_config_default(NULL);
 }
 
+#if !defined(TSE_SMALL)
 static void expect_same_settings(const tse_config *expected, const tse_config *actual)
 {
   expect_config_accepted(actual, "other defaults");
@@ -138,6 +139,7 @@ static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
   tse_config_robust(NULL);
   tse_config_paper(NULL);
 }
+#endif
 
 static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
 {
@@ -233,6 +235,7 @@ static void test_null_arguments_are_refused_and_change_nothing(void)
 
 /* ------------------------------------------------------------------------------------------ constants */
 
+#if !defined(TSE_SMALL) /* no form 1 */
 /* A constant that were made of a default, or a setting that these tests forgot, would pass unseen. */
 static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
@@ -240,6 +243,7 @@ static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
   EACH_SETTING(row)
   TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting(row->def) : whole_field(&c, row) != (int32_t)row->def, row->name);
 }
+#endif
 
 static void expect_relative(double expected, tse_real actual, const char *what)
 {
@@ -338,11 +342,12 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   tse_config c = other_car();
   c.steering_offset_angle = setting(0.004), c.grade_angle = setting(0.02), c.bank_angle = setting(0.01);
   const tse_params p = prepared(c);
-  const double sd[STATES - BX] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.25, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
-                                   of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
-  for (int i = BX; i < STATES; i++) expect_near(sd[i - BX], number(p.prior_sd[i]), 1e-7, "prior_sd", i);
+  static const int at[] = { BX, BY, BR, LCX, LCF, LCR, LMU, STEER_OFFSET, GAIN, LATE, RAD, LEAN };
+  const double sd[] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.25, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
+                        of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
+  for (int i = 0; i < (int)(sizeof at / sizeof at[0]); i++) expect_near(sd[i], number(p.prior_sd[at[i]]), 1e-7, "prior_sd", i);
   const double mean[3] = { log(0.7), log(0.8), log(1.3) };
-  for (int i = 0; i < 3; i++) expect_near(mean[i], number(p.prior[LCX + i]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);
+  for (int i = 0; i < 3; i++) expect_near(mean[i], number(p.prior[stiffness_at(i)]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);
   expect_near(0.004, number(p.prior[STEER_OFFSET]), 1e-9, "offset", 0);
   expect_near(9.81 * sin(0.02), number(p.prior[GX]), 1e-6, "along the road", 0);
   expect_near(-9.81 * sin(0.01), number(p.prior[GY]), 1e-6, "across the road", 0);
@@ -350,9 +355,11 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   expect_near(log(0.2), number(p.log_min), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_min", 0);
   expect_near(log(3), number(p.log_max), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_max", 0);
   expect_relative(0.04, p.model_sd, "model_sd");
-  const tse_setting told[TSE_CONSIDERED] = { c.yaw_inertia_sd, c.cg_sd, c.trail_sd, c.relaxation_sd, c.relaxation_sd, c.roll_steer_sd, c.accel_y_scale_sd,
-                                             c.gyro_scale_sd, c.wheel_delay_sd, c.accel_delay_sd };
-  for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(of_setting(told[q]), number(p.uncertain[q]), 1e-9, "uncertain", q);
+  static const int of[] = { CONSIDER_INERTIA, CONSIDER_CENTRE, CONSIDER_TRAIL, CONSIDER_RELAXATION_FRONT, CONSIDER_RELAXATION_REAR, CONSIDER_ROLL_STEER,
+                            CONSIDER_SCALE, CONSIDER_GYRO, CONSIDER_WHEELS_LATE, CONSIDER_ACCEL_LATE };
+  const tse_setting told[] = { c.yaw_inertia_sd, c.cg_sd, c.trail_sd, c.relaxation_sd, c.relaxation_sd, c.roll_steer_sd, c.accel_y_scale_sd,
+                               c.gyro_scale_sd, c.wheel_delay_sd, c.accel_delay_sd };
+  for (int q = 0; q < (int)(sizeof of / sizeof of[0]); q++) expect_near(of_setting(told[q]), number(p.uncertain[of[q]]), 1e-9, "uncertain", q);
 }
 
 static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs(void)
@@ -368,6 +375,7 @@ static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_need
   expect_near(0, number(q.latency_span), 0, "latency_span", 0);
 }
 
+#if !defined(TSE_SMALL) /* no form 1 */
 static void test_filter_constants_follow_their_formulas(void)
 {
   const tse_params p = prepared(other_car());
@@ -415,6 +423,7 @@ static void test_filter_constants_follow_their_formulas(void)
   TEST_ASSERT_EQUAL_INT32(2, p.integration);
   expect_near(-0.8, number(p.w_low), BY_FORMAT(1e-15, 1e-7), "w_low: draws are reflected at stiffness_min", 0);
 }
+#endif
 
 static void test_off_is_off(void)
 {
@@ -500,6 +509,7 @@ static void test_same_settings_give_the_same_bytes(void)
   TEST_ASSERT_EQUAL_MEMORY(&a, &b, sizeof a);
 }
 
+#if !defined(TSE_SMALL) /* no form 1 */
 /* Also by the smallest change that the format knows. */
 static void test_fingerprint_changes_with_every_setting(void)
 {
@@ -519,6 +529,7 @@ static void test_fingerprint_changes_with_every_setting(void)
     }
   }
 }
+#endif
 
 static void test_fingerprint_changes_with_every_bit_of_a_setting(void)
 {
@@ -555,6 +566,7 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
   }
 }
 
+#if !defined(TSE_SMALL) /* no form 1 */
 /* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds. It is
  * FNV-1a over the settings of vehicle.toml in single precision: another one when a default of these changes. */
 static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
@@ -587,6 +599,7 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
     }
   }
 }
+#endif
 
 /* ------------------------------------------------------------------------------------ tse_stiffness_si */
 
@@ -625,6 +638,7 @@ static void test_stiffness_in_newtons_skips_what_is_not_asked_for(void)
 
 /* -------------------------------------------------------------------------------------- number formats */
 
+#if !defined(TSE_SMALL) /* no form 1 */
 static void test_every_form_works_in_every_format(void)
 {
   static tse_filter_paper f;
@@ -640,6 +654,7 @@ static void test_every_form_works_in_every_format(void)
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   }
 }
+#endif
 
 #if defined(TSE_REAL_FIXED)
 static void expect_not_fitting(const tse_config *c, const char *name)

@@ -89,7 +89,7 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
     tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
     double dense_h[ALL], z, e;
     if (row % 2) {
-      tse_short M[MOTION][COLUMNS];
+      tse_short M[MOTION][PLACES];
       tse_real noise[MOTION];
       double F[STATES][STATES], q[MOTION], x[STATES];
       for (int i = 0; i < STATES; i++)
@@ -474,7 +474,7 @@ static void test_events_are_opened_in_turn(void)
       before = opened[EVENT_ROAD_RETURN];
       k.change_kind = TSE_CHANGE_ROAD, k.change_age = TSE_R(100);
     }
-    tse_short M[MOTION][COLUMNS];
+    tse_short M[MOTION][PLACES];
     for (int i = 0; i < MOTION; i++)
       for (int j = 0; j < COLUMNS; j++) M[i][j] = slope_of(i == j);
     sensitivities_move(&p, &k, M, real(0.01));

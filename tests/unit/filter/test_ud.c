@@ -88,7 +88,7 @@ static void test_time_is_f_p_f_and_noise(void)
   uint32_t seed = 5;
   for (int n = 0; n < 100; n++) {
     tse_ud p;
-    tse_short M[MOTION][COLUMNS];
+    tse_short M[MOTION][PLACES];
     tse_real noise[MOTION];
     double F[STATES][STATES];
     any_covariance(&p, &seed);
@@ -218,7 +218,7 @@ static void test_d_stays_positive_in_a_long_run(void)
   for (int i = 0; i < MOTION; i++) noise[i] = real(1e-6);
   ud_set(&p, variance);
   for (int n = 0; n < rows; n++) {
-    tse_short M[MOTION][COLUMNS];
+    tse_short M[MOTION][PLACES];
     tse_real h[STATES], f[STATES], v[STATES], gain[STATES];
     for (int i = 0; i < MOTION; i++)
       for (int k = 0; k < COLUMNS; k++) M[i][k] = slope_of((i == k) * 0.99 + (k == (i + 3) % STATES) * 0.01);

@@ -118,7 +118,7 @@ static void test_what_moves_the_others_keeps_what_they_share_with_the_extra_stat
   uint32_t seed = 3;
   for (int n = 0; n < 40; n++) {
     tse_ud p;
-    tse_short M[MOTION][COLUMNS];
+    tse_short M[MOTION][PLACES];
     tse_real noise[MOTION];
     any_full(&p, &seed);
     full m = full_of(&p);
@@ -212,7 +212,7 @@ static void any_motion(tse_real x[TSE_ALL], uint32_t *seed)
   x[LCR] = real(next_between(seed, -0.2, 0.2));
 }
 
-static void rates(const tse_params *p, const tse_real x[STATES], steering u, tse_real rate[3], tse_real by[3][COLUMNS])
+static void rates(const tse_params *p, const tse_real x[TSE_VALUES], steering u, tse_real rate[3], tse_real by[3][PLACES])
 {
   forces f;
   car_forces(&p->car, x, u, TSE_R(1), &f);
@@ -227,8 +227,8 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
   const tse_params p = prepared(c);
   uint32_t seed = 5;
   for (int n = 0; n < 30; n++) {
-    tse_short M[MOTION][COLUMNS];
-    tse_real x[TSE_ALL], to[TSE_ALL], rate[3], by[3][COLUMNS], up[3], down[3], none[3][COLUMNS];
+    tse_short M[MOTION][PLACES];
+    tse_real x[TSE_ALL], to[TSE_ALL], rate[3], by[3][PLACES], up[3], down[3], none[3][PLACES];
     any_motion(x, &seed);
     const double h = BY_NUMBER(2e-7, 1e-3, 1e-3);
     const tse_real angle = real(next_between(&seed, -0.03, 0.03));
@@ -286,7 +286,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     c.velocity_latency_sd = setting(0.003), c.ins_velocity_sd = c.gnss_speed_sd = setting(0.01);
     c.gnss_course_sd = setting(0.001); /* uncertain quantities count: where they do not, Schmidt's gain is left out */
     const tse_params p = prepared(c);
-    tse_real rate[3], by[3][COLUMNS], change[TSE_ALL];
+    tse_real rate[3], by[3][PLACES], change[TSE_ALL];
     const tse_real angle = real(0.01);
     const steering still = { angle, angle, real(0.01) };
     forces f;

@@ -18,7 +18,7 @@ static tse_car some_car(int load)
   c.cornering_stiffness_front = setting(1e5), c.cornering_stiffness_rear = setting(1.3e5);
   c.grip = setting(1.1), c.tyre_saturation_shape = setting(0.4), c.relaxation_length = setting(0.4);
   c.body_roll_gain = setting(0.006), c.body_roll_frequency = setting(1.5), c.body_roll_damping = setting(0.3);
-  c.body_roll_height = setting(0.2), c.body_roll_coupling = setting(0.3);
+  c.body_roll_height = setting(0.2), c.body_roll_coupling = setting(HAS_ROLL ? 0.3 : 0); /* what it turns back has no slopes without states of roll */
   c.rear_roll_steer_gain = setting(0.05), c.aligning_moment_trail = setting(0.03);
   c.aero_drag_coefficient = setting(0.4), c.rolling_resistance_coefficient = setting(0.01);
   c.imu_lever_arm_x = setting(0.3), c.imu_lever_arm_y = setting(-0.2), c.imu_misalignment_angle = setting(0.03);
@@ -36,11 +36,14 @@ static tse_car plain_car(void)
   return prepared(config_by(tse_config_default)).car;
 }
 
-static void any_state(tse_real x[STATES], uint32_t *seed)
+static void any_state(tse_real x[TSE_VALUES], uint32_t *seed)
 {
-  const double most[STATES] = { 0, 0.5, 0.3, 0.05, 0.05, 0.03, 0.1, 0.03, 0.03, 0.4, 0.2, 0.1, 0.1, 0.005, 0.3, 0.3, 0.3, 0.2, 0.005,
-                                0.04, 0.03, 0.01, 0.1 };
-  for (int i = 0; i < STATES; i++) x[i] = real(next_between(seed, -most[i], most[i]));
+  static const struct {
+    int at;
+    double most;
+  } some[] = { { VX, 0 }, { VY, 0.5 }, { YAW, 0.3 }, { AF, 0.05 }, { AR, 0.05 }, { PHI, 0.03 }, { DPHI, 0.1 }, { SF, 0.03 }, { SR, 0.03 }, { GX, 0.4 }, { GY, 0.2 }, { BX, 0.1 }, { BY, 0.1 }, { BR, 0.005 }, { LCX, 0.3 }, { LCF, 0.3 }, { LCR, 0.3 }, { LMU, 0.2 }, { STEER_OFFSET, 0.005 }, { GAIN, 0.04 }, { LATE, 0.03 }, { RAD, 0.01 }, { LEAN, 0.1 } };
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
+  for (int i = 0; i < (int)(sizeof some / sizeof some[0]); i++) x[some[i].at] = real(next_between(seed, -some[i].most, some[i].most));
   x[VX] = real(next_between(seed, 8, 35));
 }
 
@@ -53,15 +56,13 @@ static steering any_steering(uint32_t *seed)
 /* ------------------------------------------------------------------------------- slopes */
 
 #if defined(TSE_REAL_DOUBLE)
-static const double unit[COLUMNS] = { 0.2, 0.1, 0.02, 0.01, 0.01, 0.01, 0.5, 0.01, 0.01, 0.3, 0.15, 0.05, 0.05, 0.002, 0.1, 0.1, 0.1, 0.2,
-                                      0.002, 0.02, 0.01,
-                                      0.005, 0.05, 0.1, 0.03, 0.03, 0.2, 0.2, 0.04 };
+static const double unit[PLACES] = { [VX] = 0.2, [VY] = 0.1, [YAW] = 0.02, [AF] = 0.01, [AR] = 0.01, [PHI] = 0.01, [DPHI] = 0.5, [SF] = 0.01, [SR] = 0.01, [GX] = 0.3, [GY] = 0.15, [BX] = 0.05, [BY] = 0.05, [BR] = 0.002, [LCX] = 0.1, [LCF] = 0.1, [LCR] = 0.1, [LMU] = 0.2, [STEER_OFFSET] = 0.002, [GAIN] = 0.02, [LATE] = 0.01, [RAD] = 0.005, [LEAN] = 0.05, [STATES + CONSIDER_INERTIA] = 0.1, [STATES + CONSIDER_CENTRE] = 0.03, [STATES + CONSIDER_TRAIL] = 0.03, [STATES + CONSIDER_RELAXATION_FRONT] = 0.2, [STATES + CONSIDER_RELAXATION_REAR] = 0.2, [STATES + CONSIDER_ROLL_STEER] = 0.04 };
 
 /* The car, or the state, with the quantity j off by e. */
-static tse_car off_by(const tse_car *c, tse_real x[STATES], int j, double e)
+static tse_car off_by(const tse_car *c, tse_real x[TSE_VALUES], int j, double e)
 {
   tse_car d = *c;
-  if (j < STATES) x[j] += e;
+  if (j < STATES || j == LATE) x[j] += e;
   else if (j == STATES + CONSIDER_INERTIA) { /* I (1 + e) */
     d.jf /= 1 + e;
     d.jr /= 1 + e;
@@ -86,13 +87,13 @@ static void expect_slope(double expected, double actual, double scale, double sh
 /* by_slip: columns of what drives, too. */
 static void expect_slopes(const tse_car *c, int by_slip, double share, double least, uint32_t seed)
 {
-  tse_short M[MOTION][COLUMNS], N[MOTION][COLUMNS];
-  tse_real x[STATES], H[TSE_SENSORS][COLUMNS], ignored[TSE_SENSORS][COLUMNS], z[2][TSE_SENSORS];
+  tse_short M[MOTION][PLACES], N[MOTION][PLACES];
+  tse_real x[TSE_VALUES], H[TSE_SENSORS][PLACES], ignored[TSE_SENSORS][PLACES], z[2][TSE_SENSORS];
   static const double sensor_unit[TSE_SENSORS] = { 0.1, 0.1, 0.003, 0.02, 0.02 };
   for (int n = 0; n < 40; n++) {
     any_state(x, &seed);
     const steering u = any_steering(&seed);
-    tse_real moved[STATES];
+    tse_real moved[TSE_VALUES];
     /* as far from what the motion asks for as in a fast turn */
     x[AF] = u.from - atan((x[VY] + c->lf * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01);
     x[AR] = -atan((x[VY] - c->lr * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01);
@@ -104,10 +105,10 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
     for (int j = 0; j < COLUMNS; j++) {
       if (!by_slip && (j == SF || j == SR || j == LCX)) continue; /* load goes with the drive: what that does to side forces is neglected */
       const int length = j == STATES + CONSIDER_RELAXATION_FRONT || j == STATES + CONSIDER_RELAXATION_REAR;
-      tse_real end[2][STATES];
+      tse_real end[2][TSE_VALUES];
       const double e = 1e-4 * unit[j];
       for (int k = 0; k < 2; k++) {
-        tse_real start[STATES];
+        tse_real start[TSE_VALUES];
         memcpy(end[k], x, sizeof x);
         const tse_car d = off_by(c, end[k], j, k ? e : -e);
         memcpy(start, end[k], sizeof start);
@@ -147,7 +148,7 @@ static void test_slopes_of_a_car_with_load_transfer_are_within_a_tenth(void)
 
 /* ------------------------------------------------------------------------------- forces */
 
-static forces forces_at(const tse_car *c, const tse_real x[STATES], double steer)
+static forces forces_at(const tse_car *c, const tse_real x[TSE_VALUES], double steer)
 {
   forces f;
   const steering u = { real(steer), real(steer), real(0.01) };
@@ -160,8 +161,8 @@ static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
 {
   const tse_car c = some_car(0);
   tse_car d = c;
-  tse_real x[STATES];
-  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  tse_real x[TSE_VALUES];
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
   x[VX] = TSE_R(20);
   x[AF] = TSE_R(0.04);
   x[AR] = TSE_R(0.03);
@@ -177,8 +178,8 @@ static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
 static void test_load_stays_on_an_axle_however_hard_the_car_brakes(void)
 {
   tse_car c = some_car(1);
-  tse_real x[STATES];
-  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  tse_real x[TSE_VALUES];
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
   c.height_front = c.height_rear = TSE_R(0.3);
   x[VX] = TSE_R(20);
   x[AR] = TSE_R(0.03);
@@ -196,9 +197,9 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
   static const double shape[3] = { 0, 0.5, 1 };
   for (int k = 0; k < 3; k++) {
     tse_car c = plain_car();
-    tse_real x[STATES] = { 0 };
+    tse_real x[TSE_VALUES] = { 0 };
     c.grip = real(0.8), c.shape = real(shape[k]);
-    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
     x[VX] = TSE_R(20);
     const double end = 0.8 * number(c.load_front);
     x[AF] = real(1e-4);
@@ -224,9 +225,9 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
 static void test_a_brush_is_its_cubic(void)
 {
   tse_car c = plain_car();
-  tse_real x[STATES];
+  tse_real x[TSE_VALUES];
   c.grip = real(0.9), c.shape = TSE_R(0);
-  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
   x[VX] = TSE_R(20);
   const double end = 0.9 * number(c.load_front), k = number(c.ky_front);
   for (double a = -0.4; a < 0.4; a += 0.0137) {
@@ -267,8 +268,8 @@ static void test_a_secant_is_force_over_slip(void)
   for (int k = 0; k < 5; k++) {
     static const double angle[5] = { 0.02, -0.05, 0.1, -0.2, 0.35 };
     tse_car c = k & 1 ? some_car(1) : plain_car();
-    tse_real x[STATES], share[3];
-    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    tse_real x[TSE_VALUES], share[3];
+    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
     c.grip = real(0.9), c.shape = real(0.25 * k);
     x[VX] = TSE_R(20);
     car_secants(&c, x, share);
@@ -297,8 +298,8 @@ static void test_left_is_the_mirror_of_right(void)
   c.lever_y = c.mount_sin = c.pull_front = c.pull_rear = TSE_R(0); /* these have one */
   uint32_t seed = 3;
   for (int n = 0; n < 30; n++) {
-    tse_short M[MOTION][COLUMNS], N[MOTION][COLUMNS];
-    tse_real x[STATES], y[STATES], z[TSE_SENSORS], w[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+    tse_short M[MOTION][PLACES], N[MOTION][PLACES];
+    tse_real x[TSE_VALUES], y[TSE_VALUES], z[TSE_SENSORS], w[TSE_SENSORS], H[TSE_SENSORS][PLACES];
     forces f, g;
     any_state(x, &seed);
     memcpy(y, x, sizeof x);
@@ -322,9 +323,9 @@ static void test_left_is_the_mirror_of_right(void)
 
 /* ------------------------------------------------------------------------------- motion */
 
-static void advance(const tse_car *c, tse_real x[STATES], double from, double to, double dt)
+static void advance(const tse_car *c, tse_real x[TSE_VALUES], double from, double to, double dt)
 {
-  tse_short M[MOTION][COLUMNS];
+  tse_short M[MOTION][PLACES];
   const steering u = { real(from), real(to), real(dt) };
   car_move(c, x, u, M);
 }
@@ -336,8 +337,8 @@ static void test_a_steady_turn_obeys_the_understeer_equation(void)
     const tse_car c = plain_car();
     const double lf = number(c.lf), lr = number(c.lr), kf = number(c.ky_front), kr = number(c.ky_rear), span = lf + lr;
     const double understeer = (lr / kf - lf / kr) / span, steer = 1.2 * (span + understeer * speed * speed) / (speed * speed);
-    tse_real x[STATES];
-    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    tse_real x[TSE_VALUES];
+    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
     for (int k = 0; k < 800; k++) {
       x[VX] = real(speed); /* the driver holds it */
       advance(&c, x, k < 100 ? steer * k / 100 : steer, k < 100 ? steer * (k + 1) / 100 : steer, 0.01);
@@ -357,8 +358,8 @@ static void test_a_steady_turn_obeys_the_understeer_equation(void)
 static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
 {
   tse_car c = plain_car();
-  tse_real x[STATES];
-  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  tse_real x[TSE_VALUES];
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
   c.drag = real(0.5 / 1500);
   x[VX] = TSE_R(40);
   for (int k = 0; k < 2000; k++) advance(&c, x, 0, 0, 0.01);
@@ -376,8 +377,8 @@ static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
 static void test_sliding_sideways_gives_energy_away(void)
 {
   const tse_car c = plain_car();
-  tse_real x[STATES];
-  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  tse_real x[TSE_VALUES];
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
   x[VX] = TSE_R(20);
   x[VY] = TSE_R(2);
   x[YAW] = real(-0.3);
@@ -399,10 +400,10 @@ static void test_slip_angles_build_up_over_the_relaxation_length(void)
   static const double dt[3] = { 0.004, 0.01, 0.05 };
   for (int k = 0; k < 3; k++) {
     tse_car c = plain_car();
-    tse_real x[STATES];
+    tse_real x[TSE_VALUES];
     c.relaxation = real(0.6);
     c.ky_front = c.ky_rear = TSE_R(0); /* no force: it does not move */
-    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
     x[VX] = TSE_R(10);
     for (double t = dt[k]; t < 0.3; t += dt[k]) {
       advance(&c, x, 0.02, 0.02, dt[k]);
@@ -416,10 +417,10 @@ static void test_slip_angles_build_up_over_the_relaxation_length(void)
 static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 {
   tse_car c = plain_car();
-  tse_real x[STATES];
+  tse_real x[TSE_VALUES];
   c.roll_gain = real(0.006), c.roll_omega = real(2 * pi * 1.5), c.roll_damping = real(0.2);
   c.ky_front = c.ky_rear = TSE_R(0);
-  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
   x[VX] = TSE_R(20);
   x[PHI] = real(0.05);
   const double w = 2 * pi * 1.5, own = w * sqrt(1 - 0.04);
@@ -435,10 +436,10 @@ static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 static void change_lane(double relaxation, double speed, double dt, double end[MOTION])
 {
   tse_car c = some_car(0);
-  tse_real x[STATES];
+  tse_real x[TSE_VALUES];
   const int rows = (int)(0.8 / dt + 0.5);
   c.roll_gain = 0, c.relaxation = relaxation;
-  for (int i = 0; i < STATES; i++) x[i] = 0;
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = 0;
   x[VX] = speed;
   x[SF] = 0.002;
   for (int k = 0; k < rows; k++) advance(&c, x, 0.6 / speed * sin(8 * dt * k), 0.6 / speed * sin(8 * dt * (k + 1)), dt);
@@ -466,19 +467,19 @@ static void test_the_error_of_a_row_is_of_second_order(void)
 static void test_parameters_do_not_move(void)
 {
   const tse_car c = some_car(1);
-  tse_real x[STATES], before[STATES];
+  tse_real x[TSE_VALUES], before[TSE_VALUES];
   uint32_t seed = 8;
   any_state(x, &seed);
   memcpy(before, x, sizeof x);
   for (int k = 0; k < 50; k++) advance(&c, x, 0.01, -0.01, 0.02);
-  for (int i = SF; i < STATES; i++) TEST_ASSERT_EQUAL_MEMORY(&before[i], &x[i], sizeof x[i]);
+  for (int i = MOTION; i < STATES; i++) TEST_ASSERT_EQUAL_MEMORY(&before[i], &x[i], sizeof x[i]);
 }
 
 /* However long a row is, no more is computed: thousand rows of an hour take no second. */
 static void test_a_long_row_takes_no_more_substeps_than_there_are(void)
 {
   const tse_car c = some_car(0);
-  tse_real x[STATES];
+  tse_real x[TSE_VALUES];
   uint32_t seed = 9;
   const clock_t began = clock();
   for (int n = 0; n < 1000; n++) {
@@ -493,8 +494,8 @@ static void test_a_long_row_takes_no_more_substeps_than_there_are(void)
 static void test_sensors_read_what_textbooks_say(void)
 {
   tse_car c = plain_car();
-  tse_real x[STATES], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
-  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  tse_real x[TSE_VALUES], z[TSE_SENSORS], H[TSE_SENSORS][PLACES];
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
   x[VX] = TSE_R(20);
   x[VY] = real(-0.4);
   x[YAW] = real(0.3);
@@ -541,17 +542,17 @@ static void test_sensors_read_what_textbooks_say(void)
 static void test_any_state_makes_numbers(void)
 {
   /* five times as stiff */
-  static const double most[STATES] = { 200, 60, 20, 1.5, 1.5, 0.5, 10, 10, 10, 5, 5, 50, 50, 6, 1.6, 1.6, 1.6, 4, 0.2, 0.5, 0.2, 0.2, 0.9 };
-  static const double dt[] = { 1e-4, 0.01, 0.05, 0.25 }; /* a longer one is a gap */
+  static const double most[TSE_VALUES] = { [VX] = 200, [VY] = 60, [YAW] = 20, [AF] = 1.5, [AR] = 1.5, [PHI] = 0.5, [DPHI] = 10, [SF] = 10, [SR] = 10, [GX] = 5, [GY] = 5, [BX] = 50, [BY] = 50, [BR] = 6, [LCX] = 1.6, [LCF] = 1.6, [LCR] = 1.6, [LMU] = 4, [STEER_OFFSET] = 0.2, [GAIN] = 0.5, [LATE] = 0.2, [RAD] = 0.2, [LEAN] = 0.9 };
+  static const double dt[] = { 1e-4, 0.01, 0.05, HAS_SLIP ? 0.25 : 0.125 }; /* a longer one is a gap */
   uint32_t seed = 9;
   for (int load = 0; load < 2; load++)
     for (int n = 0; n < 400; n++) {
       const tse_car c = some_car(load);
-      tse_short M[MOTION][COLUMNS];
-      tse_real x[STATES], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+      tse_short M[MOTION][PLACES];
+      tse_real x[TSE_VALUES], z[TSE_SENSORS], H[TSE_SENSORS][PLACES];
       forces f;
-      for (int i = 0; i < STATES; i++) x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1
-                                                                                                                             : 1));
+      for (int i = 0; i < TSE_VALUES; i++) x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1
+                                                                                                                                 : 1));
       const steering u = { real(next_between(&seed, -1.2, 1.2)), real(next_between(&seed, -1.2, 1.2)), real(dt[n % 4]) };
       car_move(&c, x, u, M);
       car_forces(&c, x, u, TSE_R(1), &f);

@@ -48,9 +48,9 @@ static void slips_of(const tse_sim *sim, double slip[2])
 }
 
 /* What the filter makes of the settings, at the state that the simulator starts from. */
-static void start(const tse_params *p, const tse_sim *sim, tse_real x[STATES])
+static void start(const tse_params *p, const tse_sim *sim, tse_real x[TSE_VALUES])
 {
-  for (int i = 0; i < STATES; i++) x[i] = p->prior[i];
+  for (int i = 0; i < TSE_VALUES; i++) x[i] = p->prior[i];
   for (int i = VX; i <= YAW; i++) x[i] = sim->x[i - VX];
   x[AF] = sim->effects.lag[0];
   x[AR] = sim->effects.lag[1];
@@ -60,12 +60,12 @@ static void start(const tse_params *p, const tse_sim *sim, tse_real x[STATES])
 static void compare(const tse_config *c, double h, double steer, int pedals, drive *d)
 {
   static tse_sim sim;
-  static tse_short M[MOTION][COLUMNS];
-  static tse_real H[TSE_SENSORS][COLUMNS];
+  static tse_short M[MOTION][PLACES];
+  static tse_real H[TSE_SENSORS][PLACES];
   const tse_params p = prepared(*c);
   tse_sim_config s;
   tse_sim_output y;
-  tse_real x[STATES], angle[3], pitch[2] = { TSE_R(0), TSE_R(0) }, z[TSE_SENSORS];
+  tse_real x[TSE_VALUES], angle[3], pitch[2] = { TSE_R(0), TSE_R(0) }, z[TSE_SENSORS];
   double slip[2], before[2];
   tse_sim_config_default(&s);
   s.noise = s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0);
