@@ -33,11 +33,14 @@ FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 LIMIT = {"rms": 5.0, "valid": 3.0}  # % of double's, points: what fixed point may cost
 
 
-def library(real: str) -> Library:
+SMALL = ("-DTSE_SMALL=ON", "-DTSE_PARTICLES=OFF", "-DTSE_VELOCITY=OFF")
+
+
+def library(real: str, small: bool = False) -> Library:
     """A shared library of this tree, made where it is missing or older than its sources."""
-    folder = ROOT / "build" / "fixed" / real
+    folder = ROOT / "build" / ("fixed-small" if small else "fixed") / real
     options = ["-DCMAKE_BUILD_TYPE=Release", f"-DTSE_REAL={real}", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=512",
-               "-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF"]  # fmt: skip
+               "-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF", *(SMALL if small else ())]  # fmt: skip
     for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--config", "Release"]):
         subprocess.run([str(c) for c in command], check=True, stdout=subprocess.DEVNULL)
     return Library(next(f for f in folder.rglob("*tse.*") if f.suffix in (".so", ".dylib", ".dll")))

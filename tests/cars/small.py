@@ -1,0 +1,122 @@
+"""The build with TSE_SMALL beside the full filter and the constant of the calibration, on the same calibrated cars (README.md)
+and on real logs.
+
+    python -m tests.cars.small --keep DIR --first SEED [--cars N] [--real DIR] [--out FILE]
+
+DIR: that of `python -m tests.cars.study --keep DIR`; with --real that of `python -m tests.cars.real --keep DIR`: two drives of
+one car, each with the calibration of the other.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from scripts.fixed import library
+from tests.cars import ROADS
+from tests.cars.real import CORNERING, DATA, FAST, SAME_CAR, lively
+from tests.cars.study import CONSTANT, SETTLED, SLOW, constant, driven, estimated, parser_of_kept, relaxed, score, shares
+from tse.impl.core import NOMINAL, STIFFNESS, Library
+from tse.impl.logs.log import read_log
+from tse.impl.tables import markdown_table
+
+FULL, LITTLE, FIXED = "full", "small", "small, fixed point"
+
+
+def of_drive(car: Path, road: str, builds: dict[str, Library | None]) -> list[dict[str, Any]]:
+    """Return a row per build and one of the constant: score and squared errors beside the secants without relaxation."""
+    log, reference, _ = driven(car / "test", road)
+    truth = relaxed(reference, json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")))
+    time = log.time - log.time[0]
+    rows = []
+    for who in (*builds, CONSTANT):
+        vehicle = car / "calibrated.toml"
+        out, config = constant(vehicle, log) if who == CONSTANT else estimated(vehicle, log, lib=builds[who])
+        row: dict[str, Any] = {"car": car.name, "road": road, "who": who, **score(out, config, log, truth)}
+        for key in STIFFNESS:
+            true = np.interp(time - out["estimate_age"], time, truth[key])
+            error = out[f"{key}_secant"].astype(float) * getattr(config, NOMINAL[key]) / true - 1
+            counts = np.isfinite(error) & (time > SETTLED) & (out["vel_x"] > SLOW)
+            row[f"{key} square"] = float((error[counts] ** 2).sum())
+        rows.append(row)
+    return rows
+
+
+def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None]) -> list[list[str]]:
+    """Return lines of a real log with the calibration of another of the same car: nobody knows these tyres, the speed across is
+    measured."""
+    log = read_log(DATA / name / "data.csv")
+    time, lines = log.time - log.time[0], []
+    for who, lib in builds.items():
+        out, config = estimated(kept / f"{other}_whole.toml", log, lib=lib)
+        true = np.interp(time - out["estimate_age"], time, log.ref["ref_vel_y"].to_numpy(float))
+        counts = (time > SETTLED) & (out["vel_x"] > FAST) & np.isfinite(true)
+        end, excited = counts & (time > time[-1] * 2 / 3), counts & lively(time, out)
+        off = (out["vel_y"] - true)[counts]
+        cells = [name, who]
+        for key in CORNERING:
+            nominal = getattr(config, NOMINAL[key]) / 1000.0
+            mean, sd = np.median(out[key][end]), np.median(out[f"{key}_sd"][end])
+            cells.append(f"{nominal * mean:.0f} +- {1.96 * nominal * sd:.0f}")
+        cells.append(" / ".join(f"{100 * np.mean(out[f'{key}_valid'][excited] == 0):.0f}" for key in CORNERING))
+        cells.append(f"{np.degrees(np.sqrt(np.mean((off / out['vel_x'][counts]) ** 2))):.2f}")
+        lines.append([*cells, f"{100 * np.mean(np.abs(off) < 1.96 * out['vel_y_sd'][counts]):.0f}"])
+    return lines
+
+
+def table(runs: pd.DataFrame) -> list[str]:
+    """A line per road and build; no longitudinal stiffness in the small one."""
+
+    def rms(group: pd.DataFrame) -> str:
+        return " / ".join(f"{100 * np.sqrt(group[f'{k} square'].sum() / group[f'{k} rows'].sum()):.1f}" for k in CORNERING)
+
+    rows = []
+    for (road, who), g in runs.groupby(["road", "who"], sort=False):
+        cells = [str(road), str(who), " / ".join(f"{100 * float(g[f'{k} error'].median()):.1f}" for k in CORNERING), rms(g)]
+        cells += [shares(g, what, of, keys=CORNERING) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+        rows.append([*cells, f"{g['changes'].sum() / g['hours'].sum():.1f}"])
+    head = "road|build|median error [%]|rms error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour"
+    return markdown_table(head.split("|"), rows, 7)
+
+
+def main(arguments: list[str]) -> int:
+    """Write the table."""
+    parser = parser_of_kept(__doc__, "small.md")
+    parser.add_argument("--real", type=Path, help="that of python -m tests.cars.real")
+    given = parser.parse_args(arguments)
+    builds: dict[str, Library | None] = {FULL: None, LITTLE: library("double", small=True), FIXED: library("fixed", small=True)}
+    jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
+    runs = pd.DataFrame([row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)])
+    head = f"""# A smaller state
+
+`python -m tests.cars.small --keep DIR --first {given.first} --cars {given.cars} --real DIR` after
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR`: {len(jobs)} drives of
+{given.cars} calibrated cars with 14 degrees of freedom, by the full filter, by the build with `TSE_SMALL` and by the constant of
+the calibration. Front / rear cornering; median error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant
+without relaxation; *rms error*: of all rows with a truth.
+
+"""
+    text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+    if given.real:
+        lines = []
+        for name, other in (SAME_CAR[0], SAME_CAR[0][::-1]):
+            lines += of_log(name, other, given.real, builds)
+        text += """
+Two logs of one car, each with the calibration of the other (`python -m tests.cars.real --keep DIR`): stiffness at no slip with
+its 95 % interval, median of the last third; valid of lively rows, as in [real logs](real.md). Nobody knows these tyres; the
+speed across is measured.
+
+"""
+        columns = "log|build|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|95 % interval of vel_y holds [%]"
+        text += "\n".join(markdown_table(columns.split("|"), lines, 5)) + "\n"
+    given.out.write_text(text, encoding="utf-8")
+    print(f"{given.out}: {len(jobs)} drives")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

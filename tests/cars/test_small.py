@@ -1,0 +1,45 @@
+"""The build with TSE_SMALL on a drive: fixed point as double, and beside the full filter."""
+
+import numpy as np
+import pytest
+
+from scripts.fixed import library
+from tests.cars import make_logs
+from tse.impl.calibrate.along import outputs
+from tse.impl.config import make_config
+from tse.impl.core import STIFFNESS, Config
+from tse.impl.logs.log import read_log
+from tse.impl.vehicle import read_vehicle
+
+CORNERING = STIFFNESS[1:]
+
+
+@pytest.fixture(scope="module")
+def estimates(tmp_path_factory):
+    """Estimates of a minute in the mountains, a row each: of both builds in double, of the small one in fixed point."""
+    folder = tmp_path_factory.mktemp("drive")
+    make_logs("mountain", minutes=1, cars=1, seed=5, hills=False)[0].write(folder, "mountain")
+    log = read_log(folder / "log_mountain.csv")
+    config, _ = make_config(read_vehicle(folder / "car.toml"), log)
+    builds = {"full": library("double"), "small": library("double", small=True), "fixed": library("fixed", small=True)}
+    return {who: outputs(Config(config.as_dict(), lib=lib), log) for who, lib in builds.items()}
+
+
+def test_fixed_point_follows_double_within_5_per_cent_of_the_sd(estimates):
+    for key in CORNERING:
+        apart = (estimates["fixed"][key].astype(float) - estimates["small"][key]) / estimates["small"][f"{key}_sd"]
+        assert np.abs(apart).max() < 0.05, key
+
+
+def test_the_small_state_is_in_the_interval_of_the_full_one_and_valid_no_sooner_than_sure(estimates):
+    full, small = estimates["full"], estimates["small"]
+    for key in CORNERING:
+        both = np.hypot(full[f"{key}_sd"], small[f"{key}_sd"])
+        assert (np.abs(small[key] - full[key]) < 1.96 * both).mean() > 0.95, key
+        valid = small[f"{key}_valid"] == 0
+        assert (small[f"{key}_sd"][valid] <= 0.1001 * small[key][valid]).all(), key
+
+
+def test_longitudinal_stiffness_is_never_valid(estimates):
+    assert (estimates["small"]["cx_front_valid"] != 0).all()
+    assert np.ptp(estimates["small"]["cx_front"]) == 0
