@@ -81,6 +81,8 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
         small = at_level(machine, "-Os")
         flash = {}
         for name, options in (("text", OPTIONS), ("all_forms", [x for x in OPTIONS if x != "-DTSE_NO_PARTICLES"])):
+            if name == "all_forms" and "TSE_SMALL" in target.get("define", {}):
+                continue  # it has no particles
             options = [*options, *defines]
             flash[name] = flash_of(m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024))
     except m.Failed as error:

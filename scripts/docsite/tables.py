@@ -384,7 +384,7 @@ def controller() -> str:
         least = longest * CYCLES / PERIOD / 1e6
         rows.append(
             [cells[0], str(clock), f"{mean * each:.2f}", f"{longest * each:.2f}", f"{least:.0f}",
-             *(f"{b / 1e3:.1f}" for b in (flash, particles, ram, stack))]
+             *(f"{b / 1e3:.1f}" if b else "-" for b in (flash, particles, ram, stack))]
         )  # fmt: skip
     head = ["core, number format", "MHz", "a row: mean [ms]", "longest [ms]", "least MHz at 100 Hz", "flash [kB]"]
     return table([*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9)))
