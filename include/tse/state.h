@@ -19,7 +19,7 @@
 #define TSE_FILTER_NUMBERS (323 + 7 * TSE_LATENCY_ROWS)
 #define TSE_FILTER_WHOLE 100
 #define TSE_FILTER_PADDED (9 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
-#define TSE_CONSTANT_NUMBERS 209
+#define TSE_CONSTANT_NUMBERS 210
 #elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
 #define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_ROWS)
