@@ -1,0 +1,115 @@
+"""The same drives as a clean CSV and as a bus has them: are the names the same, and is there none on a car that hides nothing?
+
+    python -m tests.gap.bus [--clean N] [--hidden N] [--first SEED] [--jobs N] [--out FILE]     from the root of the repository
+
+Cars of the generator. The bus is an MF4 with a group per message: the IMU at 100 Hz, wheels at 50, the steering at 33 Hz; each is
+later than in the clean log, and comes in steps. What is late is not in signals.toml: the workflow has to find it. Some minutes; the
+table goes to scripts/results/gap-bus.md.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from tests.gap.runs import in_processes
+from tests.gap.study import interval
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = ROOT / "scripts" / "results" / "gap-bus.md"
+FIRST, CLEAN, HIDDEN = 8001, 10, 10
+MESSAGES = {  # rows per entry, s, columns
+    "steer": (3, 0.012, ("steer_angle",)),
+    "wheels": (2, 0.02, ("wheel_speed_front", "wheel_speed_rear")),
+    "imu": (1, 0.005, ("accel_x", "accel_y", "yaw_rate")),
+}
+# rad, rad/s, m/s2, rad/s: 0.1 deg of a steering wheel of ratio 16; 0.03 km/h of a wheel of 0.33 m; 0.01 m/s2; 0.01 deg/s
+STEP = {"steer_angle": 1.1e-4, "wheel_speed_front": 0.025, "wheel_speed_rear": 0.025, "accel_x": 0.01, "accel_y": 0.01,
+        "yaw_rate": 1.75e-4}  # fmt: skip
+SHOWN = ("body_roll", "relaxation", "steering_ratio", "cg_shift", "gyro_scale", "imu_scale_ay", "lateral_load_transfer",
+         "tyre_saturation", "imu_lever_arm", "rear_roll_steer")  # fmt: skip
+
+
+def mf4(csv: Path, path: Path) -> None:
+    """The log as a bus has it."""
+    from asammdf import MDF, Signal
+
+    clean = pd.read_csv(csv)
+    with MDF(version="4.10") as mdf:
+        for name, (every, late, columns) in MESSAGES.items():
+            time = clean.time.to_numpy()[::every] + late
+            signals = [Signal(STEP[c] * np.round(clean[c].to_numpy()[::every] / STEP[c]), time, name=c) for c in columns]
+            mdf.append(signals, acq_name=name)
+        mdf.save(path, overwrite=True)
+
+
+def run(asked: tuple[int, str]) -> dict:
+    """One car, both ways: names of the car, and of sensors."""
+    from tests.gap.generator import Spec, make_cases
+    from tse.impl.gap.run.workflow import run as gap
+
+    seed, hidden = asked
+    case = next(make_cases([Spec(hidden or "clean", {hidden: 1.0} if hidden else {}, seed)]))
+    found = {"seed": seed, "hidden": hidden}
+    with tempfile.TemporaryDirectory() as name:
+        folder = case.write(Path(name) / "case")
+        for path in sorted(folder.glob("*.csv")):
+            mf4(path, path.with_suffix(".mf4"))
+        for kind in ("csv", "mf4"):
+            logs, held = (sorted(folder.glob(f"{part}_*.{kind}")) for part in ("log", "hold_out"))
+            verdict = gap(logs, folder / "car.toml", held).as_json()
+            names = {e["id"] for e in verdict["effects"]}
+            alike = {a for e in verdict["effects"] for a in e["look_alikes"]}
+            found[kind] = {"names": sorted(names), "alike": sorted(alike), "sensors": sorted(s["id"] for s in verdict["sensors"])}
+    return found
+
+
+def same(case: dict) -> bool:
+    """Are the names of the car the same, or look-alikes that either admits?"""
+    a, b = case["csv"], case["mf4"]
+    return set(a["names"]) <= {*b["names"], *b["alike"]} and set(b["names"]) <= {*a["names"], *a["alike"]}
+
+
+def table(cases: list[dict]) -> str:
+    """Results of cases -> Markdown."""
+    lines = ["| hidden | seed | clean CSV | bus: of the car | bus: of the sensors |", "|---|---:|---|---|---|"]
+    for c in cases:
+        cells = (", ".join(x) or "-" for x in (c["csv"]["names"], c["mf4"]["names"], c["mf4"]["sensors"]))
+        lines.append(f"| {c['hidden'] or '-'} | {c['seed']} | " + " | ".join(cells) + " |")
+    clean, hidden = ([c for c in cases if bool(c["hidden"]) is kind] for kind in (False, True))
+    quiet, alike = sum(not c["mf4"]["names"] for c in clean), sum(map(same, cases))
+    found = sum(c["hidden"] in c["mf4"]["names"] for c in hidden)
+    more = sum(len(set(c["mf4"]["names"]) - {c["hidden"]}) for c in hidden)
+    lines.append(
+        f"\nNo effect of the car on {quiet} of {len(clean)} cars on a bus that hide nothing (95 %: {interval(quiet, len(clean))}); "
+        f"the same names as from the clean log in {alike} of {len(cases)} ({interval(alike, len(cases))}); "
+        f"on a bus {found} of {len(hidden)} hidden effects are named, and {more} more names."
+    )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.gap.bus", description=__doc__.split("\n")[0])
+    parser.add_argument("--clean", type=int, default=CLEAN, metavar="N", help="cars that hide nothing")
+    parser.add_argument("--hidden", type=int, default=HIDDEN, metavar="N", help="cars with one effect")
+    parser.add_argument("--first", type=int, default=FIRST, metavar="SEED")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, help=f"default, of all cases: {TABLE.relative_to(ROOT)}")
+    options = parser.parse_args()
+    effects = [""] * options.clean + [SHOWN[k % len(SHOWN)] for k in range(options.hidden)]
+    cases = in_processes(run, [(options.first + k, e) for k, e in enumerate(effects)], options.jobs, "car")
+    if cases is None:
+        return 130
+    text = table(cases)
+    print(text)
+    whole = (options.clean, options.hidden, options.first) == (CLEAN, HIDDEN, FIRST)
+    if options.out or whole:
+        (options.out or TABLE).write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
