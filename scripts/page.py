@@ -169,7 +169,8 @@ def known() -> dict[str, Any]:
         "check": {
             "causes": agree.CAUSES, "wheelCauses": agree.WHEEL_CAUSES, "figures": agree.FIGURES, "sd": agree.SD,
             "unknownTrack": agree.UNKNOWN_TRACK, "unknownTrackSd": agree.UNKNOWN_TRACK_SD, "price": agree.PRICE,
-            "wrongSign": agree.WRONG_SIGN, "vanished": agree.VANISHED, "enough": agree.ENOUGH, "odd": agree.ODD,
+            "wrongSign": agree.WRONG_SIGN, "vanished": agree.VANISHED, "enough": agree.ENOUGH, "slack": agree.SLACK,
+            "odd": agree.ODD,
             "well": agree.WELL, "far": agree.FAR, "handling": agree.HANDLING, "usualRatio": agree.USUAL_RATIO,
             "unsaid": scales.UNSAID,
             "rate": physics.RATE, "smooth": physics.SMOOTH, "moving": physics.MOVING, "fewest": physics.FEWEST,

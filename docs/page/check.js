@@ -121,10 +121,10 @@ function figuresOf(rows, d, v, car, tracks, wheels) {
   const P = PAGE.check, out = {}, moving = (i) => Math.abs(v[i]) > P.moving;
   for (const [name, kinematic] of [["accel_y", v.map((x, i) => x * d.yaw_rate[i])], ["accel_x", slopeOf(v)]]) {
     const f = fitOf(kinematic, d[name], moving);
-    if (Math.abs(f.corr) > P.enough[name] && f.sd > 0.02) out[name] = { value: f.slope, sd: Math.hypot(P.sd[name], 1 - Math.abs(f.corr)) };
+    if (Math.abs(f.corr) > P.enough[name] - P.slack && f.sd > 0.02) out[name] = { value: f.slope, sd: Math.hypot(P.sd[name], 1 - Math.abs(f.corr)), nearly: Math.abs(f.corr) <= P.enough[name] };
   }
   const s = steeringFit(d.steer_angle, v, d.yaw_rate);
-  if (s && s.share > P.enough.steer_angle && s.perCurvature !== 0) out.steer_angle = { value: s.perCurvature / (car.lf + car.lr), sd: Math.hypot(P.sd.steer_angle, s.sd) };
+  if (s && s.share > P.enough.steer_angle - P.slack && s.perCurvature !== 0) out.steer_angle = { value: s.perCurvature / (car.lf + car.lr), sd: Math.hypot(P.sd.steer_angle, s.sd), nearly: s.share <= P.enough.steer_angle };
   for (const axle of ["front", "rear"]) {
     const per = rows.turn?.[`wheel_speed_${axle}`];
     if (per) out[`track_${axle}`] = { value: (per * car[`wheel_radius_${axle}`]) / wheels / (tracks[axle] || P.unknownTrack), sd: tracks[axle] ? P.sd.track : P.unknownTrackSd };
@@ -166,6 +166,8 @@ function weigh(rows, car, { ratio = PAGE.check.usualRatio, tracks = {}, may = ()
     for (const name of without) delete figures[name];
     return { wheels, figures };
   });
+  const shown = new Set(tried.flatMap((t) => Object.keys(t.figures).filter((n) => !t.figures[n].nearly)));
+  for (const { figures } of tried) for (const name of Object.keys(figures)) if (!shown.has(name)) delete figures[name];
   const count = (figures) => Object.keys(figures).length, largest = Math.max(...tried.map((t) => count(t.figures)));
   let best = null, plain = null;
   for (const { wheels, figures } of tried) {

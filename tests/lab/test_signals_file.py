@@ -1,6 +1,8 @@
 """signals.toml and logs that are wrong: each ends in a sentence that names the place and the remedy, or goes on and says what is
 missing."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +17,8 @@ from tse.impl.logs.log import read_log
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import Reading
 from tse.impl.verdict import implausible
+
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 GOOD = """[signals.steer_angle]
 name = "lrw"
@@ -312,6 +316,21 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
     assert len(said) == 1 and "braking in bends" in said[0] and not sure(said)
     log.data["steer_angle"] *= 0.4
     assert sure(check_car(log, car, config))
+
+
+@pytest.mark.parametrize("first, last", [(0.0, 1.0), (0.0, 2 / 3), (1 / 3, 1.0), (0.5, 1.0)])
+@pytest.mark.parametrize("folder", sorted(REAL.glob("*/vehicle.toml")) or [None], ids=lambda p: p.parent.name if p else "none")
+def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
+    """Two thirds of one had its accel_y just below what counts, and just above with wheels in km/h: it was said to be in them."""
+    from tse.impl.logs.agree import check_car, sure
+    from tse.impl.vehicle import read_vehicle
+
+    if folder is None:
+        pytest.skip("../shared/data is not here")
+    car = read_vehicle(folder)
+    rows = pd.read_csv(folder.parent / "data.csv")
+    rows.iloc[int(first * len(rows)) : int(last * len(rows))].to_csv(tmp_path / "log.csv", index=False)
+    assert sure(check_car(read_log(tmp_path / "log.csv"), car, Config(car.values))) == []
 
 
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():

@@ -1,7 +1,9 @@
 """Do the channels of a log agree with each other? What physics wants of them, under every unit that may have been taken for
 another: where a wrong unit, sign or axis explains the log better than none, the run says so, with the factor."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -25,6 +27,9 @@ PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: rig
 WRONG_SIGN = 60.0  # squared sd of a sign that is wrong
 VANISHED = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
 ENOUGH = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # correlation, or its square, from which a figure counts
+# less than that it may be at another speed, at which other rows are those of a car that moves, and count as well: a real log had
+# 0.898 of accel_y at its own speed and 0.913 at 0.85 of it, and was said to be in km/h
+SLACK = 0.05
 ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
 WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
@@ -92,6 +97,10 @@ class Figures:
 
     value: dict[str, float]
     sd: dict[str, float]
+    sure: frozenset[str] = frozenset()  # by ENOUGH, not by SLACK less
+
+    def only(self, names: Collection[str]) -> Figures:
+        return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
 def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading) -> list[Log]:
@@ -156,6 +165,8 @@ def check_units(
     for wheels in (None, *_of_wheels(radius)):
         per = wheels.factor if wheels else 1.0
         tried.append((wheels, _figures(log, d, 0.5 * (front + rear) / per, wheelbase, tracks, per, (radius_front, radius_rear))))
+    shown = frozenset().union(*(f.sure for _, f in tried))
+    tried = [(wheels, f.only(shown)) for wheels, f in tried]
     most = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
         for causes in _sets(ratio or USUAL_RATIO):
@@ -339,13 +350,16 @@ def _figures(
     """With the speed v, m/s."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
+    nearly: set[str] = set()
     moving = np.abs(v) > physics.MOVING
     for name, kinematic in (("accel_y", v * d["yaw_rate"]), ("accel_x", physics.derivative(v))):
         f = physics.fit(kinematic, d[name], moving)
-        if abs(f.corr) > ENOUGH[name] and np.nanstd(d[name][moving]) > 0.02:
+        if abs(f.corr) > ENOUGH[name] - SLACK and np.nanstd(d[name][moving]) > 0.02:
             value[name], sd[name] = f.slope, float(np.hypot(SD[name], 1 - abs(f.corr)))
+            nearly |= {name} if abs(f.corr) <= ENOUGH[name] else set()
     s = physics.steering(d["steer_angle"], v, d["yaw_rate"])
-    if s is not None and s.share > ENOUGH["steer_angle"] and s.per_curvature != 0:
+    if s is not None and s.share > ENOUGH["steer_angle"] - SLACK and s.per_curvature != 0:
+        nearly |= {"steer_angle"} if s.share <= ENOUGH["steer_angle"] else set()
         value["steer_angle"], sd["steer_angle"] = s.per_curvature / wheelbase, float(np.hypot(SD["steer_angle"], s.sd))
     for axle, radius in zip(("front", "rear"), radii, strict=True):
         per_turn = log.turn.get(f"wheel_speed_{axle}")
@@ -357,7 +371,7 @@ def _figures(
         both = moving & (d["vehicle_speed"] > physics.MOVING)
         if both.sum() > physics.FEWEST:
             value["speed"], sd["speed"] = float(np.nanmedian((v / d["vehicle_speed"])[both])), SD["speed"]
-    return Figures(value, sd)
+    return Figures(value, sd, frozenset(value) - nearly)
 
 
 def _left(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
