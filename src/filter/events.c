@@ -257,7 +257,7 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
     if (what->common[i].state >= 0 && !is_known(p, what->common[i].state)) a->v[what->common[i].state] = r_short(r_div(what->common[i].sd, state_unit[what->common[i].state]));
-  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN && HAS_SLIP; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
+  for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
 
 /* Open an event of a kind in slot n, and its second amplitude with it. */
@@ -475,13 +475,13 @@ static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENT
     was_var[i] = i > 0 || HAS_SLIP ? ud_variance(&k->ud, stiffness_at(i)) : TSE_R(0);
   }
   mix_in(p, k, n, TSE_R(1));
-  for (int i = LCX; i <= LMU && which == EVENT_ROAD_RETURN && HAS_SLIP; i++) recall(k, i);
+  for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) recall(k, i);
   if (which >= EVENT_STEER) {
     k->fault = which == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(which - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
   k->slow[ACCEL_X] = which <= EVENT_ROAD_RETURN ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
-  if (which <= EVENT_ROAD_RETURN && HAS_SLIP) along_change(p, k, which, was_var[0]);
+  if (HAS_SLIP && which <= EVENT_ROAD_RETURN) along_change(p, k, which, was_var[0]);
   if (which <= EVENT_REAR) note_change(k, which, was, was_var, along);
   close_events(k, group_of(which));
 }

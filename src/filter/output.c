@@ -119,7 +119,7 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
     const tse_real floor = i == TSE_CX_FRONT ? MODEL_FLOOR : side_floor;
     const int at = stiffness_at(i);
     tse_real var = variance_of(p, k, e, at, &shift);
-    const tse_real log = i == TSE_CX_FRONT && HAS_SLIP ? along_of(p, k, shift, &var) : k->x[at] + shift;
+    const tse_real log = HAS_SLIP && i == TSE_CX_FRONT ? along_of(p, k, shift, &var) : k->x[at] + shift;
     out->stiffness[i] = exponential(r_clamp(log, p->log_min, p->log_max));
     var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));

@@ -73,7 +73,7 @@ static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3
   r_factored unit[STATES];
   for (int i = 0; i < MOTION; i++)
     for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) M[i][stiffness_at(a)] = r_short_scaled(r_mul(r_long_scaled(M[i][stiffness_at(a)], ROW_UP), share[a]), ROW_UP);
-  if (no_slip && HAS_SLIP) M[VX][LCX] = r_short(TSE_R(0));
+  if (HAS_SLIP && no_slip) M[VX][LCX] = r_short(TSE_R(0));
   for (int j = 0; j < STATES; j++) unit[j] = r_unit(state_unit[j]);
   for (int i = 0; i < MOTION; i++) {
     const r_factored own = r_over_unit(state_unit[i]);

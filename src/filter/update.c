@@ -173,7 +173,7 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
   signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int i = HAS_SLIP ? 0 : 1; i < 3; i++) s->H[a][stiffness_at(i)] = r_mul(s->H[a][stiffness_at(i)], share[i]);
-  if (z->no_slip && HAS_SLIP) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
+  if (HAS_SLIP && z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
   slopes_of_sensors(p, k, f, z->dt, s->consider);
 }
 
@@ -287,7 +287,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   }
   /* accel_x is more than the slip explains: grip has not dropped; only a return to the road before is possible */
   if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0) && !may_be_back(k)) k->unusual = TSE_R(0);
-  if (!z->one_speed && z->has_steer && HAS_SLIP) roll_freely(p, k, z, &f, change);
+  if (HAS_SLIP && !z->one_speed && z->has_steer) roll_freely(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);
   apply_correction(p, k, change);
 }
