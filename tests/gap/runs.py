@@ -6,6 +6,7 @@ with changed("gap.infer.space.EPISODE", 60.0):
 
 import importlib
 import multiprocessing
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -31,7 +32,9 @@ def changed(name: str, value: Any) -> Iterator[None]:
 
 def in_processes(job: Callable[[Any], Any], asked: Sequence[Any], jobs: int, unit: str) -> list[Any] | None:
     """The results in the order of what was asked, or None after Ctrl-C. New processes that import anew: what a run has changed
-    (constants, caches) reaches no other tree of processes, and the machine's threads none of them."""
+    (constants, caches) reaches no other tree of processes, and the machine's threads none of them: one thread each in the BLAS, as
+    tselab has it, since those of several processes wait for each other (a case took four times as long)."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         try:
             return list(tqdm(pool.imap(job, asked, chunksize=1), total=len(asked), unit=unit, file=sys.stderr))
