@@ -49,50 +49,37 @@
 /* The state x: ROW(name, its unit in the covariance, no car goes beyond), SI. The unit makes numbers of one magnitude in every number
  * format. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
 /* clang-format off */
-#if defined(TSE_SMALL) /* lateral motion alone: what is no state is a number that nothing estimates, in KNOWN_ROWS */
-#define STATE_ROWS(ROW) \
-  ROW(VX,   0.2,   200) \
-  ROW(VY,   0.1,   60)  \
-  ROW(YAW,  0.02,  20)  \
-  ROW(AF,   0.01,  1.5) \
-  ROW(AR,   0.01,  1.5) \
-  ROW(GY,   0.15,  5)   \
-  ROW(BY,   0.05,  50)  \
-  ROW(BR,   0.002, 6)   \
-  ROW(LCF,  0.1,   4)   \
-  ROW(LCR,  0.1,   4)   \
-  ROW(LMU,  0.2,   4)   \
-  ROW(STEER_OFFSET, 0.002, 0.2) \
-  ROW(GAIN, 0.02,  0.5) \
-  ROW(LEAN, 0.05,  0.9)
-/* roll follows the lateral force at once; the slip is that of the force that accel_x reads; all others stay at their prior */
+#if defined(TSE_SMALL) /* lateral motion alone: what is no state is a number that nothing estimates. Roll follows the lateral
+ * force at once; the slip is that of the force that accel_x reads; all others stay at their prior */
+#define NOT_SMALL(rows)
 #define KNOWN_ROWS(NAME) NAME(PHI) NAME(DPHI) NAME(SF) NAME(SR) NAME(GX) NAME(BX) NAME(LCX) NAME(RAD)
 #else
+#define NOT_SMALL(rows) rows
+#endif
 #define STATE_ROWS(ROW) \
   ROW(VX,   0.2,   200) /* [m/s] speed along the car, and across */ \
   ROW(VY,   0.1,   60)  \
   ROW(YAW,  0.02,  20)  /* [rad/s] */ \
   ROW(AF,   0.01,  1.5) /* [rad] slip angle of each axle, after the tyres' relaxation */ \
   ROW(AR,   0.01,  1.5) \
-  ROW(PHI,  0.01,  0.5) /* [rad] roll angle, and its rate [rad/s] */ \
-  ROW(DPHI, 0.5,   10)  \
-  ROW(SF,   0.01,  10)  /* [1] slip of each axle */ \
-  ROW(SR,   0.01,  10)  \
-  ROW(GX,   0.3,   5)   /* [m/s2] gravity along the road, > 0 uphill, and across, > 0 to the left */ \
+  NOT_SMALL(ROW(PHI,  0.01, 0.5)) /* [rad] roll angle, and its rate [rad/s] */ \
+  NOT_SMALL(ROW(DPHI, 0.5,  10))  \
+  NOT_SMALL(ROW(SF,   0.01, 10))  /* [1] slip of each axle */ \
+  NOT_SMALL(ROW(SR,   0.01, 10))  \
+  NOT_SMALL(ROW(GX,   0.3,  5))   /* [m/s2] gravity along the road, > 0 uphill, and across, > 0 to the left */ \
   ROW(GY,   0.15,  5)   \
-  ROW(BX,   0.05,  50)  /* [m/s2] [m/s2] [rad/s] biases of accel_x, accel_y, yaw_rate */ \
+  NOT_SMALL(ROW(BX,   0.05, 50))  /* [m/s2] [m/s2] [rad/s] biases of accel_x, accel_y, yaw_rate */ \
   ROW(BY,   0.05,  50)  \
   ROW(BR,   0.002, 6)   \
-  ROW(LCX,  0.1,   4)   /* [1] logarithm of stiffness over nominal: longitudinal, front, rear cornering; of grip */ \
+  NOT_SMALL(ROW(LCX,  0.1,  4))   /* [1] logarithm of stiffness over nominal: longitudinal, front, rear cornering; of grip */ \
   ROW(LCF,  0.1,   4)   \
   ROW(LCR,  0.1,   4)   \
   ROW(LMU,  0.2,   4)   \
   ROW(STEER_OFFSET, 0.002, 0.2) /* [rad] steering offset */ \
   ROW(GAIN, 0.02,  0.5) /* [1] error of the steering ratio */ \
-  ROW(LATE, 0.01,  0.2) /* [s] lateness of the steering */ \
-  ROW(RAD,  0.005, 0.2) /* [1] error of the front radius */ \
+  NOT_SMALL(ROW(LATE, 0.01,  0.2)) /* [s] lateness of the steering */ \
+  NOT_SMALL(ROW(RAD,  0.005, 0.2)) /* [1] error of the front radius */ \
   ROW(LEAN, 0.05,  0.9) /* [1] share of v r that roads lean into their curves */
-#endif
 #define EXTRA_ROWS(ROW) /* behind them, of a measured velocity */ \
   ROW(PSI,           0.02, 10)  /* [rad] heading of the car, in the axes of the course */ \
   ROW(V_DISCREPANCY, 0.1,  30)  /* [m/s] model discrepancy of the speed across */ \

@@ -6,8 +6,8 @@ names or sizes, with the vehicle file as it was and as improved. And whether cal
 The cars are those of the generator, of a seed that no other study has. Error: rms over all rows and both axles of ln of estimated
 over true stiffness. In the file: whether the 95 % interval of a stiffness holds the true one; whether what calibrate finds of it,
 and of what gap names, lies in gap's interval and the other way round. Cars of the generator have
-what is hidden alone; calibrate takes drag, rolling resistance and the curve of tyres for granted, and finds a longitudinal
-stiffness that is 20 % too high without them. The table goes to scripts/results/gap-loop.md.
+what is hidden alone; calibrate takes drag, rolling resistance and the curve of tyres for granted, and without them finds a
+longitudinal stiffness that is too high. The table goes to scripts/results/gap-loop.md.
 """
 
 import argparse

@@ -3,8 +3,9 @@
     python -m tests.gap.study [--seeds N] [--sizes N] [--only PART ...] [--jobs N] [--out DIR]     from the root of the repository
 
 Cases that are done are kept in build/gap-study/*.json, so that it can be interrupted and goes on; what the code of the
-workflow has become since is not looked at: --again starts anew. The table of --short, or of the whole study, goes to
-scripts/results/gap.md. That of another part (--only, fewer seeds or sizes) is printed and not written, unless --out says where.
+workflow has become since is not looked at: --again starts anew. Without options it is one seed of every case at typical size, a
+quarter of an hour of two processors, whose table goes to scripts/results/gap.md; the whole study is --seeds 3 --sizes 3. The table
+of a part (--only) is printed and not written, unless --out says where.
 """
 
 import argparse
@@ -30,10 +31,7 @@ RESULTS = ROOT / "scripts" / "results"
 CLASSES = [{"mass", "yaw_inertia"}, {"imu_scale_ax", "pitch_leak"}, {"conicity", "steering_offset"}]
 # Not expected: what a log cannot show without speed or torque, what a stiffness or a bias takes up. Listed with the result.
 INVISIBLE = {"aero_drag", "rolling_resistance", "steering_compliance", "aligning_moment", "conicity"}
-SEEDS = 3  # of the whole study
-# Some of every kind, in a quarter of an hour of one processor.
-SHORT = ("clean-101", "clean-102", "body_roll-1x-1", "relaxation-1x-1", "cg_shift-1x-1", "steering_offset+relaxation-1x-11",
-         "speed_dependent_ratio-1x-1", "low_grip_patch-1x-1", "active_front_steering-1x-1")  # fmt: skip
+SEEDS, SIZES = 1, 0  # seeds of each case at typical size, at half and double: of the table that is published
 
 
 def run(spec_json: str) -> dict:
@@ -225,7 +223,7 @@ def tables(cases: list[dict]) -> dict[str, str]:
     return {"gap.md": head + "\n".join([*lines, "", *each]) + "\n"}
 
 
-def chosen(seeds: int, only: list[str], sizes: int | None = None) -> list:
+def chosen(seeds: int, only: list[str], sizes: int) -> list:
     """The cases of the study with at most so many seeds each, whose name holds one of the parts; `sizes`: most seeds of half and
     double size, which come last."""
     from tests.gap.generator import study
@@ -236,14 +234,14 @@ def chosen(seeds: int, only: list[str], sizes: int | None = None) -> list:
     for spec in study():
         kind = spec.name.rsplit("-", 1)[0]
         seen[kind] = seen.get(kind, 0) + 1
-        limit = most.get(kind, seeds if spec.size == 1.0 or sizes is None else min(seeds, sizes))
+        limit = most.get(kind, seeds if spec.size == 1.0 else sizes)
         if seen[kind] <= limit and (not only or any(o in spec.name for o in only)):
             specs.append(spec)
     return sorted(specs, key=lambda s: s.size != 1.0)
 
 
 def write(found: dict[str, str], whole: bool, out: Path | None) -> list[Path]:
-    """Write the tables where they were asked for; else those of the whole study to RESULTS, and those of a part of it nowhere."""
+    """Write the tables where they were asked for; else, if they are no part of what is published, to RESULTS."""
     folder = out or (RESULTS if whole else None)
     if folder is None:
         return []
@@ -265,20 +263,17 @@ def _job(spec_json: str) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.study", description=__doc__.split("\n")[0])
-    parser.add_argument("--seeds", type=int, default=SEEDS, help=f"of each case; default: {SEEDS}, the whole study")
-    parser.add_argument("--sizes", type=int, help="seeds of half and double size; default: as many")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help=f"of each case at typical size; default: {SEEDS}")
+    parser.add_argument("--sizes", type=int, default=SIZES, help=f"the same at half and double size; default: {SIZES}")
     parser.add_argument("--only", nargs="*", default=[], metavar="PART", help="cases with this in their names")
-    parser.add_argument("--short", action="store_true", help=f"{len(SHORT)} cases")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="forget the cases that are done")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables go; default: the whole study's to scripts/results")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables go; default: scripts/results, if it is no part")
     options = parser.parse_args()
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True, exist_ok=True)
     specs = chosen(options.seeds, options.only, options.sizes)
-    if options.short:
-        specs = [s for s in chosen(1, []) if s.name in SHORT]
     kept = ("name", "effects", "seed", "size")
     texts = [json.dumps({k: getattr(s, k) for k in kept}) for s in specs]
     if in_processes(_job, texts, options.jobs, "case") is None:
@@ -286,7 +281,7 @@ def main() -> int:
     cases = [json.loads((FOLDER / f"{s.name}.json").read_text()) for s in specs]
     found = tables(cases)
     print("\n".join(found.values()))
-    whole = options.short or {s.name for s in specs} >= {s.name for s in chosen(SEEDS, [])}
+    whole = {s.name for s in specs} >= {s.name for s in chosen(SEEDS, [], SIZES)}
     written = [str(p) for p in write(found, whole, options.out)]
     print(f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)", file=sys.stderr)
     return 0

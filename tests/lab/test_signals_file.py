@@ -1,8 +1,6 @@
 """signals.toml and logs that are wrong: each ends in a sentence that names the place and the remedy, or goes on and says what is
 missing."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +8,7 @@ import pytest
 import tse
 from conftest import RAN, tselab, tselab_here
 from tests.cars.logs import make_logs
+from tests.cars.real import DATA
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.logs.agree import stood
@@ -17,8 +16,6 @@ from tse.impl.logs.log import read_log
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import Reading
 from tse.impl.verdict import implausible
-
-REAL = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 GOOD = """[signals.steer_angle]
 name = "lrw"
@@ -319,7 +316,7 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
 
 
 @pytest.mark.parametrize("first, last", [(0.0, 1.0), (0.0, 2 / 3), (1 / 3, 1.0), (0.5, 1.0)])
-@pytest.mark.parametrize("folder", sorted(REAL.glob("*/vehicle.toml")) or [None], ids=lambda p: p.parent.name if p else "none")
+@pytest.mark.parametrize("folder", sorted(DATA.glob("*/vehicle.toml")) or [None], ids=lambda p: p.parent.name if p else "none")
 def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
     """Two thirds of one had its accel_y just below what counts, and just above with wheels in km/h: it was said to be in them."""
     from tse.impl.logs.agree import check_car, sure

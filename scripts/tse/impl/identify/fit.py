@@ -88,9 +88,8 @@ def whitened(
 def half_square(problem: Problem, noise: dict[str, Discrepancy], x: np.ndarray, residuals: list[np.ndarray]) -> float:
     """What the search makes small, with the discrepancies as they are."""
     away = x - problem.mean
-    return 0.5 * sum(float(np.einsum("i,i", r, r)) for r in whitened(problem, noise, residuals)[0]) + 0.5 * float(
-        away @ problem.information @ away
-    )
+    far = sum(float(np.einsum("i,i", r, r)) for r in whitened(problem, noise, residuals)[0])
+    return 0.5 * (far + float(away @ problem.information @ away))
 
 
 def discrepancies(

@@ -27,14 +27,14 @@ PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: rig
 WRONG_SIGN = 60.0  # squared sd of a sign that is wrong
 VANISHED = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
 ENOUGH = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # correlation, or its square, from which a figure counts
-# less than that it may be at another speed, at which other rows are those of a car that moves, and count as well: a real log had
-# 0.898 of accel_y at its own speed and 0.913 at 0.85 of it, and was said to be in km/h
+# below ENOUGH a figure counts, too, where another speed that is tried shows it: there other rows are those of a car that moves.
+# A real log had 0.898 of accel_y at its own speed and 0.913 at 0.85 of it, and was said to be in km/h
 SLACK = 0.05
 ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
 WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
-# of that of the steering angle: what is less a car may do that is braked in every bend and oversteers by it (0.48 of a van that is
-# neutral else); it is said, and no reason to leave the log out
+# of a logarithm, of the steering angle's figure: up to it a car that is braked in every bend may oversteer (0.48 of a neutral van),
+# so that it is said and the log is read
 HANDLING = 1.0
 G = 9.80665
 PERHAPS = "perhaps "  # before a cause that leaves more than WELL

@@ -38,7 +38,6 @@ ROAD_ODDS = float(np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)))
 ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
 # nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
 ROAD_HARM = 3.0
-LEAST_SET = 1e-4  # probability of a set that counts
 MOST_SETS = 8  # that are written with their probability
 MOST_KNOTS = 600  # of a road's profile: every one is a number that is fitted
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
@@ -208,7 +207,7 @@ class Probability:
         self.effects: dict[str, float] = {}
         for ids, p in self._sets.items():
             judged = search.known[ids]
-            for h in judged.effects if p > LEAST_SET else ():
+            for h in judged.effects:
                 self.effects[h.id] = self.effects.get(h.id, 0.0) + p * matters(judged, h)
 
     def in_place(self, effect: str) -> dict[str, float]:
