@@ -190,8 +190,9 @@ static inline void must_be_estimates(const tse_config *c, const tse_output *y, i
 {
   const tse_real *const positive[] = { y->stiffness_sd, y->stiffness_spread, y->bias_sd, y->noise, y->discrepancy };
   const double most = 1.001 * tse_double_of_setting(c->stiffness_max);
-  /* draws as printed have no bound below; w is kept a number by -w_max (src/EQUATIONS.md, reflection) */
-  const double least = c->form == 1 && !c->reflect_draws ? 2.0 - most : 0.999 * tse_double_of_setting(c->stiffness_min);
+  /* draws as printed have no bound below but -w_max, which keeps w a number (src/EQUATIONS.md, reflection); the start has */
+  const double start = 0.999 * tse_double_of_setting(c->stiffness_min);
+  const double least = c->form == 1 && !c->reflect_draws && 2.0 - most < start ? 2.0 - most : start;
   for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++) /* all of one type */
     MUST(is_number(*x), "real %u of the estimates is %g, status %d", (unsigned)(x - &y->sideslip), number(*x), status);
   MUST(fabs(number(y->yaw_rate)) <= FASTEST_TURN, "yaw rate %g, status %d", number(y->yaw_rate), status);
