@@ -491,7 +491,7 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->learnt_walk = real_of(square(c->learnt_walk_day));
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
-  p->w_low = c->reflect_draws ? p->w_min : -p->w_max;
+  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* never above where it may start */
   p->steady_walk = real_of(square(c->steady_walk));
 }
 

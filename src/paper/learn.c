@@ -35,7 +35,7 @@ static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32
 }
 
 /* Reflect a draw below w_low at it, cut one above w_max. With reflect_draws w_low is stiffness_min - 1, so that stiffness stays positive.
- * As printed it is -w_max, which only bounds w: the stiffness 1 + w may be negative. */
+ * As printed it is -w_max, or w_min if that is less, which only bounds w: the stiffness 1 + w may be negative. */
 static inline tse_real into_bounds(const tse_params *p, tse_real w) { return r_min(p->w_low + r_abs(w - p->w_low), p->w_max); }
 
 /* Draw w of one particle: mean mu + A d' S^-1 z, scale (nut + q)/(nut + d_y) (A - A d' S^-1 d A) = C C', C lower triangular. */
