@@ -21,7 +21,7 @@ from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, named, read_vehicle
 from tse.impl import plots, regimes, results
 from tse.impl.estimate import Estimate as Estimated
-from tse.impl.estimate import Learnt, write_table
+from tse.impl.estimate import Learnt, write_estimates
 from tse.impl.estimate import estimate as _run
 from tse.impl.fleet.single import Calibrate, Prepared, assemble, contradicts, notes_of
 from tse.impl.vehicle import Vehicle
@@ -171,7 +171,7 @@ class Result(Shown):
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write what `tselab estimate` writes, byte for byte."""
-        write_table(_plain(self.table), Path(path))
+        write_estimates(_plain(self.table), Path(path))
 
 
 def estimate(

@@ -18,7 +18,7 @@ from tse.impl import maneuvers
 from tse.impl.config import make_config
 from tse.impl.core import STIFFNESS, Config, SimConfig
 from tse.impl.errors import UserError
-from tse.impl.estimate import Estimate, estimate, estimate_to, write_table
+from tse.impl.estimate import Estimate, estimate, estimate_to, write_estimates, write_table
 from tse.impl.files import atomic, make_directory
 from tse.impl.fleet.single import prepare
 from tse.impl.gap.run.output import write_all
@@ -113,7 +113,7 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
     log = read_log(out / "log.csv")
     config, notes = make_config(vehicle, log, out / "filter.toml", {"seed": seed})
     est = estimate(log, config, progress)
-    write_table(est.table, out / "est.csv")
+    write_estimates(est.table, out / "est.csv")
     write_report(out / "report.html", est, log, vehicle, config, notes + log.notes)
     files = ["vehicle.toml", "filter.toml", "log.csv", "truth.csv", "est.csv", "report.html"]
     with contextlib.suppress(UserError):  # matplotlib is optional

@@ -111,7 +111,7 @@ def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, mo
 
     log, config = prepared
     whole = module.estimate(log, config)
-    module.write_table(whole.table, tmp_path / "whole.csv")
+    module.write_estimates(whole.table, tmp_path / "whole.csv")
     for block in (module.BLOCK, 300, 4096):
         monkeypatch.setattr(module, "BLOCK", block)
         seen: list[int] = []

@@ -121,6 +121,7 @@ CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
 BLOCK = 2048  # rows that are in memory with all their columns at a time
 MOST_KEPT = 1 << 19  # rows of a summary: 87 minutes at 100 Hz; of longer logs so many, spread evenly
 GROUP = 4 * BLOCK  # ... where they are written as Parquet: rows of a group
+DOUBLE = ("time", "log_evidence")  # columns of EST.csv whose differences from row to row count
 Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
 REFUSED = "row refused"  # the reason of a row with a negative status
 
@@ -159,6 +160,7 @@ def _generation(name: str) -> int:
     return int(name.endswith("_spread_seen") or name.startswith("noise_"))
 
 
+@functools.lru_cache(maxsize=1)
 def est_columns() -> list[str]:
     """Columns of EST.csv, in order."""
     names = [f.name for f in est_fields()]
@@ -216,12 +218,20 @@ def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], objec
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
-        with atomic(path, "wb") as file, _Parquet(file, head) as rows:
-            yield rows.add
+        with atomic(path, "wb") as file, _Parquet(file, single(head)) as rows:
+            yield lambda block: rows.add(single(block))
     else:
         with atomic(path, "wb") as file:
             file.write(csv_header(head))
-            yield lambda block: file.write(csv_rows(block))
+            yield lambda block: file.write(csv_rows(single(block)))
+
+
+def single(block: Columns) -> Block:
+    """Estimates as they are written, in single precision: more digits double size and time of the file and mean nothing."""
+    return {
+        name: column.astype(np.float32) if column.dtype == np.float64 and name not in DOUBLE else column
+        for name, column in block.items()
+    }
 
 
 class _Parquet:
@@ -329,6 +339,11 @@ def _reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
 @functools.lru_cache(maxsize=1)
 def _categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
     return pd.CategoricalDtype(words)
+
+
+def write_estimates(table: pd.DataFrame, path: Path) -> None:
+    """EST.csv of a table with all its columns."""
+    write_table(pd.DataFrame(single(table)), path)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:

@@ -105,15 +105,16 @@ def match_reference(column: str) -> str | None:
 
 
 def thin(y: np.ndarray, stride: int) -> np.ndarray:
-    """Of every `stride` values the least and the greatest, in the order in which they come: peaks survive."""
+    """Of every `stride` values of a line the least and the greatest, in the order in which they come: peaks survive. `y`: a line,
+    or lines as rows."""
     if stride == 1:
         return y
-    missing = np.full(-len(y) % stride, np.nan)
-    buckets = np.concatenate([y, missing]).reshape(-1, stride)
-    low, high = np.fmin.reduce(buckets, axis=1), np.fmax.reduce(buckets, axis=1)
+    missing = np.full((*y.shape[:-1], -y.shape[-1] % stride), np.nan)
+    buckets = np.concatenate([y, missing], axis=-1).reshape(*y.shape[:-1], -1, stride)
+    low, high = np.fmin.reduce(buckets, axis=-1), np.fmax.reduce(buckets, axis=-1)
     nan = np.isnan(buckets)
-    falls = np.where(nan, -np.inf, buckets).argmax(axis=1) < np.where(nan, np.inf, buckets).argmin(axis=1)
-    return np.stack([np.where(falls, high, low), np.where(falls, low, high)], axis=1).ravel()
+    falls = np.where(nan, -np.inf, buckets).argmax(axis=-1) < np.where(nan, np.inf, buckets).argmin(axis=-1)
+    return np.stack([np.where(falls, high, low), np.where(falls, low, high)], axis=-1).reshape(*y.shape[:-1], -1)
 
 
 def picks(rows: int, stride: int) -> np.ndarray:
@@ -172,8 +173,9 @@ class Data:
         columns = {name: np.asarray(column) for name, column in block.items() if not name.endswith("_reason")}
         count = len(columns["time"])
         at = picks(count, self.stride)
-        for name, y in drawn(columns).items():
-            self._lines.setdefault(name, []).append(thin(y, self.stride).astype(np.float32))
+        lines = drawn(columns)
+        for name, y in zip(lines, thin(np.array(list(lines.values())), self.stride).astype(np.float32), strict=True):
+            self._lines.setdefault(name, []).append(y)
         if all(p in columns for p in REGIMES):
             unusual = least(columns["p_steady"], self.stride)
             for p in REGIMES:
