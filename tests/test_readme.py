@@ -35,10 +35,9 @@ def test_its_numbers_are_those_of_scripts_results():
     facts = README.split("| measured |")[1].split("\n\n")[0]
     runs, _, _, *rms = cells("accuracy.md", "accuracy: square waves, start at 70 % |")
     assert f"RMS error {', '.join(x.split()[0] for x in rms[:3])} %" in facts and f"exactly, {runs} runs" in facts
-    error, valid, off, interval = ([x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:4])
-    assert "cornering {} and {} % off, {} and {} % of rows valid: 4 calibrated cars".format(*error, *valid) in facts
-    stated = "there {} and {} % of valid rows more than 10 % off; {} and {} % within the 95 % interval"
-    assert stated.format(*off, *interval) in facts
+    error, valid, off = ([x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:3])
+    stated = "4 calibrated cars: bends {}, {} % off, valid {}, {} %; {}, {} % over 10 %"
+    assert stated.format(*error, *valid, *off) in facts
     error, valid, off = ([x.strip() for x in c.split("/")][1:] for c in cells("own.md", "all | on the log itself |")[:3])
     own = "calibrated on the log itself: {} and {} % off, {} and {} % valid; {} and {} % off"
     assert own.format(*error, *valid, *off) in facts
@@ -47,12 +46,18 @@ def test_its_numbers_are_those_of_scripts_results():
     half, tenth = (c.split("/")[1].strip() for c in cells("cars-events.md", "ice |")[4].split(";")[:2])
     assert f"On ice valid rows are over 20 % off for {half} s, in one drive of ten {float(tenth):.0f} s" in README
     delay, longest = re.match(r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]).groups()
-    hours, _, false = cells("false-alarms.md", "false-alarms | tse |")[:3]
     assert f"detected after {delay} s (longest {longest})" in facts
-    assert f"false alarms in {float(hours):.0f} hours: {false}" in facts
     time, memory = cells("bench.md", "default |")[0], cells("bench.md", "`tse_filter`: the default form |")[0]
     us, kilobytes = int(time.split()[0]) / 1000, int(memory.split()[0].replace(",", "")) / 1000
     assert f"{us:.0f} us and {kilobytes:.0f} kB in double" in facts
+    *_, front, valid = cells("real.md", "stanford_250lm_a | the log itself |")[:5]
+    assert f"a race car {front} kN/rad in front" in README and f"valid in {valid} % of\n" in README
+    assert "front 82 [78 92]" in (RESULTS / "real.md").read_text() and "measured sideslip: 82, 78 .. 92)" in README
+    genesis = re.findall(r"^\| genesis_\w+ \|.*", (RESULTS / "real.md").read_text(), re.M)
+    assert {tuple(line.split("|")[i].strip() for i in (7, 9)) for line in genesis} == {("0", "0")}
+    cost = cells("budgets.md", "Cortex-M4F, float |")
+    row, flash, ram = (int(cost[i].split()[0].replace(",", "")) for i in (0, 3, 5))
+    assert f"{row:,} instructions a row, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM on a Cortex-M4F" in README
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
     loop = lines[2:]
     over = sorted(line.split("|")[4].strip() for line in loop)
@@ -99,6 +104,7 @@ def test_its_python_program_says_that_cornering_is_valid(log, monkeypatch, capsy
     said = capsys.readouterr().out
     assert said.startswith("calibrated on the log itself, ")
     found = re.search(r"Front cornering stiffness: (\d+) kN/rad ± (\d+) .*, valid \d+ % of the time", said)
+    assert found[0].partition(" of the time")[0] in README
     truth = pd.read_csv("truth.csv")["true_cy_front"].iloc[-1] / 1000
     assert f"Python calibrates it on the log: {found[1]} +- {found[2]}; true: {truth:.0f} */" in README
 
