@@ -53,11 +53,13 @@ def test_its_numbers_are_those_of_scripts_results():
     *_, front, valid = cells("real.md", "stanford_250lm_a | the log itself |")[:5]
     assert f"a race car {front} kN/rad in front" in README and f"valid in {valid} % of\n" in README
     assert "front 82 [78 92]" in (RESULTS / "real.md").read_text() and "measured sideslip: 82, 78 .. 92)" in README
+    whole = cells("real.md", "genesis_cpg_fast | the log itself |")[3]
+    assert f"a series car on two drives {whole}, never valid: limit is +- 20 %" in README
     genesis = re.findall(r"^\| genesis_\w+ \|.*", (RESULTS / "real.md").read_text(), re.M)
     assert {tuple(line.split("|")[i].strip() for i in (7, 9)) for line in genesis} == {("0", "0")}
     cost = cells("budgets.md", "Cortex-M4F, float |")
     row, flash, ram = (int(cost[i].split()[0].replace(",", "")) for i in (0, 3, 5))
-    assert f"{row:,} instructions a row, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM on a Cortex-M4F" in README
+    assert f"an M4F in float {row:,} instructions a row, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM" in README
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
     loop = lines[2:]
     over = sorted(line.split("|")[4].strip() for line in loop)
@@ -107,6 +109,41 @@ def test_its_python_program_says_that_cornering_is_valid(log, monkeypatch, capsy
     assert found[0].partition(" of the time")[0] in README
     truth = pd.read_csv("truth.csv")["true_cy_front"].iloc[-1] / 1000
     assert f"Python calibrates it on the log: {found[1]} +- {found[2]}; true: {truth:.0f} */" in README
+
+
+@pytest.mark.parametrize("flags", [[], ["-DTSE_REAL_FLOAT"], ["-DTSE_REAL_FIXED"]], ids=["double", "float", "fixed"])
+def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, tmp_path, flags):
+    """To the bit in double; float and fixed point compile without a warning and come near."""
+    from tselab.cli import cli
+
+    car, header = tmp_path / "car.toml", tmp_path / "car.h"
+    car.write_text(CliRunner().invoke(cli, ["vehicle", "--example"]).output.replace("mass = 1900.0", "mass = 1872.3"))
+    assert CliRunner().invoke(cli, ["vehicle", str(car), "--c", str(header)]).exit_code == 0
+    rows = pd.read_csv(log).head(1500).iloc[:, :7]
+    subprocess.run(
+        [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", tmp_path / "tse"], check=True, stdout=subprocess.DEVNULL
+    )
+    numbers = ",\n".join("{" + ", ".join(f"TSE_S({x!r})" for x in row) + "}" for row in rows.iloc[:, 1:].to_numpy().tolist())
+    (tmp_path / "it.c").write_text(
+        '#include <stdio.h>\n#include "car.h"\n'
+        "static tse_filter f;\nstatic const tse_setting rows[][6] = {\n" + numbers + "};\n"
+        "int main(void)\n{\n  tse_config c; tse_params p; tse_input u; tse_output y = { 0 };\n"
+        "  tse_config_default(&c); tse_config_car(&c); tse_input_default(&u);\n"
+        "  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return 1;\n"
+        "  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {\n"
+        "    u.steer_angle = rows[i][0]; u.wheel_speed_front = rows[i][1]; u.wheel_speed_rear = rows[i][2];\n"
+        "    u.accel_x = rows[i][3]; u.accel_y = rows[i][4]; u.yaw_rate = rows[i][5];\n"
+        "    if (tse_step(&p, &f, &u, &y) < 0) return 2;\n  }\n"
+        "  const double one = (double)TSE_R(1.0);\n"
+        '  printf("%.17g %.17g\\n", (double)y.stiffness[TSE_CY_FRONT] / one, (double)y.stiffness_sd[TSE_CY_FRONT] / one);\n}\n'
+    )
+    cc = ["cc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffp-contract=off", *flags]
+    subprocess.run([*cc, "-I.", "-o", "it", "it.c", "tse/tse.c", "-lm"], cwd=tmp_path, check=True)
+    said = [float(x) for x in subprocess.run([tmp_path / "it"], capture_output=True, text=True, check=True).stdout.split()]
+    found = tse.estimate(rows, car, calibrate=False)
+    nominal = found.vehicle.values["cornering_stiffness_front"]
+    in_python = [found.stiffness[-1, 1] / nominal, found.stiffness_sd[-1, 1] / nominal]
+    np.testing.assert_allclose(said, in_python, rtol=1e-3 if flags else 1e-15)
 
 
 def test_its_c_program_does_not_call_usable_what_is_not(log, tmp_path):

@@ -12,36 +12,56 @@ from tselab.options import FILE, JSON
 @click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
 @click.option("--example", is_flag=True, help="Print a commented vehicle file, to edit for your car.")
 @click.option("--simulated", is_flag=True, help="Print the car of 'tselab simulate', known exactly: for its logs only.")
+@click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write the car's settings as C.")
 @JSON
-def vehicle(path: Path | None, example: bool, simulated: bool, as_json: bool) -> None:
-    """Check a vehicle file, or print one.
+def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | None, as_json: bool) -> None:
+    """Check a vehicle file, or print one; also as C.
 
     \b
     tselab vehicle --example > car.toml
     tselab vehicle car.toml
+    tselab vehicle calibrated.toml --c car.h
+
+    In C, in any number format, tse_config_default(&c) and tse_config_car(&c) of car.h give the settings with which
+    'tselab estimate' runs at 100 Hz.
     """
     from tse.impl.tables import example_vehicle, simulated_vehicle, text_table
 
-    if (path is not None) + example + simulated != 1:
-        raise UserError("give a vehicle file to check, or --example, or --simulated")
+    if (path is not None) + example + simulated != 1 or (header is not None and path is None):
+        raise UserError("give a vehicle file to check, or --example, or --simulated; --c is for a vehicle file")
     if path is None:
         click.echo(example_vehicle() if example else simulated_vehicle(), nl=False)
         return
+    from tse.impl.config import c_settings
     from tse.impl.core import Config
+    from tse.impl.files import atomic, check_distinct
     from tse.impl.vehicle import read_vehicle
 
+    check_distinct({"--c": header}, {"the vehicle file": path})
     car = read_vehicle(path)
     fields = Config().fields
+    if header is not None:
+        with atomic(header) as file:
+            file.write(c_settings(car))
     if as_json:
         from tse.impl import results
 
-        said = {"vehicle": path, "name": car.name, "values": car.values, "filled": car.filled, "notes": car.notes}
+        said = {
+            "vehicle": path,
+            "name": car.name,
+            "values": car.values,
+            "filled": car.filled,
+            "notes": car.notes,
+            "written": header,
+        }
         results.say_json(said)
         return
     click.echo(f"{path}: {car.name}")
     click.echo(text_table([[k, f"{v:.6g}", fields[k].unit, fields[k].text] for k, v in car.values.items()], right=(1,)))
     for line in car.filled:
         click.echo(f"filled in: {line}")
+    if header is not None:
+        click.echo(f"Written to {header}")
     for line in car.notes:
         click.echo(f"note: {line}", err=True)
 

@@ -135,7 +135,7 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize(
     ("command", "codes", "keys"),
     [
-        (("vehicle", "car.toml"), {0}, {"name", "values", "filled"}),
+        (("vehicle", "car.toml", "--c", "car.h"), {0}, {"name", "values", "filled", "written"}),
         (("formula", "play.toml", "--c", "play.h"), {0}, {"place", "numbers", "settings", "written"}),
         (("simulate", "--maneuver", "straight", "--duration", 5, "--out", "s.csv"), {0}, {"rows", "seed", "written"}),
         (("signals", "log.csv"), {0, 3}, {"signals", "proposal"}),

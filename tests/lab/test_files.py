@@ -71,6 +71,7 @@ unit = "1/m"
         ("learnt", ["estimate", "LOG", "--vehicle", "CAR", "--out", "/dev/null", "--save-learnt", "learnt"]),
         ("log.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "log.csv"]),
         ("truth.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "/dev/null", "--truth", "truth.csv"]),
+        ("car.h", ["vehicle", "CAR", "--c", "car.h"]),
         ("drag.h", ["formula", "drag.toml", "--c", "drag.h"]),
         ("studies", ["montecarlo", "--study", "robust", "--runs", "1", "--jobs", "1", "--out", "studies"]),
     ],

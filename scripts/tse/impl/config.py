@@ -143,3 +143,25 @@ def filter_text(config: Config) -> str:
     if not config.form:
         return "the car's Kalman filter"
     return f"{config.particles} particles, forgetting {config.forgetting:g}, seed {config.seed}"
+
+
+def c_settings(vehicle: Vehicle) -> str:
+    """Return the settings of a vehicle file, and of its class what it leaves out, as a function in C99 for any number format."""
+    config, _ = make_config(vehicle, None)
+    stated = {*vehicle.values, *config.changed()}
+    title = re.sub(r"[^\w .,-]", "?", vehicle.name or "a car", flags=re.ASCII)
+    lines = [
+        f"/* {title}. Written by tselab, not by hand. */",
+        "#ifndef TSE_CAR_H",
+        "#define TSE_CAR_H",
+        '#include "tse/tse.h"',
+        "",
+        "static inline void tse_config_car(tse_config *c) /* after tse_config_default() */",
+        "{",
+    ]
+    for name, value in config.as_dict().items():
+        if name not in stated:
+            continue
+        number = repr(value) if isinstance(value, int) else f"TSE_S({value!r})"
+        lines.append(f"  c->{name} = {number}; /* [{config.fields[name].unit}] */")
+    return "\n".join([*lines, "}", "#endif"]) + "\n"
