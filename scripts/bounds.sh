@@ -8,7 +8,7 @@ command -v uv >/dev/null || { echo "bounds: the program uv is needed (Python pac
 python=${1:-$(.venv/bin/python -c 'import sys; print(sys.executable)')}
 rm -rf build/bounds
 uv venv --quiet --python "$python" build/bounds
-uv pip compile --quiet --resolution lowest-direct --python build/bounds/bin/python --no-header --no-annotate pyproject.toml >build/bounds/lowest.txt
+uv pip compile --quiet --resolution lowest-direct --python build/bounds/bin/python --no-header --no-annotate --extra lab pyproject.toml >build/bounds/lowest.txt
 uv pip install --quiet --python build/bounds/bin/python -r build/bounds/lowest.txt pytest pytest-xdist
 cat build/bounds/lowest.txt
 PYTHONPATH=$PWD/scripts build/bounds/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \

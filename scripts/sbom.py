@@ -54,7 +54,8 @@ def needed(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str]]]:
 def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     """Of the checkout in `folder`; `files`: those of the release, with their SHA-256."""
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    direct = [re.match(r"[A-Za-z0-9._-]+", d)[0].lower() for d in project["dependencies"]]
+    names = [*project["dependencies"], *project["optional-dependencies"]["lab"]]
+    direct = [re.match(r"[A-Za-z0-9._-]+", d)[0].lower() for d in names]
     made = Bom()
     tse = Component(
         name="tse", version=version, type=ComponentType.LIBRARY, bom_ref=f"tse@{version}", description=project["description"],

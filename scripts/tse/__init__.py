@@ -58,7 +58,12 @@ _LATER = {  # loaded by who uses it: the command is a user, too, and --help need
 def __getattr__(name: str) -> Any:
     if name not in _LATER:
         raise AttributeError(f"module 'tse' has no attribute {name!r}")
-    globals()[name] = getattr(importlib.import_module(_LATER[name]), name)
+    try:
+        globals()[name] = getattr(importlib.import_module(_LATER[name]), name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("tse"):
+            raise
+        raise ModuleNotFoundError(f"tse.{name} needs the package {error.name}: pip install 'tse[lab]'", name=error.name) from None
     return globals()[name]
 
 

@@ -1,3 +1,19 @@
-from tselab.cli import main
+"""The command `tselab`."""
 
-main()
+import sys
+
+
+def main() -> None:
+    """Run the command, or say which packages it stands on."""
+    try:
+        from tselab.cli import main as command
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("tse"):
+            raise
+        print(f"tselab: the Python package {error.name} is needed: pip install 'tse[lab]'", file=sys.stderr)
+        sys.exit(2)
+    command()
+
+
+if __name__ == "__main__":
+    main()

@@ -406,17 +406,25 @@ def test_a_filter_for_rows_needs_numpy_alone(drive):
 import sys
 class Others:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] not in {{"numpy", "tse", *sys.stdlib_module_names}}:
-            raise ImportError(name)
+        if name.partition(".")[0] not in {{"numpy", "tse", "tselab", *sys.stdlib_module_names}}:
+            raise ModuleNotFoundError(name, name=name)
 sys.meta_path.insert(0, Others())
 import tse
 car = tse.read_vehicle({str(drive.vehicle)!r})
 e = tse.Filter(car).step(steer_angle=0.0, wheel_speed_front=60.0, wheel_speed_rear=60.0, accel_x=0.0, accel_y=0.0, yaw_rate=0.0)
 print(e.vel_x)
+try:
+    tse.estimate
+except ModuleNotFoundError as error:
+    print(error)
+from tselab.__main__ import main
+main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout) == pytest.approx(60.0 * 0.33, rel=0.01)
+    speed, said = done.stdout.splitlines()
+    assert float(speed) == pytest.approx(60.0 * 0.33, rel=0.01)
+    assert said == "tse.estimate needs the package pandas: pip install 'tse[lab]'"
+    assert done.returncode == 2 and done.stderr == "tselab: the Python package click is needed: pip install 'tse[lab]'\n"
 
 
 @pytest.mark.parametrize(("used", "heavy"), [
