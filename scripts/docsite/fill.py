@@ -3,8 +3,8 @@
     .venv/bin/python -m docsite.fill             write
     .venv/bin/python -m docsite.fill --check     write nothing; fail where a block is not current
 
-A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with `<!-- end -->`. X is a file of the repository, or a
-function of docsite.tables or of this module. Text between the two comments is replaced.
+A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with `<!-- end -->`. X is a file of the repository, a
+function of docsite.tables or of this module, or symptom/CASE of docsite.symptoms. Text between the two comments is replaced.
 """
 
 import enum
@@ -19,7 +19,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts")]
 
-from docsite import links, tables  # noqa: E402
+from docsite import links, symptoms, tables  # noqa: E402
 
 BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", flags=re.M | re.S)
 LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}
@@ -100,8 +100,9 @@ def made(kind: str, what: str) -> str:
         return f"<!-- not run: the file {what}, which a test of its own runs -->\n```{LANGUAGES[Path(what).suffix]}\n{text}\n```\n"
     if what.endswith(".md"):
         return "\n" + untitled((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
-    function = globals().get(what) or getattr(tables, what)
-    lines = [line.rstrip() for line in untitled(function()).splitlines()]
+    of, _, name = what.rpartition("/")
+    text = symptoms.shown(name) if of == "symptom" else (globals().get(what) or getattr(tables, what))()
+    lines = [line.rstrip() for line in untitled(text).splitlines()]
     return "\n" + re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n\n"
 
 

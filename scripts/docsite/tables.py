@@ -347,12 +347,6 @@ def cli_page() -> str:
     return "\n".join(text)
 
 
-def symptoms() -> str:
-    from docsite.symptoms import page
-
-    return page()
-
-
 def learnt_layout() -> str:
     """The layout as tse/learnt.h has it."""
     text = (TSE / "learnt.h").read_text(encoding="utf-8")
@@ -362,7 +356,6 @@ def learnt_layout() -> str:
 
 # ---- Tables of pages that are measured when they are written: runs of the filter, and what scripts/results says in other units.
 
-ROOT = Path(__file__).resolve().parents[2]
 CYCLES = 1.5  # clock cycles an instruction, assumed: loads take two, and so do branches that are taken
 PERIOD = 0.01  # s between rows
 CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # MHz that parts of each core often have
