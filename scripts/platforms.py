@@ -4,13 +4,11 @@
     python3 scripts/platforms.py              all; writes scripts/results/platforms.md
     python3 scripts/platforms.py --short      those that differ most, half a minute: in the tests
     python3 scripts/platforms.py --only TEXT  those with this in their name; prints, writes nothing
-    python3 scripts/platforms.py --format F   this number format; what the table says of the others stays, marked as of before
-    python3 scripts/platforms.py --again      also what was run before with the same sources, compiler and flags
 
 A machine agrees when the hash of every bit of every output of every row is that of tests/replay/golden_<format>.csv: of the default
 form everywhere, and of the form with particles, in each way of resampling, where nothing is emulated. Fails when one does not, and
 when a build that would lose bits compiles. Tools: `scripts/setup.sh machines` says which are missing. What has run is kept in
-build/platforms.json: a run that was interrupted goes on.
+build/platforms.json: a run that was interrupted goes on, and nothing runs twice with the same sources, compiler and flags.
 """
 
 import argparse
@@ -30,7 +28,6 @@ RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
 STACK = 5_500  # bytes below main(): 4 476 of tse_step() in float at -O2, then settings and outputs; of double more
 SAME, REFUSED = "yes", "refused, as it must be"
-BEFORE = " (before)"
 HEAD = """\
 <!-- Written by `python3 scripts/platforms.py`. -->
 
@@ -100,24 +97,24 @@ def name_of(work: m.Work, machine: m.Machine, real: str) -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in files) + said.encode()).hexdigest()
 
 
-def asked(only: str, short: bool, formats: list[str]) -> list[Result]:
+def asked(only: str, short: bool) -> list[Result]:
     """What is to be found out; what no preset of CMake runs, because it is emulated, comes first."""
     out = []
     for machine in sorted(m.machines(), key=lambda x: not x.run):
-        for real in formats:
+        for real in m.formats():
             is_asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
             if is_asked and (real in machine.short or not short):
                 out.append(Result(machine, real, "" if m.is_finished(real) else "skipped: this format has no golden estimates"))
     return out
 
 
-def find_out(work: m.Work, results: list[Result], again: bool) -> Iterator[Result]:
+def find_out(work: m.Work, results: list[Result]) -> Iterator[Result]:
     """Fill in what each says."""
     kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     for r in results:
         if not r.says and (why := r.machine.missing()):
             r.says = f"skipped: {why}"
-        elif not r.says and not again:
+        elif not r.says:
             r.says = kept.get(name_of(work, r.machine, r.real), "")
     for r in sorted(results, key=lambda x: not x.says):
         start, machine, real = time.monotonic(), r.machine, r.real
@@ -137,21 +134,7 @@ def shown(machine: m.Machine) -> list[str]:
     return [f for f in machine.flags if not f.startswith(("-I", "-ffunction", "-fdata", "-fno-builtin", "-D", "-nostd", "-mthumb"))]
 
 
-def said_before(formats: list[str]) -> dict[tuple[str, ...], dict[str, str]]:
-    """What the table as it is says in the columns of these formats, by machine, compiler, flags, emulator."""
-    out: dict[tuple[str, ...], dict[str, str]] = {}
-    names: list[str] = []
-    for line in RESULTS.read_text().splitlines() if RESULTS.exists() else []:
-        cells = [x.strip() for x in line.strip("|").split("|")]
-        if line.startswith("| machine |"):
-            names = cells[4:]
-        elif names and line.startswith("| ") and len(cells) == 4 + len(names):
-            said = dict(zip(names, cells[4:], strict=True))
-            out[tuple(cells[:4])] = {real: said[real].removesuffix(BEFORE) for real in formats if said.get(real, "-") != "-"}
-    return out
-
-
-def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) -> str:
+def table(results: list[Result]) -> str:
     finished = [real for real in m.formats() if m.is_finished(real)]
     rows: dict[tuple[str, ...], dict[str, str]] = {}
     for r in results:
@@ -159,9 +142,6 @@ def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) 
         version = f"{x.compiler()} {x.version()}" if not x.missing() else x.compiler()
         key = (x.name, version, f"`{' '.join(shown(x)) or '-'}`", x.emulator() if not x.missing() else "-")
         rows.setdefault(key, {})[r.real] = r.says or "not run"
-    for key, said in before.items():
-        if key in rows or not all(says.startswith("skipped") for says in said.values()):
-            rows[key] = {real: says + BEFORE for real, says in said.items()} | rows.get(key, {})
     lines = [f"| machine | compiler | flags | run by | {' | '.join(finished)} |", f"|---|---|---|---|{'---|' * len(finished)}"]
     lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()]
     ran = [r for r in results if r.says and not r.says.startswith("skipped")]
@@ -170,8 +150,6 @@ def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) 
     lines += ["", f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile."]
     if left:
         lines += [f"The run was interrupted: {left} are left."]
-    if before:
-        lines += ["", f"{BEFORE.strip()}: as an earlier version of the library was found; not run again with this one."]
     unfinished = [real for real in m.formats() if not m.is_finished(real)]
     if unfinished:
         lines += ["", f"Without golden estimates, hence not run: {', '.join(unfinished)}."]
@@ -182,18 +160,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--short", action="store_true", help="the machines that differ most, in the format that each is for")
     parser.add_argument("--only", default="", metavar="TEXT", help="machines with this in their name; no table is written")
-    parser.add_argument("--format", choices=m.formats(), help="this number format alone")
-    parser.add_argument("--again", action="store_true", help="also what was run before")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = m.Work(Path(folder))
-        formats = [args.format] if args.format else m.formats()
-        results = asked(args.only, args.short, formats)
-        before = said_before([x for x in m.formats() if x not in formats])
+        results = asked(args.only, args.short)
         head = HEAD.format(rows=m.rows().count("\n"), flags=" ".join(m.FLAGS))
-        for _ in find_out(work, results, args.again or args.short):
+        for _ in find_out(work, results):
             if not args.short and not args.only:
-                RESULTS.write_text(head + table(results, before))
+                RESULTS.write_text(head + table(results))
     wrong = [r for r in results if not r.is_fine]
     for r in wrong:
         print(f"FAILED: {r.machine.name}, {r.machine.compiler()}, {' '.join(r.machine.flags)}, {r.real}: {r.says}")

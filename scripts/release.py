@@ -20,7 +20,7 @@ import sys
 import tarfile
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -48,7 +48,6 @@ class Release:
     source: Path  # export of the commit
     out: Path
     tags: Sequence[str]
-    skipped: list[str] = field(default_factory=list)
 
     def run(self, *command: str | Path, cwd: Path | None = None, **environment: str) -> str:
         """A command in the export, with its time; what it prints."""
@@ -254,8 +253,6 @@ def main() -> int:
     except Failed as error:
         print(f"release: {error}", file=sys.stderr)
         return 1
-    for line in release.skipped:
-        say(f"left out: {line}")
     if git("status", "--porcelain"):
         say("left out: changes that are not committed")
     print((out / SUMS).read_text(), end="")

@@ -298,11 +298,8 @@ def _there(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
 def _distinct(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
     """A log that is fitted proves nothing when it is held out, too; one that is given twice counts twice."""
     seen: set[Path] = set()
-    for path in logs:
+    for n, path in enumerate((*logs, *hold_out)):
         if real(path) in seen:
-            raise UserError(f"{path}: is given twice")
-        seen.add(real(path))
-    for path in hold_out:
-        if real(path) in seen:
-            raise UserError(f"{path}: option --hold-out: is fitted, too, or given twice")
+            what = "is given twice" if n < len(logs) else "option --hold-out: is fitted, too, or given twice"
+            raise UserError(f"{path}: {what}")
         seen.add(real(path))

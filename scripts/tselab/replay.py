@@ -56,9 +56,7 @@ def replay(
     from tse.impl.vehicle import read_vehicle
 
     check_distinct({"--out": out, "--report": report}, {"LOG": log_path, "--vehicle": vehicle_path, "--signals": reading.signals})
-    for path in (out, report):
-        if path is not None:
-            check_writable(path)
+    check_writable(out, report)
     car = read_vehicle(vehicle_path)
     config = Config(car.values)
     for key, value in key_values(pairs).items():
@@ -76,15 +74,8 @@ def replay(
                    title=title, vehicle=car.name, words=sentences(found))  # fmt: skip
     written = [str(p) for p in (out, report) if p is not None]
     if as_json:
-        say_json(
-            {
-                "log": log_path,
-                "vehicle": vehicle_path,
-                "apart": {c: vars(a) for c, a in found.items()},
-                "notes": notes,
-                "written": written,
-            }
-        )
+        parts = {c: vars(a) for c, a in found.items()}
+        say_json({"log": log_path, "vehicle": vehicle_path, "apart": parts, "notes": notes, "written": written})
         return
     for line in notes:
         click.echo(f"note: {line}", err=True)

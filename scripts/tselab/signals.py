@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from tselab.options import DATABASE, FILE, JSON
 
@@ -57,19 +54,19 @@ def signals(
     from tse.impl.logs.proposal import listing, propose, toml_text
     from tse.impl.logs.readers import read_recording
     from tse.impl.logs.signals import find_signals
+    from tse.impl.results import say_json
     from tse.impl.vehicle import read_vehicle
 
-    if out is not None:
-        check_writable(out)
-        if out.exists():
-            raise UserError(f"{out}: is there already: remove it first, or name another file")
+    check_writable(out)
+    if out is not None and out.exists():
+        raise UserError(f"{out}: is there already: remove it first, or name another file")
     car = read_vehicle(vehicle_path) if vehicle_path is not None else None
     _, how = find_signals(log_path, None, databases)
     recording = read_recording(log_path, how)
     proposal = propose(recording, car)
     lines = listing(recording, proposal)
     if as_json:
-        click.echo(json.dumps(_as_json(recording, proposal, lines), indent=1))
+        say_json(_as_json(recording, proposal, lines))
     else:
         click.echo(_text(recording, proposal, lines, every))
     if out is not None:
@@ -106,14 +103,11 @@ def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bo
 
 
 def _as_json(recording: Recording, proposal: Proposal, lines: list[Line]) -> dict[str, Any]:
-    def plain(x: Any) -> Any:
-        return None if isinstance(x, float) and not np.isfinite(x) else x
-
     return {
-        "log": str(recording.path),
+        "log": recording.path,
         "format": recording.format,
-        "signals": [{k: plain(v) for k, v in asdict(x).items()} for x in lines],
-        "proposal": {g.channel: {k: plain(v) for k, v in asdict(g).items() if k != "channel"} for g in proposal.guesses},
+        "signals": [vars(x) for x in lines],
+        "proposal": {g.channel: {k: v for k, v in vars(g).items() if k != "channel"} for g in proposal.guesses},
         "missing": proposal.missing,
         "warnings": proposal.warnings,
         "notes": recording.notes,

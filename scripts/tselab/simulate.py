@@ -74,9 +74,7 @@ def simulate(
     from tse.impl.vehicle import default_vehicle, read_vehicle
 
     check_distinct({"--out": out, "--truth": truth}, {"--vehicle": vehicle_path})
-    for path in (out, truth):
-        if path is not None:
-            check_writable(path)
+    check_writable(out, truth)
     vehicle = read_vehicle(vehicle_path) if vehicle_path else default_vehicle()
     config, sim_config = Config(vehicle.values), SimConfig()
     settings = key_values(pairs)

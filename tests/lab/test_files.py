@@ -203,10 +203,10 @@ def test_the_next_process_of_a_user_has_the_same_secret(home):
 
 
 def test_another_user_has_another(home, tmp_path, monkeypatch):
-    first = files.seal([b"one", b"two"])
+    first = files.seal(["one", "two"])
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "other"))
     files.secret.cache_clear()
-    assert files.seal([b"one", b"two"]) != first
+    assert files.seal(["one", "two"]) != first
 
 
 @pytest.mark.parametrize("there", [b"", b"short", bytes(33)])

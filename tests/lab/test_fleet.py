@@ -135,7 +135,7 @@ def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_
     # of a stranger's hand, or cut off: made again
     one = next(p for p in before if p.name.startswith("golf-2024-05-03"))
     kept = json.loads(one.read_text())
-    kept["outcome"]["rows"][0]["value"] = 1.0
+    kept["content"]["outcome"]["rows"][0]["value"] = 1.0
     one.write_text(json.dumps(kept))
     other = next(p for p in before if p.name.startswith("up-2024-05-03"))
     other.write_text(other.read_text()[:100])

@@ -1,4 +1,4 @@
-"""A log is read in parts: what is said of it, and what comes out, does not depend on where the parts end."""
+"""What is said of a log, and what comes out, does not depend on where something is wrong, nor on the pieces in which it is read."""
 
 import time
 from importlib.util import find_spec
@@ -14,21 +14,12 @@ from tse.impl import estimate, rows
 from tse.impl.clock import BRIDGED, straight
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
-from tse.impl.logs import log as module
-from tse.impl.logs import raster
 from tse.impl.logs.log import read_log
 from tse.impl.logs.mapping import Series
 from tse.impl.logs.raster import entries, on_raster, rate_of, resample
 from tse.impl.logs.recording import Growing
 from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
-
-HERE = 100  # rows of a part in these tests
-
-
-@pytest.fixture
-def short_parts(monkeypatch):
-    monkeypatch.setattr(module, "PART", HERE)
 
 
 def lines_of(drive, count: int = 450) -> list[str]:
@@ -41,20 +32,15 @@ def read(folder: Path, lines: list[str]):
     return read_log(path)
 
 
-def test_a_log_in_parts_is_the_log_as_a_whole(drive, tmp_path, monkeypatch):
+def test_blank_rows_are_none_and_count_as_lines(drive, tmp_path):
     lines = lines_of(drive)
-    lines[120:140] = [",".join("" for _ in lines[0].split(","))] * 20  # blank
-    whole = read(tmp_path, lines)
-    monkeypatch.setattr(module, "PART", HERE)
-    parts = read(tmp_path, lines)
-    assert np.array_equal(whole.time, parts.time) and np.array_equal(whole.line, parts.line)
-    pd.testing.assert_frame_equal(whole.data, parts.data)
-    pd.testing.assert_frame_equal(whole.ref, parts.ref)
-    assert whole.notes == parts.notes and len(parts) == 430 and list(parts.line[118:120]) == [120, 141]
+    lines[120:140] = [",".join("" for _ in lines[0].split(","))] * 20
+    log = read(tmp_path, lines)
+    assert len(log) == 430 and list(log.line[118:120]) == [120, 141]
 
 
 @pytest.mark.parametrize("row", [0, 99, 100, 101, 250, 449])
-def test_a_cell_that_is_no_number_is_named_wherever_it_is(drive, tmp_path, short_parts, row):
+def test_a_cell_that_is_no_number_is_named_wherever_it_is(drive, tmp_path, row):
     lines = lines_of(drive)
     lines[row + 1] = lines[row + 1].replace(",", ",oops,", 1).rsplit(",", 1)[0]
     log = read(tmp_path, lines)
@@ -62,7 +48,7 @@ def test_a_cell_that_is_no_number_is_named_wherever_it_is(drive, tmp_path, short
     assert list(np.flatnonzero(log.data["steer_angle"].isna())) == [row]
 
 
-def test_each_column_with_a_wrong_cell_is_named_with_its_first(drive, tmp_path, short_parts):
+def test_each_column_with_a_wrong_cell_is_named_with_its_first(drive, tmp_path):
     lines = lines_of(drive)
     name = lines[0].split(",")
     for row, column in ((20, "yaw_rate"), (300, "accel_x"), (310, "accel_x")):
@@ -74,7 +60,7 @@ def test_each_column_with_a_wrong_cell_is_named_with_its_first(drive, tmp_path, 
     assert "accel_x: 2 cells that are no numbers are treated as missing (first in line 301: 'x')" in notes
 
 
-def test_a_column_of_wrong_cells_is_refused_with_the_first(drive, tmp_path, short_parts):
+def test_a_column_of_wrong_cells_is_refused_with_the_first(drive, tmp_path):
     lines = lines_of(drive)
     name = lines[0].split(",").index("accel_x")
     for row in range(300, 340):
@@ -86,14 +72,14 @@ def test_a_column_of_wrong_cells_is_refused_with_the_first(drive, tmp_path, shor
 
 
 @pytest.mark.parametrize("row", [50, 100, 101, 102, 300])
-def test_a_row_with_too_many_cells_is_refused_wherever_it_is(drive, tmp_path, short_parts, row):
+def test_a_row_with_too_many_cells_is_refused_wherever_it_is(drive, tmp_path, row):
     lines = lines_of(drive)
     lines[row] += ",1,2"
     with pytest.raises(UserError, match=f"not a well-formed CSV: Expected 13 fields in line {row + 1}, saw 15"):
         read(tmp_path, lines)
 
 
-def test_a_reference_that_turns_into_text_late_is_left_out(drive, tmp_path, short_parts):
+def test_a_reference_that_turns_into_text_late_is_left_out(drive, tmp_path):
     lines = lines_of(drive)
     lines[400] = lines[400].rsplit(",", 1)[0] + ",gone"
     log = read(tmp_path, lines)
@@ -221,21 +207,9 @@ def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_
 
 def in_small_pieces(monkeypatch) -> None:
     """Everything as of a log that is a hundred times as long."""
-    for name in ("raster", "read_can", "read_columns", "read_mat", "read_mdf", "read_text"):
+    for name in ("read_can", "read_mdf", "read_text"):
         monkeypatch.setattr(f"tse.impl.logs.{name}.PIECE", SMALL)
     monkeypatch.setattr("tse.impl.logs.read_mat.MOST_AT_ONCE", 0)
-
-
-def test_a_spline_in_pieces_has_the_same_bits_and_a_low_pass_the_same_value(monkeypatch):
-    rng = np.random.default_rng(1)
-    t = np.cumsum(rng.uniform(0.015, 0.025, 20000))
-    x = np.where((t > 100) & (t < 250), 0.0, rng.normal(size=len(t)))  # where nothing is, it still rings
-    up, down = (np.arange(t[0], t[-1], 1 / rate) for rate in (100.0, 10.0))
-    monkeypatch.setattr(raster, "PIECE", 1 << 30)
-    whole, slow = raster.resample(t, x, up, 100.0), raster.resample(t, x, down, 10.0)
-    monkeypatch.setattr(raster, "PIECE", 1500)
-    assert np.array_equal(raster.resample(t, x, up, 100.0), whole)
-    np.testing.assert_allclose(raster.resample(t, x, down, 10.0), slow, rtol=0, atol=1e-14)
 
 
 def test_a_column_that_grows_knows_what_is_missing():

@@ -10,7 +10,7 @@ import os
 import secrets
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -115,15 +115,15 @@ def alone(path: Path) -> Iterator[None]:
         yield
 
 
-def check_writable(path: Path) -> None:
-    """Refuse early, before any long work, what cannot be written."""
-    path = Path(path)
-    if path.is_dir():
-        raise UserError(f"{path}: is a directory, a file name is needed")
-    if not path.parent.is_dir():
-        raise UserError(f"{path}: the directory {path.parent} does not exist")
-    if not os.access(path.parent, os.W_OK):
-        raise UserError(f"{path}: the directory {path.parent} is not writable")
+def check_writable(*paths: Path | None) -> None:
+    """Refuse early, before any long work, what cannot be written; None is not asked for."""
+    for path in (p for p in paths if p is not None):
+        if path.is_dir():
+            raise UserError(f"{path}: is a directory, a file name is needed")
+        if not path.parent.is_dir():
+            raise UserError(f"{path}: the directory {path.parent} does not exist")
+        if not os.access(path.parent, os.W_OK):
+            raise UserError(f"{path}: the directory {path.parent} is not writable")
 
 
 def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | None]) -> None:
@@ -159,22 +159,15 @@ def is_parquet(path: Path | None) -> bool:
 BYTES = 32  # of the secret
 
 
-def seal(parts: Iterable[bytes]) -> bytes:
-    """The digest of these bytes, one part after the other."""
-    digest = hashlib.blake2b(key=secret())
-    for part in parts:
-        digest.update(part)
-    return digest.digest()
-
-
-def _mark(content: Any) -> str:
-    return seal([json.dumps(content, sort_keys=True).encode()]).hex()
+def seal(content: Any) -> str:
+    """The digest of what JSON can say."""
+    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), key=secret()).hexdigest()
 
 
 def write_sealed(path: Path, content: Any) -> None:
     """Keep what JSON can say: numbers and words, nothing that could run."""
     with atomic(path) as file:
-        json.dump({"content": content, "seal": _mark(content)}, file)
+        json.dump({"content": content, "seal": seal(content)}, file)
 
 
 def read_sealed(path: Path) -> Any:
@@ -182,7 +175,7 @@ def read_sealed(path: Path) -> Any:
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         content = kept["content"]
-        return content if hmac.compare_digest(str(kept["seal"]).encode(), _mark(content).encode()) else None
+        return content if hmac.compare_digest(str(kept["seal"]).encode(), seal(content).encode()) else None
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return None
 

@@ -3,7 +3,6 @@
 import base64
 import contextlib
 import hashlib
-import hmac
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -15,9 +14,8 @@ import numpy as np
 import pandas as pd
 
 from tse.impl import results
-from tse.impl.errors import UserError
 from tse.impl.estimate import write_learnt
-from tse.impl.files import atomic, real, seal
+from tse.impl.files import atomic, make_directory, read_sealed, real, write_sealed
 from tse.impl.fleet.find import Drive
 from tse.impl.fleet.work import Outcome, Task
 from tse.impl.rows import Reading, files_of
@@ -48,13 +46,8 @@ class Store:
 
     def __init__(self, out: Path, restart: bool):
         self.out = out
-        if out.exists() and not out.is_dir():
-            raise UserError(f"{out}: is a file, a directory is needed")
-        for name in (DONE, REPORTS, LEARNT):
-            try:
-                (out / name).mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise UserError(f"{out / name}: cannot be made: {error.strerror}") from None
+        for folder in (out, *(out / name for name in (DONE, REPORTS, LEARNT))):
+            make_directory(folder)
         if restart:
             for old in (out / DONE).glob("*.json"):
                 old.unlink()
@@ -79,21 +72,16 @@ class Store:
 
     def load(self, drive: Drive, task: Task) -> Done | None:
         """What was kept of this log, if it was made of the same files and settings, by this user, and all of it is there."""
-        try:
-            text = (self.out / DONE / f"{self.name(drive)}.json").read_text(encoding="utf-8")
-            kept = json.loads(text)
-            mark = kept.pop("seal")
-            if not hmac.compare_digest(mark, _mark(kept)) or kept["key"] != key_of(task):
-                return None
-            if kept["report"] and not (self.out / kept["report"]).is_file():
+        with contextlib.suppress(ValueError):  # a vehicle file that cannot be read: the run says it
+            kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
+            if kept is None or kept["key"] != key_of(task) or (kept["report"] and not (self.out / kept["report"]).is_file()):
                 return None
             if task.estimates is not None and not kept["outcome"]["error"] and not task.estimates.is_file():
                 return None
             said = kept["outcome"]
-            learnt = base64.b64decode(said.pop("learnt")) if said["learnt"] else said.pop("learnt")
+            learnt = base64.b64decode(said.pop("learnt")) or None
             return Done(drive, Outcome(**said, learnt=learnt), kept["report"])
-        except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
-            return None
+        return None
 
     def save(self, drive: Drive, task: Task, outcome: Outcome) -> Done:
         """Keep what is done: first the report, then the word that it is done."""
@@ -104,10 +92,9 @@ class Store:
                 file.write(outcome.report)
             outcome.report = None
         said = {k: v for k, v in vars(outcome).items() if k != "report"}
-        said["learnt"] = base64.b64encode(outcome.learnt).decode() if outcome.learnt else None
+        said["learnt"] = base64.b64encode(outcome.learnt or b"").decode()
         kept = results.plain({"key": key_of(task), "report": report, "outcome": said})
-        with atomic(self.out / DONE / f"{self.name(drive)}.json") as file:
-            json.dump(kept | {"seal": _mark(kept)}, file, ensure_ascii=False)
+        write_sealed(self.out / DONE / f"{self.name(drive)}.json", kept)
         return Done(drive, outcome, report)
 
     def write(self, done: Sequence[Done]) -> pd.DataFrame:
@@ -179,10 +166,6 @@ def key_of(task: Task) -> str:
     digest.update(json.dumps([*said, str(task.estimates), round(task.age, 3)]).encode())
     digest.update(task.learnt or b"")
     return digest.hexdigest()
-
-
-def _mark(kept: Mapping[str, Any]) -> str:
-    return seal([json.dumps(kept, sort_keys=True, ensure_ascii=False).encode()]).hex()
 
 
 def _plain(name: str) -> str:

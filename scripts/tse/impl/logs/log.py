@@ -3,9 +3,7 @@
 import csv
 import re
 import shlex
-import warnings
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -18,6 +16,7 @@ from tse.impl.core import INPUT, library
 from tse.impl.errors import NoFile, UserError
 from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
+from tse.impl.logs.read_text import parsing
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import Recording, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
@@ -40,7 +39,6 @@ from tse.impl.vehicle import Vehicle
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
-PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 
 
 def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
@@ -86,7 +84,8 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 
 
 def _read_plain(path: Path, spare: Collection[str]) -> Log:
-    header, whole, lines = csv_header(path)
+    head, whole = _head(path)
+    header = [c.strip() for c in next(csv.reader(head[:1]), [])]
     wanted = columns()
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
     absent = lacking(header, sides, spare)
@@ -98,7 +97,7 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     if twice:
         raise UserError(f"{path}: column {', '.join(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
-    table, line, skipped = _numbers(path, header, needed, whole, lines, notes)
+    table, line, skipped = _numbers(path, header, head[1:], whole, needed, notes)
     if whole is not None:
         notes.append(f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out")
     if skipped:
@@ -168,38 +167,34 @@ def _beside(column: str) -> bool:
     return column.startswith("ref_") or column in OPTIONAL
 
 
-def csv_header(path: Path) -> tuple[list[str], int | None, int]:
-    """The names of the columns; where the last line does not end, how many rows do: who wrote it was perhaps stopped there, and a
-    number that is cut is a number still; and how many rows there are at most."""
+def _head(path: Path) -> tuple[list[str], int | None]:
+    """The first two lines of a log; where the last line does not end, how many rows do: its writer was perhaps stopped there, and a
+    number that is cut is a number still."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            head = last = file.read(65536)
-            ends, lone = head.count("\n"), head.count("\r")
-            while part := file.read(1 << 20):  # the whole file must be text
-                ends += part.count("\n")
-                lone += part.count("\r")
-                last = part
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
         raise UserError(f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    if "\0" in head:
+    if "\0" in text:
         raise UserError(f"{path}: is a binary file; a CSV is needed")
-    if not head.strip():
+    if not text.strip():
         raise UserError(f"{path}: is empty")
-    first = next(csv.reader(head.splitlines()[:1]), [])
-    return [c.strip() for c in first], ends - 1 if ends and not last.endswith(("\n", "\r")) else None, ends + lone
+    whole = text.count("\n") - 1 if "\n" in text and not text.endswith("\n") else None
+    if whole == 0:
+        raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
+    return text.split("\n", 2)[:2], whole
 
 
 def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
     text = f"{path}: column {', '.join(missing)} is missing in the header (line 1)"
     if len(header) == 1 and any(s in header[0] for s in ";\t|"):
         text += "; the columns must be separated by commas"
-    elif all(_is_number(c) for c in header):
+    elif all(np.isfinite(_number(c)) for c in header):
         text += "; the first line must name the columns"
     else:
         lower = {c.lower(): c for c in header}
@@ -209,94 +204,45 @@ def _missing_text(path: Path, header: list[str], missing: list[str], needed: lis
     return f"{text}\n  needed: {','.join(needed)}\n  found:  {','.join(header)[:300]}"
 
 
-def _arguments(header: list[str]) -> dict[str, Any]:
-    """How a log is read by pandas."""
-    return {
-        "names": [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)],
-        "header": None,
-        "skiprows": 1,
-        "index_col": False,
-        "skip_blank_lines": False,
-        "skipinitialspace": True,
-        "encoding": "utf-8-sig",
-        "low_memory": False,
-    }
-
-
-@contextmanager
-def _parsing(path: Path) -> Iterator[None]:
-    """Errors of the parser in our words."""
-    try:
-        with warnings.catch_warnings():
-            # the first row of each part may have more cells than there are columns, and pandas only warns of it
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            yield
-    except pd.errors.ParserWarning:
-        raise UserError(f"{path}: {_too_wide(path)}") from None
-    except pd.errors.EmptyDataError:
-        raise UserError(f"{path}: has a header but no rows") from None
-    except pd.errors.ParserError as error:
-        detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
-        raise UserError(f"{path}: is not a well-formed CSV: {detail}") from None
-
-
-def _too_wide(path: Path) -> str:
-    """The first line with more cells than the header."""
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        lines = iter(file)
-        most = next(lines, "").count(",") + 1
-        line, cells = next(((i, n) for i, text in enumerate(lines, 2) if (n := text.count(",") + 1) > most), (0, 0))
-    return f"line {line}: {cells} cells, but the header (line 1) names {most} columns"
-
-
 def _numbers(
-    path: Path, header: list[str], needed: list[str], whole: int | None, most: int, notes: list[str]
+    path: Path, header: list[str], first: list[str], whole: int | None, needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
     are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
-    Rows without any of what is needed are blank. `whole`: rows to read, where not all; `most`: rows that there may be."""
-    if whole == 0:
-        raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
-    wanted = [c for c in header if c in needed or _beside(c)]
-    columns = {name: np.empty(most + 1) for name in wanted}  # parts that are put together take twice as much
-    lines = np.empty(most + 1, np.int32)
-    rows = 0
-    wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
-    count = dict.fromkeys(wanted, 0)
-    with _parsing(path), pd.read_csv(path, **_arguments(header), nrows=whole, chunksize=PART) as parts:
-        for part in parts:
-            line = part.index.to_numpy() + 2
-            filled = part[needed].notna().any(axis=1).to_numpy()
-            place = slice(rows, rows + int(filled.sum()))
-            lines[place] = line[filled]
-            for name in wanted:
-                column = part[name] if filled.all() else part[name][filled]
-                numbers = to_numbers(column)
-                if column.dtype == bool:
-                    numbers = pd.Series(np.nan, index=column.index)
-                bad = (numbers.isna() & column.notna()).to_numpy()
-                count[name] += int(bad.sum())
-                if bad.any() and name not in wrong:
-                    wrong[name] = int(lines[place][bad.argmax()]), str(column.iloc[int(bad.argmax())])
-                columns[name][place] = numbers.to_numpy(float)
-            rows = place.stop
-    if not rows:
+    Rows without any of what is needed are blank. `whole`: rows to read, where not all; `first`: the line of the first."""
+    if (cells := len(next(csv.reader(first), []))) > len(header):  # of which pandas only warns
+        raise UserError(f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns")
+    names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
+    with parsing(path):
+        table = pd.read_csv(
+            path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
+            encoding="utf-8-sig", nrows=whole,
+        )  # fmt: skip
+    table = table[table[needed].notna().any(axis=1)]
+    if table.empty:
         raise UserError(f"{path}: has a header but no rows")
-    for name in wanted:
-        if name in needed and name in wrong:
-            at, text = wrong[name]
-            if count[name] <= FEW_OUTSIDE * rows:
-                cells = f"{count[name]} cells that are no numbers are" if count[name] > 1 else "a cell that is no number is"
-                notes.append(f"{name}: {cells} treated as missing (first in line {at}: {text[:20]!r})")
-                del wrong[name]
-                continue
-            hint = "; decimals are written with a point" if "," in text else ""
-            raise UserError(
-                f"{path}: line {at}, column {name}: {text[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
-                f"missing{hint}"
-            )
-    skipped = [name for name in wanted if name in wrong]
-    return {c: columns[c][:rows] for c in wanted if c not in wrong}, lines[:rows], skipped
+    line = table.index.to_numpy() + 2
+    columns: dict[str, np.ndarray] = {}
+    skipped = []
+    for name in (c for c in header if c in needed or _beside(c)):
+        cells = table[name]
+        numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else to_numbers(cells)
+        bad = (numbers.isna() & cells.notna()).to_numpy()
+        if bad.any() and name not in needed:
+            skipped.append(name)
+            continue
+        if bad.any():
+            count, at, wrong = int(bad.sum()), line[bad.argmax()], str(cells.iloc[int(bad.argmax())])
+            if count > FEW_OUTSIDE * len(table):
+                hint = "; decimals are written with a point" if "," in wrong else ""
+                raise UserError(
+                    f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
+                    f"missing{hint}"
+                )
+            said = f"{count} cells that are no numbers are" if count > 1 else "a cell that is no number is"
+            notes.append(f"{name}: {said} treated as missing (first in line {at}: {wrong[:20]!r})")
+        columns[name] = numbers.to_numpy(float)
+    return columns, line, skipped
 
 
 def to_numbers(column: pd.Series) -> pd.Series:
@@ -317,14 +263,6 @@ def _number(cell: object) -> float:
 def _allowed(name: str) -> str:
     channel = next((axle for axle, pair in SIDES.items() if name in pair), name)
     return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 # ---- any log: reader, mapping, raster, check

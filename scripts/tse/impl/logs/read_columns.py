@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import PIECE, How, Later, Recording, check_rows, need
+from tse.impl.logs.recording import How, Recording, check_rows, need
 from tse.impl.logs.table import Column, recording_of
 
 
@@ -18,11 +18,11 @@ def read(path: Path, how: How) -> Recording:
     with open(path, "rb") as file:
         parquet = file.read(4) == b"PAR1"
     try:
-        schema, rows, batches = (_parquet if parquet else _feather)(path)
+        schema, rows, read_column = (_parquet if parquet else _feather)(path)
         check_rows(path, "the table", rows)
         if not rows:
             raise UserError(f"{path}: has columns but no rows")
-        columns = [_column(pa, field, steps, rows, batches) for field, steps in _leaves(pa, schema)]
+        columns = [_column(pa, field, steps, rows, read_column) for field, steps in _leaves(pa, schema)]
         found = recording_of(path, "Parquet" if parquet else "Feather", columns, how)
         pa.default_memory_pool().release_unused()
     except UserError:
@@ -34,50 +34,45 @@ def read(path: Path, how: How) -> Recording:
     return found
 
 
-Batches = Callable[[int], Iterator[Any]]  # a column of the file by its place -> what pyarrow reads of it at a time, tables of it
+Read = Callable[[int], Any]  # a column of the file by its place
 
 
-def _parquet(path: Path) -> tuple[Any, int, Batches]:
+def _parquet(path: Path) -> tuple[Any, int, Read]:
     """Schema, rows, and who reads a column."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
     alone = len(set(schema.names)) == len(schema.names) and not any("." in n for n in schema.names)  # a name says which
 
-    def batches(place: int) -> Iterator[Any]:
+    def column(place: int) -> Any:
         with pq.ParquetFile(path) as file:
             if alone:
-                for batch in file.iter_batches(PIECE, columns=[schema.names[place]], use_threads=False):
-                    yield pa.Table.from_batches([batch])
-            else:
-                for batch in file.iter_batches(PIECE, use_threads=False):
-                    yield pa.Table.from_batches([batch]).select([place])
+                return file.read([schema.names[place]], use_threads=False).column(0)
+            return file.read(use_threads=False).column(place)
 
-    return schema, rows, batches
+    return schema, rows, column
 
 
-def _feather(path: Path) -> tuple[Any, int, Batches]:
+def _feather(path: Path) -> tuple[Any, int, Read]:
     import pyarrow as pa
     import pyarrow.feather as feather
 
     with open(path, "rb") as file:
         first = file.read(4) == b"FEA1"
-    if first:  # the format of 2016, which has no batches
+    if first:  # the format of 2016
         table = feather.read_table(path)
-        return table.schema, table.num_rows, lambda place: iter([table.select([place])])
+        return table.schema, table.num_rows, table.column
     with pa.OSFile(str(path)) as source, pa.ipc.open_file(source) as file:
         schema = file.schema
         rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
 
-    def batches(place: int) -> Iterator[Any]:
+    def column(place: int) -> Any:
         options = pa.ipc.IpcReadOptions(included_fields=[place], use_threads=False)
         with pa.OSFile(str(path)) as source, pa.ipc.open_file(source, options=options) as file:
-            for i in range(file.num_record_batches):
-                yield pa.Table.from_batches([file.get_batch(i)])
+            return file.read_all().column(0)
 
-    return schema, rows, batches
+    return schema, rows, column
 
 
 def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
@@ -95,24 +90,15 @@ def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
         yield from walk(field, (place,))
 
 
-def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, batches: Batches) -> Column:
+def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: Read) -> Column:
     meta = {k.decode(errors="replace").lower(): v.decode(errors="replace") for k, v in (field.metadata or {}).items()}
     kind = pa.types
+
+    def values() -> pd.Series:
+        column = read(steps[0])
+        for place in steps[1:]:
+            column = pa.table([column], ["struct"]).flatten().column(place)
+        return (column.cast(field.type.value_type) if kind.is_dictionary(field.type) else column).to_pandas()
+
     dates = kind.is_timestamp(field.type) or kind.is_duration(field.type)
-
-    def parts() -> Iterator[Any]:
-        for table in batches(steps[0]):
-            for place in steps[1:]:
-                table = table.flatten().select([place])
-            yield table.column(0)
-
-    def whole() -> pd.Series:
-        column = pa.chunked_array([c for part in parts() for c in part.chunks])
-        if kind.is_dictionary(field.type):
-            column = column.unify_dictionaries().combine_chunks()
-            column = column.dictionary_decode() if hasattr(column, "dictionary_decode") else column
-        return column.to_pandas()
-
-    plain = kind.is_integer(field.type) or kind.is_floating(field.type)
-    values = Later(rows, lambda: (part.to_pandas().to_numpy(float) for part in parts())) if plain else whole
     return Column(field.name, values, meta.get("unit", meta.get("units", "")), meta.get("description", ""), rows, dates)

@@ -1,15 +1,17 @@
 """MATLAB files: version 5 by scipy, 7.3 (and plain HDF5) by h5py."""
 
+import functools
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import PIECE, Channel, How, Later, Recording, check_rows, listed, need
+from tse.impl.logs.recording import Channel, How, Recording, check_rows, listed, need
 from tse.impl.logs.table import TIME_WORDS, Column, recording_of, unit_at_end, with_unit, words
 from tse.impl.units import factor, kind
 
@@ -18,6 +20,17 @@ WIDEST = 16  # columns of a matrix that are channels of their own
 SHORTEST = 2
 COMPRESSED = 15  # miCOMPRESSED: type of an element of a file of version 5 that zlib packed
 LARGEST = 1 << 30  # bytes of its variable: thirty hours of a signal at 1 kHz
+
+
+@dataclass(frozen=True)
+class Later:
+    """A vector that is read when it is needed."""
+
+    rows: int
+    read: Callable[[], np.ndarray]
+
+    def __len__(self) -> int:
+        return self.rows
 
 
 def read(path: Path, how: How) -> Recording:
@@ -43,7 +56,8 @@ def read(path: Path, how: How) -> Recording:
             raise UserError(f"{path}: [log] time: there is no {how.time!r}; it has {listed(vectors)}")
         times = {how.time: vectors[how.time]}
     if not times and len({len(v) for v in vectors.values()}) == 1:
-        return recording_of(path, "MAT", [Column(n, v) for n, v in vectors.items()], how, notes)  # in words of a table
+        columns = [Column(n, v.read if isinstance(v, Later) else v, rows=len(v)) for n, v in vectors.items()]
+        return recording_of(path, "MAT", columns, how, notes)  # in words of a table
     clocks: dict[str, np.ndarray] = {}
     channels: dict[str, Channel] = {}
     for name, v in vectors.items():
@@ -213,29 +227,20 @@ def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tup
 
 
 def _vectors_of(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
-    """As _vectors(), of a dataset that is read when it is needed, a slice at a time."""
+    """As _vectors(), of a dataset whose columns are read when they are needed."""
     long = [axis for axis, n in enumerate(item.shape) if n > 1]
-    if item.size <= PIECE or len(long) > 2:
+    if not 1 <= len(long) <= 2:
         yield from _vectors(name, np.asarray(item))
         return
     along = max(long, key=lambda axis: item.shape[axis])  # of two that are as long the first
     across = next((axis for axis in long if axis != along), None)
     count = 1 if across is None else item.shape[across]
-    if count > WIDEST:
-        return
-    file, at, rows = item.file.filename, item.name, item.shape[along]
+    file, at, place = item.file.filename, item.name, [slice(None) if axis == along else 0 for axis in range(len(item.shape))]
 
-    def pieces(column: int) -> Callable[[], Iterator[np.ndarray]]:
-        def read() -> Iterator[np.ndarray]:
-            with h5py.File(file, "r") as again:
-                for begin in range(0, rows, PIECE):
-                    place: list[Any] = [0] * len(again[at].shape)
-                    place[along] = slice(begin, min(begin + PIECE, rows))
-                    if across is not None:
-                        place[across] = column
-                    yield np.asarray(again[at][tuple(place)], float)
+    def column(k: int) -> np.ndarray:
+        with h5py.File(file, "r") as again:
+            mine = tuple(k if axis == across else p for axis, p in enumerate(place))
+            return np.asarray(again[at][mine], float)
 
-        return read
-
-    for i in range(count):
-        yield name if across is None else f"{name}.{i + 1}", Later(rows, pieces(i))
+    for k in range(count if count <= WIDEST else 0):
+        yield name if across is None else f"{name}.{k + 1}", Later(item.shape[along], functools.partial(column, k))

@@ -58,16 +58,20 @@ def _plain(mdf: Any, how: How) -> dict[str, Channel]:
     for g, group in enumerate(mdf.groups):
         check_rows(Path(mdf.name), f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
         master = mdf.masters_db.get(g)
-        time: np.ndarray | None = None
+        time = np.zeros(0)
         title = getattr(group.channel_group, "acq_name", None) or getattr(group.channel_group, "comment", "") or ""
         for c, channel in enumerate(group.channels):
             if c == master or channel.name.startswith("CAN_DataFrame") or (how.wanted and not how.wanted(channel.name)):
                 continue
-            value, own, unit, text = _samples(mdf, g, c, time)
-            if value is None:
+            if (signal := _samples(mdf, g, c)) is None:
                 continue
-            time = own
-            found.append((channel.name, str(title), Channel(channel.name, time, value, unit, text)))
+            value, bad = signal.samples.astype(float), signal.invalidation_bits
+            if bad is not None and len(np.atleast_1d(bad)) == len(value):
+                value = np.where(np.asarray(bad, bool), np.nan, value)
+            if len(time) != len(value):  # of the group
+                time = np.asarray(signal.timestamps, float)
+            text = str(signal.comment or "")[:200]
+            found.append((channel.name, str(title), Channel(channel.name, time, value, str(signal.unit or ""), text)))
     often = Counter(name for name, _, _ in found)
     channels: dict[str, Channel] = {}
     for name, title, c in found:
@@ -76,39 +80,20 @@ def _plain(mdf: Any, how: How) -> dict[str, Channel]:
     return channels
 
 
-def _samples(mdf: Any, group: int, index: int, time: np.ndarray | None) -> tuple[np.ndarray | None, np.ndarray, str, str]:
-    """Values and times of a channel, piece by piece. `time`: of its group, where it was read."""
-    for raw in (False, True):  # of a table of texts: the numbers below it
-        value, times = Growing(), Growing()
-        first = None
-        for signal in _pieces(mdf, group, index, raw):
-            part = np.asarray(signal.samples)
-            if part.dtype.kind not in "biuf" or part.ndim != 1:
-                break
-            first = first or signal
-            part = part.astype(float)
-            bad = signal.invalidation_bits
-            if bad is not None and len(np.atleast_1d(bad)) == len(part):
-                part = np.where(np.asarray(bad, bool), np.nan, part)
-            value.extend(part)
-            if time is None:
-                times.extend(np.asarray(signal.timestamps, float))
-        else:
-            if first is None:
-                break
-            found = value.array()
-            if time is not None and len(time) != len(found):
-                return _samples(mdf, group, index, None)
-            unit, text = str(first.unit or ""), str(first.comment or "")[:200]
-            return found, time if time is not None else times.array(), unit, text
-    return None, np.zeros(0), "", ""
+def _samples(mdf: Any, group: int, index: int) -> Any | None:
+    """A channel as asammdf's Signal of numbers; of a table of texts the numbers below it. None: there are none."""
+    for raw in (False, True):
+        signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
+        if len(signal.samples) and signal.samples.dtype.kind in "biuf" and signal.samples.ndim == 1:
+            return signal
+    return None
 
 
-def _pieces(mdf: Any, group: int, index: int, raw: bool) -> Iterator[Any]:
-    """The channel as asammdf's Signals of so many records each, until there are none."""
+def _pieces(mdf: Any, group: int, index: int) -> Iterator[Any]:
+    """Frames as asammdf's Signals of so many records each, until there are none."""
     done = 0
     while True:
-        signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True, record_offset=done, record_count=PIECE)
+        signal = mdf.get(group=group, index=index, raw=True, ignore_invalidation_bits=True, record_offset=done, record_count=PIECE)
         if not len(signal.samples):
             return
         yield signal
@@ -124,7 +109,7 @@ def _of_frames(path: Path, mdf: Any, how: How, others: bool, notes: list[str]) -
         for c, channel in enumerate(group.channels):
             if channel.name != FRAMES[0]:
                 continue
-            for frame in _pieces(mdf, g, c, raw=True):
+            for frame in _pieces(mdf, g, c):
                 samples = frame.samples
                 names = samples.dtype.names or ()
                 if not all(n in names for n in FRAMES[1:]):

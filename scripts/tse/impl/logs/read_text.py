@@ -1,23 +1,20 @@
 """Text tables, CSV of any dialect: delimiter, decimal comma, encoding, a preamble, a row of units, dates."""
 
 import csv
-import functools
 import itertools
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
 
 import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
 from tse.impl.logs.readers import FORMATS
-from tse.impl.logs.recording import PIECE, Growing, How, Recording
+from tse.impl.logs.recording import PIECE, How, Recording
 from tse.impl.logs.table import Column, may_be_time, recording_of, with_unit
 from tse.impl.units import known
 
@@ -51,18 +48,18 @@ def read(path: Path, how: How) -> Recording:
             further = (_decimal([_cells(x, separator)]) for x in itertools.islice(file, first, None) if "," in x or "." in x)
             decimal = next(filter(None, further), None)
     decimal = decimal or "."
-    table = _Table(path, encoding, errors, {
-        "sep": r"\s+" if separator == " " else separator, "decimal": decimal, "names": range(len(names)), "header": None,
-        "skiprows": first, "index_col": False, "skipinitialspace": True, "low_memory": False, "skip_blank_lines": True,
-        "on_bad_lines": "error",
-    })  # fmt: skip
     of = dict(zip(names, units or [""] * len(names), strict=False))
     needed = [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
-    rows, plain = table.numbers(needed)
-    if not rows:
+    with open(path, encoding=encoding, errors=errors, newline="") as file, parsing(path):
+        parts = pd.read_csv(
+            file, sep=r"\s+" if separator == " " else separator, decimal=decimal, names=range(len(names)), header=None,
+            skiprows=first, index_col=False, skipinitialspace=True, low_memory=False, chunksize=PIECE,
+        )  # fmt: skip
+        table = pd.concat([part[needed] for part in parts], ignore_index=True)
+    if table.empty:
         raise UserError(f"{path}: has a header but no rows")
     columns = [
-        Column(name, plain.get(i, functools.partial(table.column, i)), of.get(name, ""), rows=rows)
+        Column(name, table[i] if i in table else np.full(len(table), np.nan), of.get(name, ""))
         for i, name in enumerate(names)
         if name
     ]
@@ -80,56 +77,24 @@ def _is_needed(place: int, name: str, unit: str, how: How) -> bool:
     return how.wanted is None or how.wanted(plain) or plain == how.time or may_be_time(place, plain, unit or own)
 
 
-@dataclass(frozen=True)
-class _Table:
-    """The rows of a text, column by column. `arguments`: of pandas.read_csv."""
-
-    path: Path
-    encoding: str
-    errors: str
-    arguments: dict[str, Any]
-
-    def numbers(self, places: Sequence[int]) -> tuple[int, dict[int, np.ndarray]]:
-        """How many rows it has, and those of the columns at `places` that hold nothing but numbers, read a piece at a time."""
-        found = {i: Growing() for i in places}
-        rows = 0
-        with self._reading() as file, pd.read_csv(file, chunksize=PIECE, **self.arguments) as parts:
-            for part in parts:
-                rows += len(part)
-                for i in [i for i in found if not _is_plain(part[i])]:
-                    found.pop(i)
-                for i, column in found.items():
-                    column.extend(part[i].to_numpy(float))
-        return rows, {i: column.array() for i, column in found.items()}
-
-    def column(self, place: int) -> pd.Series:
-        """One column as a whole, for what it holds is no number everywhere."""
-        with self._reading() as file:
-            return pd.read_csv(file, usecols=[place], **self.arguments)[place]
-
-    @contextmanager
-    def _reading(self) -> Iterator[IO[str]]:
-        """The text; errors of the parser in our words."""
-        try:
-            with open(self.path, encoding=self.encoding, errors=self.errors, newline="") as file, warnings.catch_warnings():
-                # the first row of each part may have more cells than there are columns, and pandas only warns of it
-                warnings.simplefilter("error", pd.errors.ParserWarning)
-                yield file
-        except pd.errors.EmptyDataError:
-            raise UserError(f"{self.path}: has a header but no rows") from None
-        except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-            detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
-            raise UserError(
-                f"{self.path}: is not a well-formed CSV: {detail}; every row needs as many cells as there are names"
-            ) from None
-        except UserError:
-            raise
-        except ValueError as error:
-            raise UserError(f"{self.path}: is not a well-formed CSV: {str(error)[:150]}") from None
-
-
-def _is_plain(x: pd.Series) -> bool:
-    return pd.api.types.is_numeric_dtype(x) and not pd.api.types.is_bool_dtype(x)
+@contextmanager
+def parsing(path: Path) -> Iterator[None]:
+    """Errors of pandas' parser in our words."""
+    try:
+        with warnings.catch_warnings():
+            # the first row of each part may have more cells than there are columns, and pandas only warns of it
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            warnings.simplefilter("ignore", pd.errors.DtypeWarning)
+            yield
+    except pd.errors.EmptyDataError:
+        raise UserError(f"{path}: has a header but no rows") from None
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
+        detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
+        raise UserError(f"{path}: is not a well-formed CSV: {detail}; every row needs as many cells as there are names") from None
+    except UserError:
+        raise
+    except ValueError as error:
+        raise UserError(f"{path}: is not a well-formed CSV: {str(error)[:150]}") from None
 
 
 BINARY = "{}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"

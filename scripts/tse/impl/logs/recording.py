@@ -17,7 +17,7 @@ import numpy as np
 from tse.impl.errors import UserError
 
 MOST_NAMED = 6  # names that one message lists
-PIECE = 1 << 16  # entries that are read, decoded or resampled at a time: 11 minutes at 100 Hz, 0.5 MB a column
+PIECE = 1 << 16  # frames and rows of text that are decoded at a time
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Recording:
         return replace(self, channels=channels, start=self.start + start)
 
 
-# ---- Columns that a file gives piece by piece: what a reader holds at a time beside them is PIECE entries.
+# ---- Columns that a file gives piece by piece.
 
 
 class Growing:
@@ -116,26 +116,6 @@ class Growing:
     def array(self) -> np.ndarray:
         """All of it, (entries,). Nothing can be added any more."""
         return np.frombuffer(self._values) if self._values else np.zeros(0)
-
-
-class Later:
-    """A column that is read when it is needed, in pieces. `rows`: how many it has; `pieces`: reads it, (entries,) at a time."""
-
-    def __init__(self, rows: int, pieces: Callable[[], Iterable[np.ndarray]]):
-        self._rows, self._pieces = rows, pieces
-        self._found: np.ndarray | None = None
-
-    def __len__(self) -> int:
-        return self._rows
-
-    def read(self) -> np.ndarray:
-        """All of it as floats, (rows,)."""
-        if self._found is None:
-            column = Growing()
-            for piece in self._pieces():
-                column.extend(piece)
-            self._found = column.array()
-        return self._found
 
 
 MOST_ROWS = 360_000_000  # of a signal: a hundred hours at 1 kHz

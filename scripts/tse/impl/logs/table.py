@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import Channel, How, Later, Recording, listed, near, unused
+from tse.impl.logs.recording import Channel, How, Recording, listed, near, unused
 from tse.impl.units import factor, kind, known
 
 TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
@@ -26,7 +26,7 @@ class Column:
     """A column of a table: any dtype, here or read when it is needed, each time anew. `dates`: of what is not here: is it times?"""
 
     name: str
-    values: pd.Series | np.ndarray | Later | Callable[[], pd.Series]
+    values: pd.Series | np.ndarray | Callable[[], pd.Series | np.ndarray]
     unit: str = ""
     text: str = ""
     rows: int | None = None
@@ -34,8 +34,6 @@ class Column:
 
     def read(self) -> pd.Series | np.ndarray:
         """All of it."""
-        if isinstance(self.values, Later):
-            return self.values.read()
         return self.values() if callable(self.values) else self.values
 
     def __len__(self) -> int:
