@@ -1,4 +1,4 @@
-"""What a command takes: scripts/fleet.py, scripts/long_logs.py, tests/gap/scale.py."""
+"""What a command takes: scripts/long_logs.py, tests/gap/scale.py."""
 
 import os
 import subprocess

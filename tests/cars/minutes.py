@@ -61,7 +61,7 @@ def main(arguments: list[str]) -> int:
 `python -m tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars} cars with
 14 degrees of freedom, calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on
 another of each. Front longitudinal / front cornering / rear cornering; rows
-after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars.md).
+after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars-fresh.md).
 
 """
     text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"

@@ -310,7 +310,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again")
     parser.add_argument("--again", action="store_true", help="with --keep: the calibrations of an earlier run")
-    parser.add_argument("--out", type=Path, default=RESULTS / "cars.md", help="the table")
+    parser.add_argument("--out", type=Path, default=RESULTS / "cars-fresh.md", help="the table")
     given = parser.parse_args(arguments)
     scores, latencies, cars_found = [], [], []
     with tempfile.TemporaryDirectory() as scratch, multiprocessing.Pool(given.jobs) as pool:
