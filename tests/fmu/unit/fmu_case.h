@@ -131,41 +131,30 @@ static inline fmi2ValueReference ref(const char *name)
   return NO_SUCH;
 }
 
-static inline fmi2Status put_real(fmi2Component c, const char *name, double value)
+/* put_real(), real_of() and so on. */
+#define ACCESS(type, Type)                                                                   \
+  static inline fmi2Status put_##type(fmi2Component c, const char *name, fmi2##Type value)   \
+  {                                                                                          \
+    const fmi2ValueReference vr = ref(name);                                                 \
+    return fmi2Set##Type(c, &vr, 1, &value);                                                 \
+  }                                                                                          \
+  static inline fmi2##Type type##_of(fmi2Component c, const char *name)                      \
+  {                                                                                          \
+    const fmi2ValueReference vr = ref(name);                                                 \
+    fmi2##Type value = 7;                                                                    \
+    OK(fmi2Get##Type(c, &vr, 1, &value));                                                    \
+    return value;                                                                            \
+  }
+ACCESS(real, Real)
+ACCESS(integer, Integer)
+ACCESS(boolean, Boolean)
+
+/* Of any type. */
+static inline double value_of(fmi2Component c, const fmu_variable *v)
 {
-  const fmi2ValueReference vr = ref(name);
-  return fmi2SetReal(c, &vr, 1, &value);
-}
-static inline fmi2Status put_integer(fmi2Component c, const char *name, int value)
-{
-  const fmi2ValueReference vr = ref(name);
-  return fmi2SetInteger(c, &vr, 1, &value);
-}
-static inline fmi2Status put_boolean(fmi2Component c, const char *name, fmi2Boolean value)
-{
-  const fmi2ValueReference vr = ref(name);
-  return fmi2SetBoolean(c, &vr, 1, &value);
-}
-static inline double real_of(fmi2Component c, const char *name)
-{
-  const fmi2ValueReference vr = ref(name);
-  fmi2Real value = 0;
-  OK(fmi2GetReal(c, &vr, 1, &value));
-  return value;
-}
-static inline int integer_of(fmi2Component c, const char *name)
-{
-  const fmi2ValueReference vr = ref(name);
-  fmi2Integer value = 0;
-  OK(fmi2GetInteger(c, &vr, 1, &value));
-  return value;
-}
-static inline int boolean_of(fmi2Component c, const char *name)
-{
-  const fmi2ValueReference vr = ref(name);
-  fmi2Boolean value = 7;
-  OK(fmi2GetBoolean(c, &vr, 1, &value));
-  TEST_ASSERT_TRUE(value == fmi2False || value == fmi2True);
+  if (v->kind != 'b') return v->kind == 'r' ? real_of(c, v->name) : integer_of(c, v->name);
+  const fmi2Boolean value = boolean_of(c, v->name);
+  TEST_ASSERT_TRUE_MESSAGE(value == fmi2False || value == fmi2True, v->name);
   return value;
 }
 

@@ -165,17 +165,10 @@ static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(
 
 static tse_config used_by(fmi2Component c)
 {
-  fmi2FMUstate state = NULL;
-  size_t size;
+  const saved_bytes b = bytes_of(c);
   tse_config used;
-  OK(fmi2GetFMUstate(c, &state));
-  OK(fmi2SerializedFMUstateSize(c, state, &size));
-  fmi2Byte *const bytes = malloc(size);
-  TEST_ASSERT_NOT_NULL(bytes);
-  OK(fmi2SerializeFMUstate(c, state, bytes, size));
-  memcpy(&used, bytes + CONTENT + offsetof(model, used), sizeof used);
-  free(bytes);
-  OK(fmi2FreeFMUstate(c, &state));
+  memcpy(&used, b.at + CONTENT + offsetof(model, used), sizeof used);
+  free(b.at);
   return used;
 }
 
@@ -191,10 +184,7 @@ static void set_every_parameter_to_its_start(fmi2Component c)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
-    if (v->role != 'p') continue;
-    if (v->kind == 'r') OK(put_real(c, v->name, v->start));
-    else if (v->kind == 'i') OK(put_integer(c, v->name, (int)v->start));
-    else OK(put_boolean(c, v->name, v->start > 0.0));
+    if (v->role == 'p') SET(c, { v->name, v->start });
   }
 }
 

@@ -51,18 +51,6 @@ static double number3(fmi3Instance c, fmi3ValueReference vr, char kind)
                        : (double)flag;
 }
 
-static double number2(fmi2Component c, fmi2ValueReference vr, char kind)
-{
-  fmi2Real real = 0;
-  fmi2Integer integer = 0;
-  fmi2Boolean flag = 0;
-  if (kind == 'r') OK(fmi2GetReal(c, &vr, 1, &real));
-  else if (kind == 'b') OK(fmi2GetBoolean(c, &vr, 1, &flag));
-  else OK(fmi2GetInteger(c, &vr, 1, &integer));
-  return kind == 'r' ? real : kind == 'b' ? (double)flag
-                                          : (double)integer;
-}
-
 /* Compares bits: two NaN are the same. */
 static void expect_same_number(double a, double b, const char *name)
 {
@@ -73,7 +61,7 @@ static void expect_same_variables(fmi2Component two, fmi3Instance three)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
-    expect_same_number(number2(two, (fmi2ValueReference)i, v->kind), number3(three, (fmi3ValueReference)i, v->kind), v->name);
+    expect_same_number(value_of(two, v), number3(three, (fmi3ValueReference)i, v->kind), v->name);
   }
 }
 
@@ -98,7 +86,7 @@ static void prepare3(fmi3Instance c)
 static void copy_inputs(fmi2Component from, fmi3Instance to)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r') put3(to, fmu_variables[i].name, number2(from, (fmi2ValueReference)i, 'r'));
+    if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r') put3(to, fmu_variables[i].name, value_of(from, &fmu_variables[i]));
 }
 
 static void enter3(fmi3Instance c)
@@ -559,25 +547,6 @@ static void test_an_input_that_is_no_number_is_a_warning_or_an_error_as_in_fmi_2
 
 /* ---- several, saved, restored */
 
-static void test_instances_do_not_know_of_each_other(void)
-{
-  fmi3Instance const alone = stepping3();
-  stepped3(alone, 0, 20);
-  save3(alone, &before);
-  free_all();
-  fmi3Instance const a = stepping3(), b = stepping3();
-  for (int k = 0; k < 20; k++) {
-    stepped3(a, k, k + 1);
-    put3(b, AN_INPUT, 0.5);
-    (void)step3(b, k);
-  }
-  TEST_ASSERT_TRUE(same_state(a, &before));
-  TEST_ASSERT_FALSE(same_state(b, &before));
-  fmi3FreeInstance(b);
-  made_count--;
-  stepped3(a, 20, 21);
-}
-
 static void test_a_serialized_state_goes_on_bit_for_bit_in_another_instance(void)
 {
   fmi3Instance const a = stepping3();
@@ -599,15 +568,6 @@ static void test_a_serialized_state_goes_on_bit_for_bit_in_another_instance(void
   stepped3(b, 15, 30);
   TEST_ASSERT_TRUE(same_state(b, &before));
   OK3(fmi3FreeFMUState(b, &state));
-  for (size_t at = 0; at < other.count; at += 997) { /* one damaged byte, anywhere */
-    other.at[at] ^= 1u;
-    const int n = said;
-    TEST_ASSERT_EQUAL_INT(fmi3Error, fmi3DeserializeFMUState(b, other.at, other.count, &state));
-    TEST_ASSERT_EQUAL_INT(n + 1, said);
-    TEST_ASSERT_NULL(state);
-    other.at[at] ^= 1u;
-    said = 0;
-  }
   REFUSED3(fmi3DeserializeFMUState(b, other.at, other.count - 1, &state), "another size");
   REFUSED3(fmi3DeserializeFMUState(b, other.at, 3, &state), "too short");
   REFUSED3(fmi3SerializeFMUState(b, &state, other.at, other.count), "fmi3SerializeFMUState", "not a state");

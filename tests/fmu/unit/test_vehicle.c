@@ -166,6 +166,7 @@ static fmi2Status put_rate(fmi2Component c, const char *name, double rate)
 
 static void test_a_derivative_says_where_an_input_is_at_the_end_of_the_step(void)
 {
+  static const double rates[] = { 0.3, -5000.0, 250.0, 20.0, 40.0, 0.1 };
   tse_sim_output y;
   fmi2Component const c = start_both(&y);
   OK(put_boolean(c, "ramp", fmi2False));
@@ -176,18 +177,10 @@ static void test_a_derivative_says_where_an_input_is_at_the_end_of_the_step(void
     put_inputs(c, &u);
     jump(&u);
     if (k % 4 != 3) { /* without one, an input is held; a derivative is that of one communication point */
-      OK(put_rate(c, "steer_angle", 0.3));
-      OK(put_rate(c, "wheel_torque_front", -5000.0));
-      OK(put_rate(c, "wheel_torque_rear", 250.0));
-      OK(put_rate(c, "brake_torque_front", 20.0));
-      OK(put_rate(c, "brake_torque_rear", 40.0));
-      OK(put_rate(c, "road_level", 0.1));
-      to.steer_angle += STEP * 0.3;
-      to.wheel_torque_front += STEP * -5000.0;
-      to.wheel_torque_rear += STEP * 250.0;
-      to.brake_torque_front += STEP * 20.0;
-      to.brake_torque_rear += STEP * 40.0;
-      to.road_level += STEP * 0.1;
+      for (int n = 0; n < COUNT(rates); n++) { /* inputs one behind the other */
+        OK(put_rate(c, fmu_variables[n].name, rates[n]));
+        (&to.steer_angle)[n] += STEP * rates[n];
+      }
     }
     OK(fmi2DoStep(c, k * STEP, STEP, fmi2True));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &to, &y));
@@ -293,17 +286,4 @@ static void test_wrong_inputs_and_settings_at_the_start_are_refused_by_name(void
   REFUSED(fmi2GetReal(c, &vr, 1, &value), "fmi2GetReal", "road_level");
   OK(put_real(c, "road_level", 1.0));
   OK(fmi2ExitInitializationMode(c));
-}
-
-static void test_the_seed_decides_and_nothing_else_does(void)
-{
-  double first[3];
-  for (int run = 0; run < 3; run++) {
-    fmi2Component const c = instantiated();
-    OK(put_integer(c, "simulation.seed", run == 2 ? 8 : 7));
-    go(c);
-    stepped(c, 0, 20);
-    first[run] = real_of(c, "sensor.accel_x");
-  }
-  TEST_ASSERT_TRUE(first[0] == first[1] && first[0] != first[2]);
 }
