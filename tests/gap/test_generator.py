@@ -19,6 +19,9 @@ from generator.manoeuvres import SETTLE, Program
 from generator.model import LATERAL_C, OUTPUTS, SLOW, STEP, load_factor, magic_formula, side_force_weight, simulate, slope
 from generator.sensors import imu
 
+from tse.impl.logs.log import read_log
+from tse.impl.vehicle import read_vehicle
+
 G = 9.81
 ROOT = Path(__file__).resolve().parents[2]
 SD = np.array([SENSORS["accel_x_sd"], SENSORS["accel_y_sd"], SENSORS["yaw_rate_sd"]])
@@ -679,9 +682,6 @@ def test_logs_have_the_biases_told_and_the_noise_of_the_vehicle_file(cases):
 
 
 def test_logs_and_vehicle_are_read_by_tselab(cases, tmp_path):
-    from tse.impl.logs.log import read_log
-    from tse.impl.vehicle import read_vehicle
-
     folder = replace(cases["roll"], hold_out={"slalom": cases["stick"].logs["slalom"]}).write(tmp_path / "case", optional=True)
     for path in sorted(folder.glob("*.csv")):
         log = read_log(path)

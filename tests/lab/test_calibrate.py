@@ -22,6 +22,7 @@ from tse.impl.calibrate import workflow
 from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula
+from tse.impl.identify import vehicle_file
 from tse.impl.identify.data import BLOCK
 from tse.impl.identify.discrepancy import Discrepancy
 from tse.impl.identify.fit import Fit
@@ -120,8 +121,6 @@ def test_what_the_model_does_not_explain_is_as_white_noise_of_the_same_power() -
 
 
 def test_no_more_is_unexplained_than_the_setting_takes(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tse.impl.identify import vehicle_file
-
     for left, kept in ((0.65, 0.5), (0.07, 0.07)):
         monkeypatch.setattr(vehicle_file, "unexplained", lambda _problem, _fit, left=left: left)
         assert vehicle_file.model_sd(None, None, 0.02) == kept
@@ -223,8 +222,6 @@ def test_a_log_of_seconds_is_nothing_to_rely_on(case: Path, tmp_path: Path) -> N
 
 
 def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) -> None:
-    import pandas as pd
-
     rows = pd.read_csv(case / "log_slalom.csv")
     for empty, code in ((["accel_x"], 12), (["accel_x", "accel_y", "yaw_rate"], 2)):
         rows.loc[30:, empty] = np.nan  # the reader refuses an empty column

@@ -4,15 +4,21 @@ the truth worked out by hand."""
 import importlib.util
 import json
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pandas as pd
 import pytest
 
 from conftest import tselab, tselab_here
+from tse.impl import tables
+from tse.impl.core import Config
+from tse.impl.logs.log import read_log
 from tse.impl.maneuvers import KINDS
+from tselab import cli
 
 
 def test_version_names_package_and_library():
@@ -24,7 +30,6 @@ def test_the_installed_command_is_the_package():
     command = shutil.which("tselab", path=str(Path(sys.executable).parent))
     if command is None:
         pytest.skip("tselab is not installed beside this python")
-    import subprocess
 
     assert subprocess.run([command, "--version"], capture_output=True, text=True, timeout=60).stdout == tselab("--version").out
 
@@ -47,16 +52,11 @@ def test_wrong_usage_exits_with_2_and_says_what_is_missing():
 
 
 def test_settings_lists_every_setting():
-    from tse.impl.core import Config
-
     lines = tselab("settings").out.splitlines()
     assert [line.split()[0] for line in lines[1:]] == list(Config().fields)
 
 
 def test_internal_error_is_one_paragraph_and_exit_1(monkeypatch, capsys):
-    from tse.impl import tables
-    from tselab import cli
-
     monkeypatch.setattr(tables, "settings_table", lambda *_: 1 / 0)
     for argv, traceback in ((["tselab", "settings"], False), (["tselab", "--debug", "settings"], True)):
         monkeypatch.setattr(sys, "argv", argv)
@@ -165,8 +165,6 @@ def test_settings_are_a_list(folder):
 
 
 def test_every_command_has_it_or_a_reason():
-    import click
-
     from tselab.cli import cli
 
     def commands(group, path=()):
@@ -200,8 +198,6 @@ def simulate(folder, *options, run=tselab_here):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_every_manoeuvre_gives_a_log_that_estimate_reads(name, tmp_path):
-    from tse.impl.logs.log import read_log
-
     log, truth = simulate(tmp_path, "--maneuver", name, "--duration", 12)
     assert list(log) == LOG
     assert len(log) == len(truth) == 1201

@@ -10,6 +10,7 @@ import pytest
 import tselab
 from conftest import tselab_here
 from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, STIFFNESS, Config, Filter, SettingError, library, stiffness_si
+from tse.impl.estimate import _block
 from tse.impl.files import read_toml
 
 HEADERS = Path(__file__).parents[2] / "include" / "tse"
@@ -84,8 +85,6 @@ def test_refused_row_leaves_the_filter_as_it_was():
 
 
 def test_table_converts_to_newton_as_the_library_does():
-    from tse.impl.estimate import _block
-
     config = Config({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
     output = Filter(config).step(row())
     mean, sd, spread = stiffness_si(config, output)

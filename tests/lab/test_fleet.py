@@ -20,11 +20,13 @@ from tse.impl import maneuvers
 from tse.impl.core import STIFFNESS, Config, SimConfig
 from tse.impl.errors import UserError
 from tse.impl.estimate import write_table
+from tse.impl.fleet import work as module
 from tse.impl.fleet.find import Drive, drives, started
-from tse.impl.fleet.keep import Store
+from tse.impl.fleet.keep import Store, unlike
 from tse.impl.fleet.run import Interrupted, Plan, outcome_of, run
 from tse.impl.fleet.work import Task, code_of
 from tse.impl.processes import Local, check_workers
+from tse.impl.report import figures_of
 from tse.impl.rows import Reading
 from tse.impl.simulate import simulate
 from tse.impl.vehicle import read_vehicle
@@ -111,7 +113,6 @@ def test_the_page_links_to_every_report_and_names_the_softest_car_first(done):
         assert f'href="{report}"' in page and (out / report).stat().st_size > 10_000
     assert page.index('href="#car1">up<') < page.index('href="#car2">golf<')
     assert "Logs that could not be used" in page and "2024-05-02 empty.csv" in page
-    from tse.impl.report import figures_of
 
     assert [len(f["data"]) for f in figures_of(page)] == [3, 3, 3]  # all cars, and the trend of each
 
@@ -254,8 +255,6 @@ def test_when_a_drive_began(tmp_path):
 
 
 def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
-    from tse.impl.fleet.keep import Store
-
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -311,8 +310,6 @@ def test_the_table_is_read_by_others_as_the_help_says(done):
 
 
 def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_path):
-    from tse.impl.fleet import work as module
-
     def fail(_: object) -> None:
         raise ZeroDivisionError("of ours")
 
@@ -352,8 +349,6 @@ def test_cars_of_names_alike_have_files_of_their_own(tmp_path):
 
 
 def test_a_log_of_another_car_is_said():
-    from tse.impl.fleet.keep import unlike
-
     rows = [{"car": "taxi", "log": f"{i}", "stiffness": "cy_front", "value": 100 * x, "nominal": 100.0, "sd": 2.0, "usable": "yes"}
             for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))]  # fmt: skip
     found = unlike(pd.DataFrame(rows))

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from tse.impl.core import Config, SimConfig, Simulator
+from tse.impl.errors import UserError
 from tse.impl.identify import discrepancy
 from tse.impl.identify import ready as ready_rules
 from tse.impl.identify.data import Prepared, blocks, prepare, smoothed, speed
@@ -466,8 +467,6 @@ def test_a_search_from_elsewhere_ends_at_the_same_place(found: tuple[Problem, ob
 
 
 def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> None:
-    from tse.impl.errors import UserError
-
     car = "mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n[calibration]\n"
     for text in (
         "names = ['a']",

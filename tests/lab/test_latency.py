@@ -6,9 +6,10 @@ import pytest
 
 from conftest import RAN, simulated, tselab_here
 from tse.impl import plots, regimes
-from tse.impl.core import STIFFNESS, Config, Filter, library
+from tse.impl.core import STIFFNESS, Config, Filter, SettingError, library
+from tse.impl.errors import UserError
 from tse.impl.report import figures_of
-from tse.impl.vehicle import latency_settings
+from tse.impl.vehicle import latency_settings, read_vehicle
 
 ROWS, DT = 6000, 0.01
 LAST = slice(-1500, None)
@@ -166,9 +167,6 @@ def test_where_nothing_is_late_nothing_is_drawn_otherwise(driven: np.ndarray) ->
 
 
 def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
-    from tse.impl.errors import UserError
-    from tse.impl.vehicle import read_vehicle
-
     path = tmp_path / "car.toml"
     path.write_text(CAR)
     car = read_vehicle(path)
@@ -186,7 +184,5 @@ def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
 
 
 def test_latencies_that_the_filter_cannot_keep_are_refused_with_their_name() -> None:
-    from tse.impl.core import SettingError
-
     with pytest.raises(SettingError, match=r"wheel_speed_rear_latency = 0\.2 is refused"):
         Filter(Config({"sample_time": 0.005, "wheel_speed_rear_latency": 0.2}))

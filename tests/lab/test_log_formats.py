@@ -1,6 +1,10 @@
 """One drive in every format: one command each, and the estimates are those of the clean CSV."""
 
+import importlib
+import json
 import sqlite3
+import struct
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,11 +17,15 @@ from log_formats import DEG, FORMATS, LATENCY, RATIO, drive, messages, write_bus
 from log_formats import RADIUS as RADII
 from tse.impl.core import STIFFNESS
 from tse.impl.errors import UserError
-from tse.impl.logs import physics
+from tse.impl.logs import physics, recording
+from tse.impl.logs.log import read_log
 from tse.impl.logs.look import _sign_bit
 from tse.impl.logs.proposal import propose
 from tse.impl.logs.readers import read_recording, reader_of
 from tse.impl.logs.recording import Channel, Recording
+from tse.impl.logs.signals import read_signals
+from tse.impl.rows import Reading
+from tse.impl.vehicle import read_vehicle
 
 TOLERANCE = 0.01  # of the estimate from the clean CSV
 LAST = 1000  # rows over which estimates are compared
@@ -54,11 +62,6 @@ def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean
 @pytest.mark.parametrize("name", ["ROS 1 bag", "MCAP, ROS 2", "BLF and DBC", "ASC and DBC", "TRC and DBC", "MF4"])
 def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
     """A recorder without power, a copy that broke off."""
-    from tse.impl.errors import UserError
-    from tse.impl.logs.log import read_log
-    from tse.impl.rows import Reading
-    from tse.impl.vehicle import read_vehicle
-
     needs, write = FORMATS[name]
     if find_spec(needs) is None:
         pytest.skip(f"{needs} is not installed: scripts/setup.sh logs")
@@ -78,10 +81,6 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
 
 def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     """Units, sign, ratio, latency, rates: each would show here."""
-    from tse.impl.logs.log import read_log
-    from tse.impl.rows import Reading
-    from tse.impl.vehicle import read_vehicle
-
     table, car, _ = clean
     path = FORMATS["Parquet"][1](tmp_path, messages(table))
     log = read_log(path, reading=Reading(car=read_vehicle(car)))
@@ -100,10 +99,6 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
 
 @pytest.mark.parametrize("rate", [50, 200])
 def test_another_rate_on_demand(rate, clean, tmp_path):
-    from tse.impl.logs.log import read_log
-    from tse.impl.rows import Reading
-    from tse.impl.vehicle import read_vehicle
-
     table, car, _ = clean
     path = FORMATS["MAT 5"][1](tmp_path, messages(table))
     log = read_log(path, reading=Reading(rate=rate, car=read_vehicle(car)))
@@ -113,8 +108,6 @@ def test_another_rate_on_demand(rate, clean, tmp_path):
 
 
 def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
-    from tse.impl.logs.signals import read_signals
-
     table, car, wanted = clean
     path = FORMATS["German CSV"][1](tmp_path, messages(table))
     by_hand = read_signals(tmp_path / "signals.toml")
@@ -137,8 +130,6 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
 
 
 def test_signals_lists_what_a_log_holds(clean, tmp_path):
-    import json
-
     table, _, _ = clean
     path = FORMATS["Parquet"][1](tmp_path, messages(table))
     done = tselab_here("signals", path, "--json")
@@ -153,8 +144,6 @@ def test_signals_lists_what_a_log_holds(clean, tmp_path):
 
 
 def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
-    import importlib
-
     real = importlib.import_module
     path = tmp_path / "x.mf4"
     path.write_bytes(b"MDF     4.10    test".ljust(200, b"\0"))
@@ -173,8 +162,6 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
     if find_spec("capnp") is None or find_spec("openpilot_logging") is None:
         pytest.skip("openpilot-logging is not installed: scripts/setup.sh openpilot")
     import capnp
-
-    from tse.impl.logs.readers import read_recording
 
     spec = find_spec("openpilot_logging")
     capnp.remove_import_hook()
@@ -402,9 +389,6 @@ def test_a_steering_angle_that_comes_after_the_yaw_rate_is_late(bends, late, say
 
 def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_path):
     """A kilobyte of MAT 5 that says 4 GB, and a table of more rows than are allowed, of nothing."""
-    import struct
-    import zlib
-
     head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
     packed = zlib.compress(struct.pack("<II", 14, (1 << 32) - 8) + bytes(1 << 20))
     (tmp_path / "bomb.mat").write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
@@ -413,8 +397,6 @@ def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_p
 
     pa = pytest.importorskip("pyarrow")
     import pyarrow.parquet as pq
-
-    from tse.impl.logs import recording
 
     table = {"time": pa.array(range(50000), pa.float64()), "x": pa.nulls(50000, pa.float64())}
     pq.write_table(pa.table(table), tmp_path / "t.parquet")

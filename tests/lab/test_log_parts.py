@@ -375,8 +375,6 @@ def test_a_clock_that_is_set_ahead_leaves_a_gap():
 
 
 def test_a_table_at_1_khz_with_held_values_becomes_100_hz_and_rate_is_an_option(drive, tmp_path):
-    import pandas as pd
-
     table = pd.read_csv(drive.log)[:1000]
     fast = table.loc[np.repeat(np.arange(1000), 10)].reset_index(drop=True)
     fast["time"] = np.arange(10000) * 0.001

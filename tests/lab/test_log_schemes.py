@@ -10,9 +10,12 @@ import pytest
 
 from conftest import tselab_here
 from tests.cars.logs import make_logs
+from tse.impl.logs.log import read_log
 from tse.impl.logs.proposal import Proposal, propose
 from tse.impl.logs.recording import Channel, Recording
+from tse.impl.rows import Reading
 from tse.impl.units import factor
+from tse.impl.vehicle import read_vehicle
 
 DEG, G = 180 / np.pi, 9.80665
 STEER = ["SteeringWheelAngle", "Steering_Wheel_Angle", "StrgWhlAng", "SWA", "LWI_Lenkradwinkel", "LRW", "Lenkradwinkel",
@@ -330,9 +333,6 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     (tmp_path / "car.toml").write_text(f"{CAR}steering_ratio = {GEAR}\n")
     done = tselab_here("signals", "log.csv", "--vehicle", "car.toml", "--write", "signals.toml", cwd=tmp_path)
     assert done.code == 0 and 'add = "steer_fraction"' in (tmp_path / "signals.toml").read_text()
-    from tse.impl.logs.log import read_log
-    from tse.impl.rows import Reading
-    from tse.impl.vehicle import read_vehicle
 
     how = Reading(tmp_path / "signals.toml", car=read_vehicle(tmp_path / "car.toml"))
     read = read_log(tmp_path / "log.csv", reading=how)

@@ -13,8 +13,14 @@ from test_what_happened import table_of as table_of_events
 from conftest import tselab_here
 from tse.impl import plots
 from tse.impl.core import STIFFNESS, Config
+from tse.impl.estimate import Estimate
+from tse.impl.gap.run.pictures import overlay
+from tse.impl.plots import match_reference
 from tse.impl.regimes import REGIMES, changes, spells
+from tse.impl.report import figures_of, write_report
 from tse.impl.rows import Log, columns
+from tse.impl.vehicle import default_vehicle
+from tse.impl.verdict import late_steering, others, remarks, verdicts
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +42,6 @@ def test_loads_nothing_and_stays_small(page):
 
 
 def test_figures_hold_stiffness_states_inputs_and_health(page):
-    from tse.impl.report import figures_of
-
     figures = figures_of(page[0])
     names = [{trace["name"] for trace in figure["data"]} for figure in figures]
     assert {"mean, valid", "95 % interval", "nominal", "reference"} <= names[0]
@@ -69,8 +73,6 @@ def test_text_of_the_user_is_escaped(page):
      ("ref_throttle_pct", None), ("ref_vel_z", None), ("ref_steering_wheel", None)],
 )  # fmt: skip
 def test_reference_columns_find_their_quantity(column, quantity):
-    from tse.impl.plots import match_reference
-
     assert match_reference(column) == quantity
 
 
@@ -85,9 +87,6 @@ def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, n
 
 
 def verdict_of(*args, **more):
-    from tse.impl.core import Config
-    from tse.impl.verdict import verdicts
-
     return verdicts(table_of(*args, **more), Config())
 
 
@@ -105,9 +104,6 @@ def test_a_spread_that_cannot_be_seen_is_not_given():
 
 def test_the_value_is_that_at_the_end_of_particles_the_median():
     """The filter of the car knows most at the end; particles forget."""
-    from tse.impl.core import Config
-    from tse.impl.verdict import verdicts
-
     table = table_of([1] * 90 + [0] * 10, "uncertain")
     table["cy_front"] = 98e3 + 100.0 * np.arange(100)
     table["cy_front_sd"] = 3e3 - 10.0 * np.arange(100)
@@ -119,9 +115,6 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
 
 
 def test_grip_and_sideslip_have_their_intervals():
-    from tse.impl.core import Config
-    from tse.impl.verdict import others
-
     table = table_of([1] * 100, "")
     assert others(table, Config({"grip_sd": 0.2})) == []  # a table without them
     angle = np.where(np.arange(100) == 40, -0.05, 0.01)
@@ -137,8 +130,6 @@ def test_grip_and_sideslip_have_their_intervals():
 
 
 def test_remarks_name_noise_and_contradictions():
-    from tse.impl.verdict import remarks
-
     assert remarks(table_of([1] * 100, "")) == remarks(table_of([1] * 100, "", noise=1.2)) == []
     assert remarks(table_of([1] * 100, "", noise=2.94)) == ["accel_x is noisier than the settings say: x2.9"]
     assert remarks(table_of([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "sensor fault")) == [
@@ -149,9 +140,6 @@ def test_remarks_name_noise_and_contradictions():
 
 @pytest.mark.parametrize(("late", "said"), [(0.031, ""), (-0.015, ""), (-0.017, "17 ms later"), (0.033, "33 ms earlier")])
 def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
-    from tse.impl.core import Config
-    from tse.impl.verdict import late_steering
-
     table = table_of([1] * 100, "")
     assert late_steering(table, Config({"steer_lag_sd": 0.008})) == []  # a table without it
     found = late_steering(table.assign(lag_steer=late), Config({"steer_lag_sd": 0.008}))
@@ -161,9 +149,6 @@ def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said)
 
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
     """A row of a car that stands is held, whatever its channels: the fault of which the list tells is in the share, too."""
-    from tse.impl.regimes import spells
-    from tse.impl.verdict import remarks
-
     table = table_of([1] * 40 + [0] * 20 + [1] * 40, "sensor fault")
     for key in ("cx_front", "cy_front", "cy_rear"):
         table.loc[50:59, f"{key}_reason"] = "held"
@@ -174,8 +159,6 @@ def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
 
 
 def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
-    from tse.impl.report import figures_of
-
     table = pd.read_csv(drive.log)
     table["accel_y"] += 0.6 * np.random.default_rng(1).standard_normal(len(table))
     table.to_csv(tmp_path / "noisy.csv", index=False)
@@ -195,8 +178,6 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
         assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
     front = verdict_of([0] * 100, "parameters uncertain")[1]
     assert "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car" in front.text
-    from tse.impl.core import Config
-    from tse.impl.verdict import verdicts
 
     refused = table_of([0] * 5, "row refused").assign(status=-3)
     assert [(v.level, v.text) for v in verdicts(refused, Config())] == [
@@ -318,8 +299,6 @@ def test_a_line_keeps_its_peak_and_is_broken_where_nothing_was_logged():
 
 def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
     """They were thinned to every n-th row: a spike of one block was gone in six of seven places."""
-    from tse.impl.gap.run.pictures import overlay
-
     n = 21_000
     table = pd.DataFrame({"part": "fit", "log": "long", "channel": pd.Categorical(["accel_y"] * n), "time": 0.04 * np.arange(n)})
     for column in ("measured", "predicted_before", "predicted_after", "residual_before"):
@@ -375,10 +354,6 @@ def test_the_plot_names_what_happened_and_plotly_takes_it():
 
 
 def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
-    from tse.impl.estimate import Estimate
-    from tse.impl.report import write_report
-    from tse.impl.vehicle import default_vehicle
-
     log, table = drive([(0, 36.1, None), (36.1, 120, (36.03, 1, 0.97, 0.7)), (120, 200, (119.9, 2, 0.93, 1.2))])
     write_report(tmp_path / "r.html", Estimate(table, False), log, default_vehicle(), Config(), [])
     page = (tmp_path / "r.html").read_text(encoding="utf-8")

@@ -11,10 +11,12 @@ from tests.cars.logs import make_logs
 from tests.cars.real import DATA
 from tse.impl.core import Config
 from tse.impl.errors import UserError
-from tse.impl.logs.agree import stood
+from tse.impl.logs import physics
+from tse.impl.logs.agree import check_car, check_units, stood, sure
 from tse.impl.logs.log import read_log
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import Reading
+from tse.impl.vehicle import default_vehicle, read_vehicle
 from tse.impl.verdict import implausible
 
 GOOD = """[signals.steer_angle]
@@ -254,9 +256,6 @@ def lively(tmp_path_factory):
 
 
 def warnings(lively, **scale):
-    from tse.impl.logs.agree import check_units
-    from tse.impl.logs.log import read_log
-
     log = read_log(lively)
     for name, factor in scale.items():
         log.data[name] *= factor
@@ -296,9 +295,6 @@ def test_a_scale_that_no_unit_has_is_said_without_one(lively):
 
 def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_path):
     """Neutral, and braked in every bend: half of the steering that cars need, which no unit explains."""
-    from tse.impl.logs.agree import check_car, sure
-    from tse.impl.vehicle import default_vehicle
-
     time = np.arange(0.0, 60.0, 0.01)
     v = 18.0 + 2.0 * np.sin(0.6 * time)
     r = 0.15 * np.sin(0.3 * time)
@@ -319,9 +315,6 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
 @pytest.mark.parametrize("folder", sorted(DATA.glob("*/vehicle.toml")) or [None], ids=lambda p: p.parent.name if p else "none")
 def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
     """Two thirds of one had its accel_y just below what counts, and just above with wheels in km/h: it was said to be in them."""
-    from tse.impl.logs.agree import check_car, sure
-    from tse.impl.vehicle import read_vehicle
-
     if folder is None:
         pytest.skip("../shared/data is not here")
     car = read_vehicle(folder)
@@ -332,8 +325,6 @@ def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
 
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
     """At 25 m/s an understeer of -0.0016 s2/m2, which is among those tried, would need no steering in any bend."""
-    from tse.impl.logs import physics
-
     v = np.full(4000, 25.0)
     r = 0.1 * np.sin(np.arange(4000) / physics.RATE)
     seen = physics.steering(16.0 * 2.75 * r / v * (1 + 0.002 * v**2), v, r)
@@ -358,9 +349,6 @@ def cars(tmp_path_factory):
 
 
 def notes_of(car, folder, **columns) -> list[str]:
-    from tse.impl.logs.agree import check_units
-    from tse.impl.logs.log import read_log
-
     v = car.vehicle
     log = pd.DataFrame(car.log)
     for axle in ("front", "rear"):  # four wheels
@@ -490,8 +478,6 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
 
 
 def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):
-    from tse.impl.logs.log import read_log
-
     table = pd.read_csv(lively)
     table["accel_x"] = 0.03
     table.to_csv(tmp_path / "log.csv", index=False)

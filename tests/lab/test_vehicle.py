@@ -4,11 +4,28 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from conftest import tselab
+from tse.impl.config import NOT_IN_FILTER, make_config
+from tse.impl.core import Config, library
+from tse.impl.errors import UserError
 from tse.impl.files import read_toml
-from tse.impl.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
+from tse.impl.identify.unknowns import UNKNOWNS
+from tse.impl.noise import FLOOR, channel_noise
+from tse.impl.rows import Log, columns
+from tse.impl.vehicle import (
+    REQUIRED,
+    fill_sensors,
+    filter_values,
+    latency_settings,
+    read_vehicle,
+    sensor_settings,
+    uncertainty_settings,
+    unknown_car,
+    vehicle_settings,
+)
 
 BARE = """name = "bare"
 mass = 1600.0
@@ -20,8 +37,6 @@ wheel_radius_rear = 0.31
 
 
 def read(tmp_path, text):
-    from tse.impl.vehicle import read_vehicle
-
     path = tmp_path / "car.toml"
     path.write_text(text, encoding="utf-8")
     return read_vehicle(path)
@@ -46,8 +61,6 @@ def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
 
 
 def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_path):
-    from tse.impl.vehicle import filter_values
-
     bare = filter_values(read(tmp_path, BARE))
     for name in ("initial_cy_front_sd", "grip", "grip_sd", "relaxation_length", "body_roll_gain", "accel_y_sd", "model_sd"):
         assert bare[name] == class_of(name), name
@@ -60,9 +73,6 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
 
 
 def test_what_the_filter_does_not_apply_is_said(tmp_path):
-    from tse.impl.config import NOT_IN_FILTER, make_config
-    from tse.impl.core import library
-
     late = read(tmp_path, BARE + "[effects.imu_delay]\ntime = 0.02\n[effects.body_roll]\ngain = 0.004\n")
     (note,) = make_config(late, None)[1]
     assert note.startswith("effects.imu_delay: not in the filter's model, not used")
@@ -74,8 +84,6 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
 
 
 def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
-    from tse.impl.vehicle import filter_values
-
     names = '["cy_front", "cy_rear", "tyre_saturation_inverse_friction"]'
     found = f"[calibration]\nnames = {names}\nmean = [0.0, 0.0, 1.25]\ncovariance = [[0.0004, 0, 0], [0, 1.0, 0], [0, 0, 0.0001]]\n"
     car = filter_values(read(tmp_path, BARE + "[uncertainty]\nmodel_sd = 0.03\n" + found))
@@ -91,10 +99,6 @@ def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
 
 def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
     """One curve and one prior of the friction: in what is searched, in the filter of a calibrated car, in that of its class."""
-    from tse.impl.config import make_config
-    from tse.impl.identify.unknowns import UNKNOWNS
-    from tse.impl.vehicle import filter_values
-
     friction = next(u for u in UNKNOWNS if u.name == "tyre_saturation_inverse_friction")
     assert friction.mean == 1 / class_of("grip") and friction.sd / friction.mean == class_of("grip_sd")  # relative
     found = '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.04]]\n'
@@ -124,9 +128,6 @@ def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
 
 
 def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
-    from tse.impl.core import Config
-    from tse.impl.vehicle import uncertainty_settings, unknown_car
-
     bare, told = (read(tmp_path, BARE), read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"))
     assert {k: bare.values[k] for k in unknown_car()} == unknown_car()
     assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
@@ -138,8 +139,6 @@ def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
 
 
 def test_an_uncertainty_out_of_range_is_refused(tmp_path):
-    from tse.impl.errors import UserError
-
     with pytest.raises(UserError, match=r"uncertainty.mass_sd.*0 \.\. 0\.5"):
         read(tmp_path, BARE + "[uncertainty]\nmass_sd = 5.0\n")
     with pytest.raises(UserError, match="must be a table"):
@@ -152,20 +151,12 @@ def test_a_table_that_nobody_knows_is_a_notice_for_it_may_be_another_programs(tm
 
 
 def log_of(**channels):
-    from pathlib import Path
-
-    import pandas as pd
-
-    from tse.impl.rows import Log, columns
-
     n = len(next(iter(channels.values())))
     data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in columns()[1:]})
     return Log(Path("x.csv"), np.arange(n) * 0.01, data, pd.DataFrame(), np.arange(n) + 2, 0.01)
 
 
 def test_noise_of_a_white_channel_on_a_moving_signal_is_found():
-    from tse.impl.noise import channel_noise
-
     rng = np.random.default_rng(4)
     t = np.arange(5000) * 0.01
     noise = channel_noise("accel_x", 2 * np.sin(t) + 0.2 * rng.standard_normal(len(t)), t >= 0)
@@ -173,8 +164,6 @@ def test_noise_of_a_white_channel_on_a_moving_signal_is_found():
 
 
 def test_coarse_channel_is_not_thought_free_of_noise():
-    from tse.impl.noise import channel_noise
-
     t = np.arange(5000) * 0.01
     noise = channel_noise("yaw_rate", np.round(0.03 * np.sin(0.3 * t) / 0.01) * 0.01, t >= 0)
     assert noise.step == pytest.approx(0.01)
@@ -182,8 +171,6 @@ def test_coarse_channel_is_not_thought_free_of_noise():
 
 
 def test_held_samples_count_once():
-    from tse.impl.noise import channel_noise
-
     rng = np.random.default_rng(4)
     t = np.arange(8000) * 0.01
     held = np.repeat(rng.standard_normal(2000), 4) * 0.1
@@ -193,14 +180,10 @@ def test_held_samples_count_once():
 
 
 def test_constant_channel_gets_the_floor():
-    from tse.impl.noise import FLOOR, channel_noise
-
     assert channel_noise("yaw_rate", np.zeros(500), np.ones(500, bool)).sd >= FLOOR["yaw_rate"]
 
 
 def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
-    from tse.impl.vehicle import fill_sensors
-
     rng = np.random.default_rng(2)
     n = 6000
     wheel = np.full(n, 60.0)
@@ -217,8 +200,6 @@ def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
 
 
 def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tmp_path):
-    from tse.impl.vehicle import fill_sensors
-
     rng, n = np.random.default_rng(6), 4000
     t = np.arange(n) * 0.01
     roll = 60 + 10 * np.sin(0.2 * t)
@@ -239,8 +220,6 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
 
 
 def test_stated_noise_is_left_alone(tmp_path):
-    from tse.impl.vehicle import fill_sensors
-
     car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n")
     before = dict(car.values)
     fill_sensors(car, log_of(accel_x=np.zeros(500)))
@@ -248,8 +227,6 @@ def test_stated_noise_is_left_alone(tmp_path):
 
 
 def test_the_simulated_car_is_the_default_car(tmp_path):
-    from tse.impl.core import Config
-
     car = read(tmp_path, tselab("vehicle", "--simulated").out)
     assert Config(car.values).changed() == {}
     assert car.filled == car.notes == []

@@ -13,6 +13,7 @@ from tse.impl import results
 from tse.impl.core import NOMINAL as SETTING
 from tse.impl.core import STIFFNESS, Config
 from tse.impl.estimate import Estimate
+from tse.impl.fleet import single
 from tse.impl.identify.data import smoothing_spline
 from tse.impl.regimes import REGIMES, Change, changes, percent, spells, stretches, words
 from tse.impl.smooth import backward, fixed, smooth
@@ -194,9 +195,6 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
-    from tse.impl.estimate import Estimate
-    from tse.impl.fleet import single
-
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(ROAD), False))
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
