@@ -19,6 +19,7 @@ import tse
 from conftest import tselab
 from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, Config, library
 from tse.impl.estimate import est_columns
+from tselab.montecarlo.studies import study
 
 ROOT = Path(__file__).resolve().parents[2]
 REPLAY = ROOT / "tests" / "replay"
@@ -314,18 +315,6 @@ def test_a_channel_that_is_late_is_waited_for(frame):
     assert 0.029 < seen[-1].estimate_age < 0.051 and seen[-1].status != tse.Status.WAITING
 
 
-def test_a_copy_goes_on_by_itself(frame):
-    f = tse.Filter(CAR)
-    for i in range(50):
-        f.step(as_row(frame, i))
-    other = f.copy()
-    a = [f.step(as_row(frame, i)) for i in range(50, 60)]
-    b = [other.step(as_row(frame, i)) for i in range(50, 60)]
-    assert a == b
-    f.reset()
-    assert f.step(as_row(frame, 0)) == tse.Filter(CAR).step(as_row(frame, 0))
-
-
 def test_what_a_stream_has_learnt_is_what_the_log_has(frame, result):
     f = result.filter()
     assert f.save_learnt() is None
@@ -437,7 +426,7 @@ def test_nothing_is_loaded_that_only_other_parts_need(used, heavy, drive):
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "scripts" / "examples"
+EXAMPLES = ROOT / "scripts" / "examples"
 
 
 def example(name, *arguments):
@@ -474,8 +463,6 @@ def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
      ("tse.Nothing", "has no attribute 'Nothing'"), ("tse.STIFFNESS", "is not a function")],
 )  # fmt: skip
 def test_an_estimator_that_is_not_there_is_refused(name, text):
-    from tselab.montecarlo.studies import study
-
     with pytest.raises(tse.Error) as error:
         study(f"stress+{name}")
     assert text in str(error.value)

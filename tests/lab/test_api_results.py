@@ -10,9 +10,11 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 import pytest
+from test_api import CAR as SMALL
 
 import tse
 from conftest import tselab_here
+from tse.impl.gap.run import workflow
 from tse.impl.logs.recording import How
 from tse.impl.logs.signals import read_signals
 from tse.impl.report import figures_of
@@ -159,7 +161,6 @@ def test_what_is_not_shown_stays_at_its_prior(calibrated):
 
 def test_gap_takes_logs_as_they_are_and_a_vehicle_as_its_file_has_it(folder, tmp_path, monkeypatch):
     """A slower channel keeps its entries: through a CSV they would be a row each."""
-    from tse.impl.gap.run import workflow
 
     class Stop(Exception):
         pass
@@ -272,9 +273,6 @@ def test_a_setting_of_the_other_filter_is_refused(folder):
 
 # ---- What the Python API takes besides, and what it says of what it does not take: no cryptic error, nothing silently
 # wrong.
-
-
-SMALL = {"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32}
 
 
 @pytest.fixture(scope="module")
@@ -394,17 +392,13 @@ def test_copies_go_on_by_themselves(frame):
     expected = [one.step(row).stiffness for row in rows[100:200]]
     for other in others:
         assert np.array_equal([other.step(row).stiffness for row in rows[100:200]], expected)
+    one.reset()
+    assert one.step(rows[0]) == tse.Filter(SMALL).step(rows[0])
 
 
 def test_a_filter_is_not_pickled_and_says_what_to_take():
     with pytest.raises(TypeError, match="save_learnt"):
         pickle.dumps(tse.Filter(SMALL))
-
-
-def test_result_filter_steps_to_the_same_bits(frame, table):
-    f = tse.estimate(frame, SMALL).filter()
-    found = [f.step(row).stiffness for row in frame.to_dict("records")]
-    assert np.array_equal(found, table[list(tse.STIFFNESS)].to_numpy())
 
 
 def test_what_is_refused_is_a_standard_exception_too(tmp_path):

@@ -190,19 +190,12 @@ REFUSED = {
     "import": ("__import__(time)", "'__import__' is not an operation"),
     "import of a text": ("__import__('os')", 'column 12: "\'" is not allowed'),
     "attribute": ("steer_angle.real", r"'steer_angle.real' is not allowed; allowed: \+"),
-    "attribute of a number": ("(1).__class__", "is not allowed"),
-    "method": ("steer_angle.conjugate()", "is not allowed"),
     "call of a call": ("abs(1)(2)", "is not allowed"),
-    "call of a literal": ("1(2)", "is not allowed"),
     "subscript": ("slip_front[0]", r"column 11: '\[' is not allowed"),
     "lambda": ("lambda: 1", "':' is not allowed"),
-    "walrus": ("(w := 1)", "':' is not allowed"),
     "comparison": ("slip_front < 1", "'<' is not allowed"),
-    "identity": ("slip_front is slip_rear", "is not allowed"),
     "choice": ("1 if slip_front else 2", "is not allowed"),
-    "and": ("1 and 2", "is not allowed"),
     "not": ("not 1", "is not allowed"),
-    "await": ("await slip_front", "is not allowed"),
     "yield": ("yield", "invalid syntax"),
     "plus": ("+1", "is not allowed"),
     "floor": ("1//2", "is not allowed"),
@@ -210,13 +203,11 @@ REFUSED = {
     "star": ("max(*slip_front)", "is not max"),
     "stars": ("max(*slip_front, 1)", "is not allowed"),
     "keyword": ("max(1, x=2)", "'=' is not allowed"),
-    "keywords": ("max(1, **slip_front)", r"is not max\(x, y\)"),
     "operands": ("play(steer_angle)", r"is not play\(x, y\): x through a play"),
     "add": ("add(1, 2)", r"add is written as x \+ y"),
     "two": ("two()", "two is written as 2"),
     "slot": ("a", "neither a signal nor a number"),
     "true": ("True", "is not allowed"),
-    "none": ("None", "is not allowed"),
     "dots": ("...", "is not allowed"),
     "complex": ("1j", "is not allowed"),
     "infinite": ("1e999", "not a finite number"),
@@ -226,7 +217,6 @@ REFUSED = {
     "power 0": ("slip_front**0", "not a whole power"),
     "power 5": ("slip_front**5", "not a whole power"),
     "power -1": ("slip_front**-1", "not a whole power"),
-    "power 2.0": ("slip_front**2.0", "not a whole power"),
     "power True": ("slip_front**True", "not a whole power"),
     "tower of powers": ("(((slip_front**4)**4)**4)**4", "beyond the 33 operations"),
     "high power": ("9**99999999", "not a whole power"),
@@ -234,7 +224,6 @@ REFUSED = {
     "huge text": ("(" * 1_000_000, "has 1000000 characters"),
     "brackets": ("(" * 21 + "1" + ")" * 21, "column 21: nested deeper than 20"),
     "minuses": ("-" * 399 + "1", "nested deeper than 20"),
-    "calls": ("abs(" * 20 + "abs(1)" + ")" * 20, "nested deeper than 20"),
     "open": ("(1", "never closed"),
     "34 operations": ("+".join([LONG] * 8) + "+-1", "beyond the 33 operations"),
     "deep stack": ("1-(1-(1-(1-(1-(1-(1-(1-1)))))))", "more than the 8 values in hand"),
@@ -250,7 +239,6 @@ REFUSED = {
     "null": ("1\x00", "is not allowed"),
     "lines": ("1 +\n1", "is not allowed"),
     "comment": ("1 # 2", "'#' is not allowed"),
-    "statement": ("1; 2", "';' is not allowed"),
 }
 
 
@@ -520,51 +508,6 @@ def test_a_formula_without_signals_is_a_constant():
         make("steer_angle").evaluate({}, 0.01)
 
 
-# C.
-
-C_STUB = """#include <math.h>
-#include <stdio.h>
-typedef double tse_real;
-typedef struct formula_run { double number[8], steer_angle, vel_x, slip_front; } formula_run;
-static inline tse_real formula_number(formula_run *f, int slot) { return f->number[slot]; }
-static inline tse_real formula_steer_angle(formula_run *f) { return f->steer_angle; }
-static inline tse_real formula_vel_x(formula_run *f) { return f->vel_x; }
-static inline tse_real formula_slip_front(formula_run *f) { return f->slip_front; }
-static inline tse_real formula_two(void) { return 2; }
-static inline tse_real formula_add(tse_real x, tse_real y) { return x + y; }
-static inline tse_real formula_sub(tse_real x, tse_real y) { return x - y; }
-static inline tse_real formula_mul(tse_real x, tse_real y) { return x*y; }
-static inline tse_real formula_div(tse_real x, tse_real y) { return x/y; }
-static inline tse_real formula_soft(tse_real x) { return x/sqrt(1 + x*x); }
-#include "it.h"
-#include "it.h"
-int main(void)
-{
-  formula_run f = {{0.25, 4.0, 0.75}, 0.1, 20.0, -0.3};
-  printf("%d %s %.15g\\n", TSE_FORMULA_PLACE, TSE_FORMULA_ID, formula_program(&f));
-  return 0;
-}
-"""
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-@pytest.mark.parametrize("title", ["plain", "*/ int x = ; /*", "ends in \\", "??/", "a\n*/\n#error", "/*/*/", "\u202e ü */"])
-def test_the_header_is_c99_and_computes_the_same(tmp_path, title):
-    numbers = (Number("w", 0.25, "rad", text=title), Number("v", 4.0, "m/s"))
-    formula = Formula("it", title, "rear_angle", "(steer_angle - w)**2/soft(vel_x/v) + 2*slip_front*0.75", numbers)
-    header = c_header(formula)
-    assert "Written by tselab, not by hand." in header and "formula_number(f, 2); /* 0.75 */" in header
-    (tmp_path / "it.h").write_text(header, encoding="utf-8")
-    (tmp_path / "it.c").write_text(C_STUB, encoding="utf-8")
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-function"]
-    done = subprocess.run(["cc", *flags, "it.c", "-o", "it", "-lm"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    place, id, value = subprocess.run([tmp_path / "it"], capture_output=True, text=True, timeout=10).stdout.split()
-    signals = {"steer_angle": np.array([0.1]), "vel_x": np.array([20.0]), "slip_front": np.array([-0.3])}
-    assert (place, id) == ("1", "it")
-    assert float(value) == pytest.approx(formula.evaluate(signals, 0.01)[0], rel=1e-12)
-
-
 # ---- compiled
 
 
@@ -601,11 +544,12 @@ int main(void)
   return 0;
 }
 """
+TITLES = "*/ int x = ; /*", "ends in \\", "??/", "a\n*/\n#error", "/*/*/", "\u202e ü */"  # none of which ends a comment
 FORMULA = parse(
-    "play_and_lag", "a play, softened with the speed", "front_angle",
+    "play_and_lag", "*/ a play, softened with the speed\n#error \\", "rear_angle",
     "k*(play(steer_angle, w) - steer_angle)*(1 + soft((vel_x - v0)/vw)) + j*lag(accel_y, T)",
-    [Number("k", 0.9, "1"), Number("w", 0.002, "rad"), Number("v0", 17.0, "m/s"), Number("vw", 2.0, "m/s"),
-     Number("j", 2e-4, "s2/m"), Number("T", 0.1, "s")],
+    [Number(*n, text=text) for n, text in zip((("k", 0.9, "1"), ("w", 0.002, "rad"), ("v0", 17.0, "m/s"), ("vw", 2.0, "m/s"),
+                                               ("j", 2e-4, "s2/m"), ("T", 0.1, "s")), TITLES, strict=True)],
 )  # fmt: skip
 
 
@@ -613,19 +557,10 @@ def run(folder: Path, settings: dict[str, float], *flags: str) -> bytes:
     folder.mkdir(exist_ok=True)
     lines = " ".join(f"c.{k} = {v!r};" for k, v in settings.items())
     (folder / "main.c").write_text(PROGRAM.replace("SETTINGS", lines))
-    build = ["cc", "-std=c99", "-O1",
-             "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wno-float-conversion",
-             "-Werror", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", *flags]  # fmt: skip
-    build += [
-        f"-I{ROOT / 'include'}",
-        f"-I{ROOT / 'src'}",
-        "main.c",
-        *(ROOT / "src" / name for name in SOURCES),
-        "-lm",
-        "-o",
-        "run",
-    ]
-    subprocess.run(build, cwd=folder, check=True)
+    warn = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wno-float-conversion", "-Werror"]
+    build = ["cc", "-std=c99", "-O1", "-ffp-contract=off", *warn, "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", *flags]
+    files = [f"-I{ROOT / 'include'}", f"-I{ROOT / 'src'}", "main.c", *(ROOT / "src" / name for name in SOURCES)]
+    subprocess.run([*build, *files, "-lm", "-o", "run"], cwd=folder, check=True)
     return subprocess.run([folder / "run"], check=True, capture_output=True).stdout
 
 
@@ -634,7 +569,9 @@ def test_compiled_in_and_interpreted_are_the_same_bits(tmp_path):
     settings = FORMULA.settings()
     interpreted = run(tmp_path / "interpreted", settings)
     (tmp_path / "compiled").mkdir()
-    (tmp_path / "compiled" / "tse_formula.h").write_text(c_header(FORMULA))
+    header = c_header(FORMULA)
+    assert "Written by tselab, not by hand." in header and '#define TSE_FORMULA_ID "play_and_lag"' in header
+    (tmp_path / "compiled" / "tse_formula.h").write_text(2 * header, encoding="utf-8")  # its guard holds
     numbers = {k: v for k, v in settings.items() if not k.startswith(("formula_code", "formula_place"))}
     compiled = run(tmp_path / "compiled", numbers, "-DTSE_FORMULA=1", "-I.")
     assert len(interpreted) == 3 * 2000 * 8
@@ -648,7 +585,7 @@ def test_compiled_in_and_interpreted_are_the_same_bits(tmp_path):
 @pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
 def test_a_build_with_a_formula_compiled_in_takes_no_other(tmp_path):
     (tmp_path / "compiled").mkdir()
-    (tmp_path / "compiled" / "tse_formula.h").write_text(c_header(FORMULA))
+    (tmp_path / "compiled" / "tse_formula.h").write_text(c_header(FORMULA), encoding="utf-8")
     with pytest.raises(subprocess.CalledProcessError) as refused:
         run(tmp_path / "compiled", FORMULA.settings(), "-DTSE_FORMULA=1", "-I.")
     assert refused.value.returncode == 1  # tse_prepare()
