@@ -1,5 +1,6 @@
 # cmake -DSOURCE=test_x.c -DRUNNER=FILE -P runner.cmake: write the program that runs the tests of SOURCE, every `static void test_...(void)`
-# in their order, under the same #if; before them its `suiteSetUp()`, as Unity calls it. A SOURCE with a main() of its own is that program.
+# in their order, under the same #if; before them its `suiteSetUp()`, as Unity calls it; all of them again while its `again()` says so.
+# A SOURCE with a main() of its own is that program.
 file(READ "${SOURCE}" text)
 set(tests "#include \"${SOURCE}\"\n")
 if(NOT text MATCHES "\nint main\\(void\\)")
@@ -7,11 +8,16 @@ if(NOT text MATCHES "\nint main\\(void\\)")
   if(text MATCHES "\nvoid suiteSetUp\\(void\\)")
     string(APPEND tests "  suiteSetUp();\n")
   endif()
+  set(repeat "")
+  if(text MATCHES "\nstatic int again\\(void\\)")
+    string(APPEND tests "  do {\n")
+    set(repeat "  } while (again());\n")
+  endif()
   string(REGEX MATCHALL "\n(static void test_[A-Za-z0-9_]+\\(void\\)|#(if|elif|else|endif)[^\n]*)" found "${text}")
   foreach(line IN LISTS found)
     string(REGEX REPLACE "\nstatic void (test_[A-Za-z0-9_]+)\\(void\\)" "  RUN_TEST(\\1);" line "${line}")
     string(APPEND tests "${line}\n")
   endforeach()
-  string(APPEND tests "  return UnityEnd();\n}\n")
+  string(APPEND tests "${repeat}  return UnityEnd();\n}\n")
 endif()
 file(WRITE "${RUNNER}" "${tests}")

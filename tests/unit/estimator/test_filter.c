@@ -5,7 +5,7 @@
 
 static tse_filter_paper f, other, before;
 
-/* Every test runs with each of these. */
+/* Every test runs with each of these: again(). */
 static const struct {
   const char *name;
   void (*settings)(tse_config *c);
@@ -15,6 +15,8 @@ static const struct {
   { "paper", tse_config_paper },
 };
 static int form;
+
+static int again(void) { return ++form < ROWS(forms) && printf("%s:\n", forms[form].name); }
 
 /* The shortest that a format knows: what a row of it has taught each second is no number, and is not kept. */
 static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
@@ -125,26 +127,6 @@ static void test_reset_refuses_what_does_not_fit_and_changes_nothing_then(void)
   TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
 }
 
-static void test_a_refused_row_leaves_no_trace_in_what_follows(void)
-{
-  const tse_config c = some_settings(40);
-  const tse_params p = prepared(c);
-  drive d;
-  tse_output y;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &other.filter, sizeof other));
-  for (int i = 0; i < 200; i++) {
-    const tse_input u = next_row(&d);
-    tse_input bad = u;
-    bad.wheel_speed_rear = real((double)INFINITY);
-    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &bad, &y) < 0);
-    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-    TEST_ASSERT_TRUE(tse_step(&p, &other.filter, &u, &y) >= 0);
-  }
-  TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
-}
-
 /* ----------------------------------------------------------------------------------- reproducibility */
 
 static void test_a_copy_of_the_struct_is_a_snapshot(void)
@@ -220,19 +202,6 @@ static void test_the_time_step_of_the_first_row_does_not_count(void)
   }
 }
 
-static void test_codes_have_sentences(void)
-{
-  int32_t count;
-  const tse_field *row = tse_describe(TSE_STRUCT_STATUS, &count, NULL);
-  TEST_ASSERT_TRUE(count > 20);
-  for (int i = 0; i < count; i++) TEST_ASSERT_EQUAL_STRING(row[i].text, tse_status_text(row[i].offset));
-  row = tse_describe(TSE_STRUCT_REASON, &count, NULL);
-  TEST_ASSERT_TRUE(count > 8);
-  for (int i = 0; i < count; i++) TEST_ASSERT_EQUAL_STRING(row[i].text, tse_reason_text(row[i].offset));
-  TEST_ASSERT_NOT_NULL(tse_status_text(-1000));
-  TEST_ASSERT_NOT_NULL(tse_reason_text(1000));
-}
-
 /* Whoever asks for no particles needs no memory for them; whoever does must have it. */
 static void test_particles_are_memory_only_for_who_asks_for_them(void)
 {
@@ -263,29 +232,4 @@ static void test_particles_are_memory_only_for_who_asks_for_them(void)
     TEST_ASSERT_EQUAL_MEMORY(&f.filter, &small.filter, sizeof small.filter);
   }
   for (size_t i = 0; i < sizeof small.beyond; i++) TEST_ASSERT_EQUAL_INT(0x5a, small.beyond[i]);
-}
-
-static void run_all(void)
-{
-  RUN_TEST(test_refused_input_leaves_the_filter_bit_for_bit_unchanged);
-  RUN_TEST(test_reset_refuses_what_does_not_fit_and_changes_nothing_then);
-  RUN_TEST(test_a_refused_row_leaves_no_trace_in_what_follows);
-  RUN_TEST(test_a_copy_of_the_struct_is_a_snapshot);
-  RUN_TEST(test_two_filters_in_turn_do_not_influence_each_other);
-  RUN_TEST(test_the_same_seed_gives_the_same_bits_and_another_seed_does_not);
-  RUN_TEST(test_the_time_step_of_the_first_row_does_not_count);
-  RUN_TEST(test_codes_have_sentences);
-  RUN_TEST(test_particles_are_memory_only_for_who_asks_for_them);
-}
-
-int main(void)
-{
-  UNITY_BEGIN();
-  RUN_TEST(test_rows_of_almost_no_time_leave_a_sound_filter);
-  RUN_TEST(test_of_two_warnings_the_worse_is_told);
-  for (form = 0; form < ROWS(forms); form++) {
-    printf("%s:\n", forms[form].name);
-    run_all();
-  }
-  return UNITY_END();
 }

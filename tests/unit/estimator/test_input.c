@@ -144,17 +144,6 @@ static void test_channel_whose_bit_is_set_is_missing_whatever_its_value(void)
   }
 }
 
-static void test_missing_bits_are_six_different_ones(void)
-{
-  uint32_t all = 0;
-  for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++) {
-    TEST_ASSERT_EQUAL_HEX32(0, all & 1u << (row - channel_rows));
-    all |= 1u << (row - channel_rows);
-  }
-  TEST_ASSERT_EQUAL_HEX32(0x3f, all);
-  TEST_ASSERT_EQUAL_INT(6, TSE_CHANNELS);
-}
-
 static void test_row_without_any_channel_is_accepted_and_all_held(void)
 {
   start_filter();

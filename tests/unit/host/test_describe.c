@@ -17,16 +17,6 @@ static const tse_field *rows_of(tse_struct which, int32_t *count, int32_t *size)
   return f;
 }
 
-static const tse_field *row_named(tse_struct which, const char *name)
-{
-  int32_t count, size;
-  const tse_field *const f = rows_of(which, &count, &size);
-  for (int32_t i = 0; i < count; i++)
-    if (strcmp(f[i].name, name) == 0) return &f[i];
-  TEST_FAIL_MESSAGE(name);
-  return f;
-}
-
 static size_t bytes_of(char kind)
 {
   if (kind == 's') return sizeof(tse_setting);
@@ -102,14 +92,6 @@ static void test_names_are_unique_and_texts_are_there(void)
   }
 }
 
-static void expect_names(tse_struct which, const char *const *names, int expected)
-{
-  int32_t count, size;
-  const tse_field *const f = rows_of(which, &count, &size);
-  for (int i = 0; i < expected && i < count; i++) TEST_ASSERT_EQUAL_STRING(names[i], f[i].name);
-  TEST_ASSERT_EQUAL_INT(expected, count);
-}
-
 static void test_inputs_are_the_columns_of_a_log(void)
 {
   static const char *const names[] = { "dt", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y",
@@ -118,8 +100,9 @@ static void test_inputs_are_the_columns_of_a_log(void)
   static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "", "", "m/s", "m/s", "m/s", "rad", "1", "Nm", "Nm" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_INPUT, &count, &size);
-  expect_names(TSE_STRUCT_INPUT, names, ROWS(names));
+  TEST_ASSERT_EQUAL_INT(ROWS(names), count);
   for (int i = 0; i < ROWS(units); i++) {
+    TEST_ASSERT_EQUAL_STRING(names[i], f[i].name);
     TEST_ASSERT_EQUAL_STRING(units[i], f[i].unit);
     TEST_ASSERT_EQUAL_INT("rrrrrrruurrrrrrr"[i], f[i].kind);
   }
@@ -129,16 +112,9 @@ static void test_inputs_are_the_columns_of_a_log(void)
 
 static double at(const void *object, tse_struct which, const char *name)
 {
-  const tse_field *const f = row_named(which, name);
-  const char *const where = (const char *)object + f->offset;
-  tse_setting s;
-  tse_real r;
-  int32_t i;
-  switch (f->kind) {
-    case 's': memcpy(&s, where, sizeof s); return of_setting(s);
-    case 'r': memcpy(&r, where, sizeof r); return number(r);
-    default: memcpy(&i, where, sizeof i); return (double)i;
-  }
+  const tse_field *const f = field_of(which, name);
+  return f->kind == 's' ? of_setting(setting_field(object, f)) : f->kind == 'r' ? number(real_field(object, f))
+                                                                                : (double)whole_field(object, f);
 }
 
 #define EXPECT_AT(object, which, name, value) \
@@ -190,17 +166,6 @@ static void test_simulator_names_lead_to_their_members(void)
 
 /* ---- ranges are those that the library enforces: of settings test_prepare.c and test_simulate.c ask, of a row test_input.c */
 
-static void put(void *object, const tse_field *f, double value)
-{
-  char *const where = (char *)object + f->offset;
-  const tse_setting s = setting(value);
-  const tse_real r = real(value);
-  const int32_t i = f->kind == 'i' ? (int32_t)value : 0;
-  if (f->kind == 's') memcpy(where, &s, sizeof s);
-  else if (f->kind == 'r') memcpy(where, &r, sizeof r);
-  else memcpy(where, &i, sizeof i);
-}
-
 static double beyond(const tse_field *f, double limit, int upwards)
 {
   if (f->kind == 'i') return limit + (upwards ? 1 : -1);
@@ -217,22 +182,22 @@ static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_SIM_INPUT, &count, &size);
   memset(&base, 0, sizeof base);
-  for (int32_t i = 0; i < count; i++) put(&base, &f[i], f[i].def);
+  for (int32_t i = 0; i < count; i++) put_field(&base, &f[i], f[i].def);
   tse_sim_config_default(&s);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &base, &y));
   for (int32_t i = 0; i < count; i++) {
     u = base;
-    put(&u, &f[i], beyond(&f[i], f[i].hi, 1));
+    put_field(&u, &f[i], beyond(&f[i], f[i].hi, 1));
     TEST_ASSERT_TRUE_MESSAGE(tse_sim_step(&sim, &u, &y) < 0, f[i].name);
-    put(&u, &f[i], beyond(&f[i], f[i].lo, 0));
+    put_field(&u, &f[i], beyond(&f[i], f[i].lo, 0));
     TEST_ASSERT_TRUE_MESSAGE(tse_sim_step(&sim, &u, &y) < 0, f[i].name);
     const tse_sim kept = sim;
-    put(&u, &f[i], f[i].hi);
+    put_field(&u, &f[i], f[i].hi);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_step(&sim, &u, &y), f[i].name);
     sim = kept;
     if (i == 0) continue; /* dt: above its lower limit */
-    put(&u, &f[i], f[i].lo);
+    put_field(&u, &f[i], f[i].lo);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_step(&sim, &u, &y), f[i].name);
     sim = kept;
   }
@@ -409,7 +374,7 @@ static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(v
   TEST_ASSERT_TRUE(tse_describe_effect_parameters(NULL) == p);
   for (int32_t i = 0; i < count; i++) {
     char name[80];
-    const tse_field *const f = row_named(TSE_STRUCT_CONFIG, p[i].setting);
+    const tse_field *const f = field_of(TSE_STRUCT_CONFIG, p[i].setting);
     (void)snprintf(name, sizeof name, "%s_%s", p[i].effect, p[i].parameter);
     TEST_ASSERT_EQUAL_STRING(name, p[i].setting);
     TEST_ASSERT_EQUAL_STRING(f->unit, p[i].unit);
@@ -438,7 +403,7 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
     int32_t bit = -1;
     c.exact_kinematics_share = setting(0);
     const tse_setting value = setting(0.5 * (p[i].def + p[i].hi));
-    memcpy((char *)&c + row_named(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
+    memcpy((char *)&c + field_of(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
     for (int32_t k = 0; k < effects; k++)
       if (strcmp(e[k].id, p[i].effect) == 0) bit = e[k].bit;
     TEST_ASSERT_TRUE_MESSAGE(prepared(c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);

@@ -256,31 +256,6 @@ static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(vo
   expect_near(impulse, gained, BY_FORMAT(1e-8, 1.0), "impulse [Ns]", 0); /* float: 1e-6 m/s times 1500 kg, 4000 times at random */
 }
 
-/* The accelerometer's accel_x, accel_y, summed, give the change of velocity: specific force is tyre force over mass. */
-static void test_logged_accelerations_add_up_to_the_change_of_velocity(void)
-{
-  const tse_sim_config s = quiet();
-  double dvx = 0, dvy = 0;
-  tse_sim_output first, last, y;
-  memset(&first, 0, sizeof first);
-  memset(&last, 0, sizeof last);
-  start(default_car(), s);
-  for (int k = 0; k <= 2000; k++) {
-    step(driver(0.001, 300 + 300 * sin(0.005 * k), 0.03 * sin(0.004 * k)), &y);
-    if (k == 0) first = y;
-    else {
-      dvx += 0.0005 * (number(y.accel_x) + number(y.vel_y) * number(y.yaw_rate) +
-                       number(last.accel_x) + number(last.vel_y) * number(last.yaw_rate));
-      dvy += 0.0005 * (number(y.accel_y) - number(y.vel_x) * number(y.yaw_rate) +
-                       number(last.accel_y) - number(last.vel_x) * number(last.yaw_rate));
-    }
-    last = y;
-  }
-  TEST_ASSERT_TRUE(dvx > 1 && fabs(dvy) > 0.1);
-  expect_near(number(y.vel_x) - number(first.vel_x), dvx, BY_FORMAT(2e-5, 2e-3), "vel_x", 0);
-  expect_near(number(y.vel_y) - number(first.vel_y), dvy, BY_FORMAT(2e-5, 2e-3), "vel_y", 0);
-}
-
 static void test_car_starts_rolling_freely_at_its_speed_and_keeps_it(void)
 {
   tse_sim_output y;
@@ -395,44 +370,6 @@ static void test_saturated_forces_are_those_of_the_brush_model(void)
       }
     }
   TEST_ASSERT_TRUE(least < 1e-3 && most > 3);
-}
-
-/* Straight ahead, the front axle driven alone: F (1 - z + z^2/3). */
-static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void)
-{
-  tse_sim_config s = quiet();
-  tse_sim_output y;
-  double a[2], lin[2], z, rear;
-  s.friction = setting(1);
-  start(default_car(), s);
-  for (int k = 0; k < 50; k++) {
-    tse_sim_input u = driver(0.01, 0, 0);
-    u.wheel_torque_front = real(10 * k);
-    step(u, &y);
-  }
-  closed_form(&y, 0, 1, a, lin, &z);
-  TEST_ASSERT_TRUE(z > 0.03 && z < 0.06);
-  rear = lin[0] - z * 3 * 9.81 * 1.5 / 2.75;
-  TEST_ASSERT_TRUE(fabs(rear) < 0.02 * lin[0]); /* the other axle's wheels are dragged along */
-  expect_near((lin[0] - rear) * (1 - z + z * z / 3) + rear, number(y.accel_x), 1e-4, "accel_x", 0);
-  TEST_ASSERT_TRUE(lin[0] - number(y.accel_x) > 0.03 * lin[0]);
-}
-
-static void test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit(void)
-{
-  const tse_config c = default_car();
-  const tse_params p = prepared(c);
-  start(c, quiet());
-  for (int k = 0; k < 300; k++) {
-    tse_sim_input u = driver(0.01, 3000 * sin(0.1 * k), 0.2 * sin(0.07 * k));
-    tse_sim_output y;
-    step(u, &y);
-    const inputs in = { u.steer_angle, r_mul(p.radius_front, y.wheel_speed_front), r_mul(p.radius_rear, y.wheel_speed_rear) };
-    const accels a = vehicle_accels(&p, vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)),
-                                    vehicle_slips(&p, y.vel_x, y.vel_y, y.yaw_rate, in), u.steer_angle);
-    TEST_ASSERT_EQUAL_MEMORY(&a.x, &y.accel_x, sizeof(tse_real));
-    TEST_ASSERT_EQUAL_MEMORY(&a.y, &y.accel_y, sizeof(tse_real));
-  }
 }
 
 /* The friction of the road is that of the settings until the input names another one. */

@@ -14,7 +14,6 @@
 
 #define SAMPLES 100000
 #define KS_LIMIT (2.47 / sqrt((double)SAMPLES))
-#define CORRELATION_LIMIT (4.42 / sqrt((double)SAMPLES))
 
 static const uint32_t seed[2] = { 7u, 0x7473650au };
 static double sample_of[6][SAMPLES];
@@ -62,20 +61,6 @@ static int follows(const double *x, double (*cdf)(double, double), double nu)
 }
 
 static const double dof_table[] = { 5, 6, 8, 11, 30, 101, 1000 };
-
-static double correlation(const double *x, const double *y)
-{
-  double sx = 0, sy = 0, sxx = 0, syy = 0, sxy = 0;
-  for (int i = 0; i < SAMPLES; i++) {
-    sx += x[i];
-    sy += y[i];
-    sxx += x[i] * x[i];
-    syy += y[i] * y[i];
-    sxy += x[i] * y[i];
-  }
-  const double n = SAMPLES;
-  return (sxy - sx * sy / n) / sqrt((sxx - sx * sx / n) * (syy - sy * sy / n));
-}
 
 /* ------------------------------------------------------------------------------------------- words */
 
@@ -155,50 +140,6 @@ static void test_last_particle_of_the_largest_filter_does_not_reach_the_next_pur
   TEST_ASSERT_TRUE(a[0] != b[0] && a[1] != b[1]);
 }
 
-static void test_another_seed_gives_other_words_and_the_same_seed_the_same(void)
-{
-  const uint32_t other[2] = { seed[0] + 1u, seed[1] };
-  int equal = 0;
-  for (uint32_t i = 0; i < 1000; i++) {
-    uint32_t a[2], b[2], again[2];
-    words(i, 0, i, a);
-    words(i, 0, i, again);
-    random_words(other, i, 0, i, &b[0], &b[1]);
-    TEST_ASSERT_EQUAL_MEMORY(a, again, sizeof a);
-    equal += a[0] == b[0] || a[1] == b[1];
-  }
-  TEST_ASSERT_EQUAL_INT(0, equal);
-}
-
-static void test_every_bit_is_set_half_of_the_time(void)
-{
-  static int set[64];
-  memset(set, 0, sizeof set);
-  for (uint32_t i = 0; i < SAMPLES; i++) {
-    uint32_t w[2];
-    words(i / 500u, RANDOM_RESAMPLE, i % 500u, w);
-    for (int b = 0; b < 64; b++) set[b] += (int)(w[b / 32] >> b % 32 & 1u);
-  }
-  for (int b = 0; b < 64; b++) expect_near(0.5, set[b] / (double)SAMPLES, 0.5 * CORRELATION_LIMIT, "bit", b);
-}
-
-static void test_neighbouring_streams_are_uncorrelated(void)
-{
-  const uint32_t other[2] = { seed[0] + 1u, seed[1] };
-  for (uint32_t i = 0; i < SAMPLES; i++) {
-    const uint32_t k = i / 500u, particle = i % 500u;
-    uint32_t w[6][2];
-    words(k, 0, particle, w[0]);
-    words(k + 1u, 0, particle, w[1]);
-    words(k, 1, particle, w[2]);
-    words(k, 0, particle + 1u, w[3]);
-    random_words(other, k, 0, particle, &w[4][0], &w[4][1]);
-    for (int j = 0; j < 5; j++) sample_of[j][i] = number(r_uniform(w[j][0]));
-    sample_of[5][i] = number(r_uniform(w[0][1]));
-  }
-  for (int j = 1; j < 6; j++) expect_near(0, correlation(sample_of[0], sample_of[j]), CORRELATION_LIMIT, "correlation", j);
-}
-
 /* ----------------------------------------------------------------------------- uniform and normal */
 
 static double uniform_cdf(double x) { return x; }
@@ -229,13 +170,6 @@ static void normal_samples(void)
   }
 }
 
-static void test_normal_numbers_are_normal(void)
-{
-  normal_samples();
-  TEST_ASSERT_TRUE(ks_distance(sample_of[0], normal_cdf) < KS_LIMIT);
-  TEST_ASSERT_TRUE(ks_distance(sample_of[1], normal_cdf) < KS_LIMIT);
-}
-
 /* Distributions of 1e5 numbers do not see half a percent; the formula of Box & Muller with libm does. */
 static void test_normal_numbers_are_those_of_box_and_muller(void)
 {
@@ -260,8 +194,11 @@ static void test_two_normal_numbers_are_independent(void)
     sample_of[4][i] = 0.5 * (a * a + b * b);
     sample_of[5][i] = 0.6 * a + 0.8 * b;
   }
-  expect_near(0, correlation(sample_of[0], sample_of[1]), CORRELATION_LIMIT, "correlation", 0);
-  expect_near(0, correlation(sample_of[2], sample_of[3]), CORRELATION_LIMIT * 2, "correlation of the squares", 0);
+  for (int k = 0; k < 2; k++) {
+    expect_moments(sample_of[k], SAMPLES, 0, 1, "normal");
+    expect_uncorrelated(sample_of[2 * k], sample_of[2 * k + 1], SAMPLES, "numbers; their squares");
+    TEST_ASSERT_TRUE(ks_distance(sample_of[k], normal_cdf) < KS_LIMIT); /* sorts them */
+  }
   TEST_ASSERT_TRUE(ks_distance(sample_of[4], exponential_cdf) < KS_LIMIT);
   TEST_ASSERT_TRUE(ks_distance(sample_of[5], normal_cdf) < KS_LIMIT);
 }
@@ -375,14 +312,6 @@ static void test_directions_are_uniform_on_the_sphere(void)
     TEST_ASSERT_TRUE(chi_square < 100.3);
     for (int a = 3; a < 6; a++) TEST_ASSERT_TRUE(ks_distance(sample_of[a], sphere_cdf) < KS_LIMIT);
   }
-}
-
-static void test_student_variates_are_uncorrelated(void)
-{
-  student_samples(11);
-  expect_near(0, correlation(sample_of[0], sample_of[1]), CORRELATION_LIMIT * 1.3, "t1 t2", 0); /* kurtosis of t(11) */
-  expect_near(0, correlation(sample_of[0], sample_of[2]), CORRELATION_LIMIT * 1.3, "t1 t3", 0);
-  expect_near(0, correlation(sample_of[1], sample_of[2]), CORRELATION_LIMIT * 1.3, "t2 t3", 0);
 }
 
 static void test_extreme_words_give_finite_numbers(void)

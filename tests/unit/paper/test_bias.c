@@ -20,6 +20,13 @@ static tse_params params(void)
   return prepared(settings());
 }
 
+/* A filter of which nothing else is read. */
+static void know(double gamma, double nu)
+{
+  memset(&filter, 0, sizeof filter);
+  filter.gamma = real(gamma), filter.nu = real(nu);
+}
+
 /* A row in which every channel reads as predicted but for `off` sigma. */
 static void forget_after(const tse_params *p, tse_filter_paper *f, tse_real dt, double off)
 {
@@ -41,38 +48,10 @@ static void forget_for(const tse_params *p, tse_filter_paper *f, tse_real dt) { 
 static void test_one_sample_time_forgets_by_lambda(void)
 {
   const tse_params p = params();
-  memset(&filter, 0, sizeof filter);
-  filter.gamma = real(0.05), filter.nu = real(40);
+  know(0.05, 40);
   forget_for(&p, &filter, p.sample_time);
   expect_near(0.05 / 0.98, number(filter.gamma), REL * 0.05, "gamma", 0);
   expect_near(40 * 0.98, number(filter.nu), REL * 40, "nu", 0);
-}
-
-static void test_other_time_steps_forget_by_a_power_of_lambda(void)
-{
-  const tse_params p = params();
-  const double dt[] = { 0.001, 0.005, 0.013, 0.02, 0.1 };
-  for (int i = 0; i < ROWS(dt); i++) {
-    const double lambda = pow(0.98, dt[i] / 0.01);
-    memset(&filter, 0, sizeof filter);
-    filter.gamma = real(0.05), filter.nu = real(40);
-    forget_for(&p, &filter, real(dt[i]));
-    expect_near(0.05 / lambda, number(filter.gamma), REL * 0.1, "gamma", i);
-    expect_near(40 * lambda, number(filter.nu), REL * 40, "nu", i);
-  }
-}
-
-static void test_two_short_steps_forget_as_much_as_a_long_one(void)
-{
-  const tse_params p = params();
-  memset(&filter, 0, sizeof filter);
-  filter.gamma = real(0.2), filter.nu = real(60);
-  before = filter;
-  forget_for(&p, &filter, real(0.03));
-  forget_for(&p, &before, real(0.01));
-  forget_for(&p, &before, real(0.02));
-  expect_near(number(before.gamma), number(filter.gamma), REL, "gamma", 0);
-  expect_near(number(before.nu), number(filter.nu), REL * 60, "nu", 0);
 }
 
 /* Lambda *= lambda and nu *= lambda: their quotient, which the particles carry, stays. So does everything else. */
@@ -92,8 +71,7 @@ static void test_forgetting_changes_only_gamma_and_nu(void)
 static void test_degrees_of_freedom_never_fall_below_six(void)
 {
   const tse_params p = params();
-  memset(&filter, 0, sizeof filter);
-  filter.gamma = real(1e-6), filter.nu = real(40);
+  know(1e-6, 40);
   for (int i = 0; i < 60; i++) forget_for(&p, &filter, real(0.1));
   expect_near(6, number(filter.nu), 0, "nu", 0);
 }
@@ -108,8 +86,7 @@ static void test_what_is_forgotten_is_not_forgotten_further(void)
       tse_config c = settings();
       c.forgetting = setting(lambda[k]);
       const tse_params p = prepared(c);
-      memset(&filter, 0, sizeof filter);
-      filter.gamma = real(0.05), filter.nu = real(40);
+      know(0.05, 40);
       forget_for(&p, &filter, real(dt[i]));
       expect_near(fmin(0.05 * exp2(-dt[i] / 0.01 * log2(lambda[k])), fmax(1, number(p.gamma0))), number(filter.gamma), 1e-3, "gamma", i);
       TEST_ASSERT_TRUE(number(filter.nu) >= 6 && number(filter.nu) <= 40);
@@ -125,8 +102,7 @@ static void test_the_mean_may_forget_faster_than_the_covariance(void)
   tse_config c = settings();
   c.forgetting_mean = setting(0.95);
   const tse_params p = prepared(c);
-  memset(&filter, 0, sizeof filter);
-  filter.gamma = real(0.05), filter.nu = real(40);
+  know(0.05, 40);
   forget_for(&p, &filter, real(0.02));
   expect_near(0.05 / (0.95 * 0.95), number(filter.gamma), REL, "gamma", 0);
   expect_near(40 * 0.98 * 0.98, number(filter.nu), REL * 40, "nu", 0);
@@ -161,8 +137,7 @@ static void test_the_mean_forgets_faster_where_innovations_last(void)
 static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
 {
   const tse_params p = params();
-  memset(&filter, 0, sizeof filter);
-  filter.gamma = real(1), filter.nu = real(10);
+  know(1, 10);
   for (int i = 0; i < 3000; i++) {
     filter.gamma = real(number(filter.gamma) / (1 + number(filter.gamma)));
     filter.nu = real(number(filter.nu) + 1);

@@ -130,22 +130,6 @@ static void test_weighted_means_are_those_of_any_rows(void)
   }
 }
 
-static void test_one_particle_with_all_the_weight_is_the_estimate(void)
-{
-  uint32_t state = 2;
-  tse_output y;
-  start(40);
-  fill(&state, 1.0);
-  for (int32_t i = 0; i < 40; i++) f.weight[i] = i == 33 ? TSE_R(1) : TSE_R(0);
-  paper_estimate(&p, &f, &y);
-  expect_near(1.0, number(paper_effective_size(&p, &f)), RELATIVE, "n_eff", 0);
-  expect_near(number(f.p.x[0][33]), number(y.vel_x), 20.0 * RELATIVE, "vel_x", 0);
-  /* what is left of a difference of squares: sqrt(ulp) of the distance to the first particle */
-  expect_near(0.0, number(y.vel_x_sd), 2.0 * sqrt(BY_FORMAT(2.3e-16, 1.2e-7)), "vel_x_sd", 0);
-  const double sigma = number(f.p.lam[3][33]) * 57.5 / 53.5;
-  expect_near(sqrt(0.0123 * sigma), number(y.stiffness_sd[1]), BY_FORMAT(1e-6, 1e-3), "sd of the mean", 1);
-}
-
 static void test_equal_weights_give_the_number_of_particles_as_effective_size(void)
 {
   uint32_t state = 3;

@@ -199,17 +199,6 @@ static void test_a_particle_that_has_all_the_weight_takes_every_place(void)
     }
 }
 
-static void test_a_weight_as_small_as_the_filter_makes_them_is_as_good_as_none(void)
-{
-  for (int32_t scheme = 0; scheme < SCHEMES; scheme++) {
-    for (int32_t i = 0; i < 37; i++) weight[i] = i == 20 ? TSE_R(1) : r_exp2(TSE_R(-120));
-    for (uint32_t step = 0; step < 50; step++) {
-      draw(scheme, 37, step);
-      TEST_ASSERT_EQUAL_INT32(37, copies[20]);
-    }
-  }
-}
-
 static void test_equal_weights_keep_every_particle_once_except_at_random_ones(void)
 {
   for (int32_t i = 0; i < 64; i++) weight[i] = TSE_R(1);
@@ -273,15 +262,6 @@ static void test_survivors_keep_their_places_and_the_multiset_stays(void)
       if (copies[i] > 0) TEST_ASSERT_EQUAL_UINT16(i, ancestor[i]);
     }
     TEST_ASSERT_EQUAL_INT32_ARRAY(copies, after, n);
-  }
-}
-
-static void test_one_survivor_fills_all_places(void)
-{
-  for (int32_t who = 0; who < 40; who += 13) {
-    for (int32_t i = 0; i < 40; i++) ancestor[i] = (uint16_t)who;
-    paper_keep_survivors(ancestor, copies_work, 40);
-    for (int32_t i = 0; i < 40; i++) TEST_ASSERT_EQUAL_UINT16(who, ancestor[i]);
   }
 }
 
