@@ -13,6 +13,18 @@ static const double car_table[3][9] = {
   { 2600.0, 5200.0, 1.625, 1.375, 210000.0, 240000.0, 150000.0, 170000.0, 0.5 },
 };
 
+/* Car k of it with the default sensors. */
+static inline tse_config config_of_table(int k)
+{
+  const double *const t = car_table[k];
+  tse_config c = config_by(tse_config_default);
+  c.mass = setting(t[0]), c.yaw_inertia = setting(t[1]), c.lf = setting(t[2]), c.lr = setting(t[3]);
+  c.longitudinal_stiffness_front = setting(t[4]), c.longitudinal_stiffness_rear = setting(t[5]);
+  c.cornering_stiffness_front = setting(t[6]), c.cornering_stiffness_rear = setting(t[7]);
+  c.rear_longitudinal_follows_front = setting(t[8]);
+  return c;
+}
+
 /* x: vel_x, vel_y, yaw rate; u: steering angle, R omega front and rear; w: deviations of the stiffness.
  * slip: front, rear, slip angle front, rear; accel: accel_x, accel_y, yaw acceleration. */
 static inline void single_track(const double *car, const double x[3], const double u[3], const double w[3], double slip[4], double accel[3])

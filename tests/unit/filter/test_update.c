@@ -107,6 +107,18 @@ static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded 
   for (int a = 3; a < 5; a++) h[a][STATES + CONSIDER_WHEELS_LATE] -= wheels * (number(k->x[VX]) - number(k->before[2])) / dt;
 }
 
+/* The row that the tests below look at, and a car in a turn before it. */
+static decoded z;
+static double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
+
+static steering turned(void) { return (steering){ real(0.02), real(0.021), real(0.01) }; }
+
+static void before_a_row(const tse_params *p, tse_kalman *k, uint32_t seed)
+{
+  in_a_turn(p, k, &seed);
+  a_row(p, k, turned(), &z, h, read, &seed);
+}
+
 /* How many channels the last row has measured. */
 static int used(const tse_kalman *k)
 {
@@ -124,15 +136,13 @@ static void expect_schmidt(int told, uint32_t seed)
   for (int n = 0; n < 30; n++) {
     static tse_kalman k;
     const tse_params p = a_car(told);
-    decoded z;
-    double h[TSE_SENSORS][ROOM], read[TSE_SENSORS], ph[ALL];
-    const steering u = { real(0.02), real(0.021), real(0.01) };
+    double ph[ALL];
     in_a_turn(&p, &k, &seed);
-    a_row(&p, &k, u, &z, h, read, &seed);
+    a_row(&p, &k, turned(), &z, h, read, &seed);
     schmidt s = schmidt_of(&k);
     double start[STATES];
     memcpy(start, s.x, sizeof start);
-    update_row(&p, &k, &z, u);
+    update_row(&p, &k, &z, turned());
     TEST_ASSERT_EQUAL_INT(HAS_SLIP ? TSE_SENSORS : 3, used(&k));
     for (int m = 0; m < TSE_SENSORS; m++) {
       const int a = order[m];
@@ -162,16 +172,13 @@ static void test_doubt_never_makes_anything_surer(void)
 {
   for (uint32_t seed = 1; seed < 30; seed++) {
     static tse_kalman k[2];
-    const steering u = { real(0.02), real(0.021), real(0.01) };
     for (int told = 0; told < 2; told++) {
       const tse_params p = a_car(told), common = a_car(0);
-      decoded z;
-      double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
       uint32_t own = seed;
       in_a_turn(&common, &k[told], &own);
       if (told) memset(k[told].consider, 0, sizeof k[told].consider);
-      a_row(&p, &k[told], u, &z, h, read, &own);
-      update_row(&p, &k[told], &z, u);
+      a_row(&p, &k[told], turned(), &z, h, read, &own);
+      update_row(&p, &k[told], &z, turned());
     }
     for (int i = STIFFNESS; i <= LCR; i++) {
       double with = number(ud_variance(&k[0].ud, i));
@@ -188,16 +195,11 @@ static void test_a_reading_far_off_pulls_the_less_the_further_off(void)
   double before = 0;
   for (int far = 0; far < 4; far++) {
     static tse_kalman k, start;
-    decoded z;
-    double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
-    uint32_t seed = 5;
-    const steering u = { real(0.02), real(0.021), real(0.01) };
-    in_a_turn(&p, &k, &seed);
+    before_a_row(&p, &k, 5);
     start = k;
-    a_row(&p, &k, u, &z, h, read, &seed);
     for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == 2;
     z.z[2] = real(read[2] + 10 * pow(2, far)); /* nobody turns as fast */
-    update_row(&p, &k, &z, u);
+    update_row(&p, &k, &z, turned());
     const double moved = fabs(number(k.x[YAW]) - number(start.x[YAW]));
     TEST_ASSERT_TRUE(moved > 0);
     if (far > 0) TEST_ASSERT_TRUE(moved < before);
@@ -212,15 +214,10 @@ static void test_a_missing_channel_is_not_used(void)
   for (int missing = 0; missing < TSE_SENSORS; missing++) {
     static tse_kalman k[2];
     for (int i = 0; i < 2; i++) {
-      decoded z;
-      double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
-      uint32_t seed = 6;
-      const steering u = { real(0.02), real(0.021), real(0.01) };
-      in_a_turn(&p, &k[i], &seed);
-      a_row(&p, &k[i], u, &z, h, read, &seed);
+      before_a_row(&p, &k[i], 6);
       z.use[missing] = 0;
       z.z[missing] = real(i * 7); /* whatever stands there */
-      update_row(&p, &k[i], &z, u);
+      update_row(&p, &k[i], &z, turned());
       TEST_ASSERT_EQUAL_INT(HAS_SLIP ? TSE_SENSORS - 1 : missing == ACCEL_Y || missing == YAW_RATE ? 2
                                                                                                    : 3,
                             used(&k[i]));
@@ -233,13 +230,9 @@ static void test_the_log_likelihood_is_that_of_the_innovations(void)
 {
   const tse_params p = a_car(0);
   static tse_kalman k;
-  decoded z;
-  double h[TSE_SENSORS][ROOM], read[TSE_SENSORS], sum = 0, nis = 0;
-  uint32_t seed = 7;
-  const steering u = { real(0.02), real(0.021), real(0.01) };
-  in_a_turn(&p, &k, &seed);
-  a_row(&p, &k, u, &z, h, read, &seed);
-  update_row(&p, &k, &z, u);
+  double sum = 0, nis = 0;
+  before_a_row(&p, &k, 7);
+  update_row(&p, &k, &z, turned());
   for (int a = 0; a < TSE_SENSORS; a++) {
     const double e = number(k.innovation[a]), var = number(k.innovation_var[a]);
     if (!(var > 0)) continue;
@@ -256,14 +249,9 @@ static void test_stiffness_stays_within_its_bounds(void)
   const tse_params p = a_car(0);
   for (int side = -1; side <= 1; side += 2) {
     static tse_kalman k;
-    decoded z;
-    double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
-    uint32_t seed = 8;
-    const steering u = { real(0.02), real(0.021), real(0.01) };
-    in_a_turn(&p, &k, &seed);
-    a_row(&p, &k, u, &z, h, read, &seed);
+    before_a_row(&p, &k, 8);
     for (int i = STIFFNESS; i <= LCR; i++) k.x[i] = real(2 * side);
-    update_row(&p, &k, &z, u);
+    update_row(&p, &k, &z, turned());
     for (int i = STIFFNESS; i <= LCR; i++) TEST_ASSERT_TRUE(k.x[i] >= p.log_min && k.x[i] <= p.log_max);
   }
 }
@@ -273,19 +261,16 @@ static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
 {
   const tse_params p = a_car(0);
   static tse_kalman k;
-  const steering u = { real(0.02), real(0.021), real(0.01) };
   uint32_t seed = 9;
   in_a_turn(&p, &k, &seed);
   k.fault = fault_of(YAW_RATE);
   for (int step = 0; step < 4; step++) { /* agrees, agrees no more, agrees again, has agreed for long */
-    decoded z;
-    double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
-    a_row(&p, &k, u, &z, h, read, &seed);
+    a_row(&p, &k, turned(), &z, h, read, &seed);
     for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == YAW_RATE;
     z.z[YAW_RATE] = real(read[YAW_RATE] + (step == 1 ? 100 : 0));
     if (step == 0) k.agrees_for = r_mul(TSE_R(0.5), SETTLE_TIME);
     if (step == 3) k.agrees_for = SETTLE_TIME;
-    update_row(&p, &k, &z, u);
+    update_row(&p, &k, &z, turned());
     if (step == 0) TEST_ASSERT_TRUE(k.agrees_for > r_mul(TSE_R(0.5), SETTLE_TIME));
     if (step == 1) TEST_ASSERT_TRUE(k.agrees_for == TSE_R(0));
     events_decide(&p, &k, TSE_R(0));
@@ -299,10 +284,10 @@ static void expect_activity(double q, double left, double counts)
 {
   tse_params p = a_car(1);
   static tse_kalman k;
-  decoded z = { 0 };
   uint32_t seed = 11;
   const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
   in_a_turn(&p, &k, &seed);
+  memset(&z, 0, sizeof z);
   z.dt = u.dt, z.has_steer = z.one_speed = 1;
   p.car.shape = p.car.along_front = p.car.along_rear = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
   p.car.rolling = p.car.drag = p.car.compliance = p.car.pull_front = p.car.pull_rear = TSE_R(0);
@@ -334,8 +319,6 @@ static void test_more_force_than_of_the_slip_is_no_road_with_less_grip(void)
   for (int brakes = 0; brakes < 2; brakes++)
     for (int more = 0; more < 2; more++)
       for (int back = 0; back < 2; back++) {
-        decoded z;
-        double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
         uint32_t seed = 12;
         const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
         in_a_turn(&p, &k, &seed);
@@ -355,12 +338,12 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   const tse_params p = a_car(0);
   static tse_kalman k;
   tse_real variance[STATES], before[STATES];
-  decoded z = { 0 };
   memset(&k, 0, sizeof k);
   for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
   for (int c = 0; c < TSE_SENSORS; c++) k.noise[c] = k.usual[c] = TSE_R(1);
   ud_set(&k.ud, variance);
   memcpy(before, k.x, sizeof before);
+  memset(&z, 0, sizeof z);
   z.dt = real(0.01), z.use[2] = 1, z.z[2] = real(0.004);
   for (int n = 0; n < 200; n++) update_still(&p, &k, &z);
   expect_near(0.004, number(k.x[BR]), 1e-4, "bias of the gyro", 0);

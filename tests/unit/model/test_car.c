@@ -161,9 +161,7 @@ static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
 {
   const tse_car c = some_car(0);
   tse_car d = c;
-  tse_real x[TSE_VALUES];
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-  x[VX] = TSE_R(20);
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) };
   x[AF] = TSE_R(0.04);
   x[AR] = TSE_R(0.03);
   x[SF] = TSE_R(-0.04);
@@ -178,10 +176,8 @@ static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
 static void test_load_stays_on_an_axle_however_hard_the_car_brakes(void)
 {
   tse_car c = some_car(1);
-  tse_real x[TSE_VALUES];
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) };
   c.height_front = c.height_rear = TSE_R(0.3);
-  x[VX] = TSE_R(20);
   x[AR] = TSE_R(0.03);
   for (int sign = -1; sign <= 1; sign += 2) {
     x[SF] = x[SR] = real(sign * 0.5);
@@ -197,10 +193,8 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
   static const double shape[3] = { 0, 0.5, 1 };
   for (int k = 0; k < 3; k++) {
     tse_car c = plain_car();
-    tse_real x[TSE_VALUES] = { 0 };
+    tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) };
     c.grip = real(0.8), c.shape = real(shape[k]);
-    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-    x[VX] = TSE_R(20);
     const double end = 0.8 * number(c.load_front);
     x[AF] = real(1e-4);
     expect_near(1e-4 * number(c.ky_front), number(forces_at(&c, x, 0).side), 1e-3 * 1e-4 * number(c.ky_front) + 64 * QUANTUM,
@@ -225,10 +219,8 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
 static void test_a_brush_is_its_cubic(void)
 {
   tse_car c = plain_car();
-  tse_real x[TSE_VALUES];
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) };
   c.grip = real(0.9), c.shape = TSE_R(0);
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-  x[VX] = TSE_R(20);
   const double end = 0.9 * number(c.load_front), k = number(c.ky_front);
   for (double a = -0.4; a < 0.4; a += 0.0137) {
     const double q = fabs(k * a) / end, expected = q < 3 ? k * a * (1 - q / 3 + q * q / 27) : a > 0 ? end
@@ -259,7 +251,6 @@ static void test_a_tyre_is_within_a_thirteenth_of_magic_formulas(void)
   TEST_ASSERT_TRUE(worst > 0.05 && worst < 0.076);
 }
 
-/* What turns left and what turns right is mirrored: no term has a side. */
 /* What is left of a stiffness, times it and the slip, is the force that car_forces() has; at no slip and level load all is left, and
  * far beyond the grip what the grip leaves. */
 static void test_a_secant_is_force_over_slip(void)
@@ -268,10 +259,8 @@ static void test_a_secant_is_force_over_slip(void)
   for (int k = 0; k < 5; k++) {
     static const double angle[5] = { 0.02, -0.05, 0.1, -0.2, 0.35 };
     tse_car c = k & 1 ? some_car(1) : plain_car();
-    tse_real x[TSE_VALUES], share[3];
-    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
+    tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) }, share[3];
     c.grip = real(0.9), c.shape = real(0.25 * k);
-    x[VX] = TSE_R(20);
     car_secants(&c, x, share);
     for (int i = 0; i < 3; i++) expect_near(1, number(share[i]), tolerance, "at no slip", i);
     x[LCF] = real(0.2);
@@ -291,6 +280,7 @@ static void test_a_secant_is_force_over_slip(void)
   }
 }
 
+/* What turns left and what turns right is mirrored: no term has a side. */
 static void test_left_is_the_mirror_of_right(void)
 {
   static const int sides[] = { VY, YAW, AF, AR, PHI, DPHI, GY, BY, BR, STEER_OFFSET };
@@ -337,8 +327,7 @@ static void test_a_steady_turn_obeys_the_understeer_equation(void)
     const tse_car c = plain_car();
     const double lf = number(c.lf), lr = number(c.lr), kf = number(c.ky_front), kr = number(c.ky_rear), span = lf + lr;
     const double understeer = (lr / kf - lf / kr) / span, steer = 1.2 * (span + understeer * speed * speed) / (speed * speed);
-    tse_real x[TSE_VALUES];
-    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
+    tse_real x[TSE_VALUES] = { 0 };
     for (int k = 0; k < 800; k++) {
       x[VX] = real(speed); /* the driver holds it */
       advance(&c, x, k < 100 ? steer * k / 100 : steer, k < 100 ? steer * (k + 1) / 100 : steer, 0.01);
@@ -358,10 +347,8 @@ static void test_a_steady_turn_obeys_the_understeer_equation(void)
 static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
 {
   tse_car c = plain_car();
-  tse_real x[TSE_VALUES];
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(40) };
   c.drag = real(0.5 / 1500);
-  x[VX] = TSE_R(40);
   for (int k = 0; k < 2000; k++) advance(&c, x, 0, 0, 0.01);
   const double v = 40 / (1 + 0.5 / 1500 * 40 * 20);
   expect_near(v, number(x[VX]), 5e-4 * v, "speed after 20 s", 0);
@@ -377,9 +364,7 @@ static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
 static void test_sliding_sideways_gives_energy_away(void)
 {
   const tse_car c = plain_car();
-  tse_real x[TSE_VALUES];
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-  x[VX] = TSE_R(20);
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) };
   x[VY] = TSE_R(2);
   x[YAW] = real(-0.3);
   double before = 1e9;
@@ -400,11 +385,9 @@ static void test_slip_angles_build_up_over_the_relaxation_length(void)
   static const double dt[3] = { 0.004, 0.01, 0.05 };
   for (int k = 0; k < 3; k++) {
     tse_car c = plain_car();
-    tse_real x[TSE_VALUES];
+    tse_real x[TSE_VALUES] = { [VX] = TSE_R(10) };
     c.relaxation = real(0.6);
     c.ky_front = c.ky_rear = TSE_R(0); /* no force: it does not move */
-    for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-    x[VX] = TSE_R(10);
     for (double t = dt[k]; t < 0.3; t += dt[k]) {
       advance(&c, x, 0.02, 0.02, dt[k]);
       expect_near(0.02 * (1 - exp(-10 * t / 0.6)), number(x[AF]), BY_NUMBER(1e-10, 1e-6, 1e-7), "slip angle", (int)(1000 * t));
@@ -417,11 +400,9 @@ static void test_slip_angles_build_up_over_the_relaxation_length(void)
 static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 {
   tse_car c = plain_car();
-  tse_real x[TSE_VALUES];
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) };
   c.roll_gain = real(0.006), c.roll_omega = real(2 * pi * 1.5), c.roll_damping = real(0.2);
   c.ky_front = c.ky_rear = TSE_R(0);
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-  x[VX] = TSE_R(20);
   x[PHI] = real(0.05);
   const double w = 2 * pi * 1.5, own = w * sqrt(1 - 0.04);
   for (int k = 1; k <= 200; k++) {
@@ -436,11 +417,9 @@ static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 static void change_lane(double relaxation, double speed, double dt, double end[MOTION])
 {
   tse_car c = some_car(0);
-  tse_real x[TSE_VALUES];
+  tse_real x[TSE_VALUES] = { [VX] = speed };
   const int rows = (int)(0.8 / dt + 0.5);
   c.roll_gain = 0, c.relaxation = relaxation;
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = 0;
-  x[VX] = speed;
   x[SF] = 0.002;
   for (int k = 0; k < rows; k++) advance(&c, x, 0.6 / speed * sin(8 * dt * k), 0.6 / speed * sin(8 * dt * (k + 1)), dt);
   for (int i = 0; i < MOTION; i++) end[i] = x[i];
@@ -494,9 +473,7 @@ static void test_a_long_row_takes_no_more_substeps_than_there_are(void)
 static void test_sensors_read_what_textbooks_say(void)
 {
   tse_car c = plain_car();
-  tse_real x[TSE_VALUES], z[TSE_SENSORS], H[TSE_SENSORS][PLACES];
-  for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-  x[VX] = TSE_R(20);
+  tse_real x[TSE_VALUES] = { [VX] = TSE_R(20) }, z[TSE_SENSORS], H[TSE_SENSORS][PLACES];
   x[VY] = real(-0.4);
   x[YAW] = real(0.3);
   x[AF] = real(0.02);

@@ -351,32 +351,25 @@ static void test_what_is_no_number_is_nothing(void)
 
 static void test_programs_that_do_not_fit_are_refused(void)
 {
+#define EXPECT(status, what, ...)       \
+  PROGRAM(&c, 0, __VA_ARGS__); \
+  TEST_ASSERT_EQUAL_INT_MESSAGE(status, status_of(&c), what)
   tse_config c = default_car();
-  PROGRAM(&c, 0, NUMBER_A, STEER, MUL);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, status_of(&c));
-  PROGRAM(&c, 0, NUMBER_A, MUL);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "takes more than there is");
-  PROGRAM(&c, 0, NUMBER_A, NUMBER_B);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "leaves two values");
+  EXPECT(TSE_OK, "a program", NUMBER_A, STEER, MUL);
+  EXPECT(TSE_E_CONFIG, "takes more than there is", NUMBER_A, MUL);
+  EXPECT(TSE_E_CONFIG, "leaves two values", NUMBER_A, NUMBER_B);
   set_program(&c, 0, NULL, 0);
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "no program is no formula");
-  PROGRAM(&c, 0, 200);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "no operation");
-  PROGRAM(&c, 0, STEER, RATE, RATE, RATE, RATE);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "four memories");
-  PROGRAM(&c, 0, STEER, NUMBER_A, LATE, NUMBER_A, LATE);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "two delays");
-  PROGRAM(&c, 0, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "nine values deep");
-  PROGRAM(&c, 0, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "eight values deep");
-  c.formula_gain = setting(0);
+  EXPECT(TSE_E_CONFIG, "no operation", 200);
+  EXPECT(TSE_E_CONFIG, "four memories", STEER, RATE, RATE, RATE, RATE);
+  EXPECT(TSE_E_CONFIG, "two delays", STEER, NUMBER_A, LATE, NUMBER_A, LATE);
+  EXPECT(TSE_E_CONFIG, "nine values deep", ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
+  EXPECT(TSE_OK, "eight values deep", ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
   PROGRAM(&c, 0, NUMBER_A, MUL);
   c.formula_gain = setting(0);
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "switched off, nobody runs it");
 }
 
-/* The simulator's car, whose rear wheels steer with the speed, and an estimator that is told so, or not. */
 static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
 {
   int32_t count;

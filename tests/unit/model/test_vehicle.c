@@ -6,22 +6,7 @@
 #include "unit_support.h"
 #include "single_track.h"
 
-/* The reference's cars with the default sensors. */
-static tse_config car_config(int k)
-{
-  tse_config c = config_by(tse_config_default);
-  c.mass = setting(car_table[k][0]), c.yaw_inertia = setting(car_table[k][1]), c.lf = setting(car_table[k][2]);
-  c.lr = setting(car_table[k][3]), c.longitudinal_stiffness_front = setting(car_table[k][4]);
-  c.longitudinal_stiffness_rear = setting(car_table[k][5]);
-  c.cornering_stiffness_front = setting(car_table[k][6]), c.cornering_stiffness_rear = setting(car_table[k][7]);
-  c.rear_longitudinal_follows_front = setting(car_table[k][8]);
-  return c;
-}
-
-static tse_params car(int k)
-{
-  return prepared(car_config(k));
-}
+static tse_params car(int k) { return prepared(config_of_table(k)); }
 
 static inputs inputs_from(const double *u)
 {
@@ -227,7 +212,7 @@ static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
 {
   uint32_t state = 5;
   for (int i = 0; i < 600; i++) {
-    const tse_config c = car_config(i % 3);
+    const tse_config c = config_of_table(i % 3);
     const tse_params p = prepared(c);
     const situation s = any_situation(&state, -5.0, 70.0);
     const slips l = slips_of(&p, s);

@@ -175,22 +175,13 @@ static void test_turning_agrees_with_a_kalman_filter_with_systematic_resampling(
   expect_agreement_with_the_kalman_filter();
 }
 
-static void test_turning_agrees_with_a_kalman_filter_with_stratified_resampling(void)
+static void test_turning_agrees_with_a_kalman_filter_with_the_other_ways_of_resampling(void)
 {
-  run_turning(1);
-  expect_agreement_with_the_kalman_filter();
-}
-
-static void test_turning_agrees_with_a_kalman_filter_with_residual_resampling(void)
-{
-  run_turning(2);
-  expect_agreement_with_the_kalman_filter();
-}
-
-static void test_turning_agrees_with_a_kalman_filter_with_multinomial_resampling(void)
-{
-  run_turning(3);
-  expect_agreement_with_the_kalman_filter();
+  for (int32_t scheme = 1; scheme <= 3; scheme++) { /* stratified, residual, multinomial */
+    printf("resampling %d\n", (int)scheme);
+    run_turning(scheme);
+    expect_agreement_with_the_kalman_filter();
+  }
 }
 
 /* ------------------------------------------------------------------ straight: exact per particle */

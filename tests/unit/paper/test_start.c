@@ -35,6 +35,15 @@ static sample row(double v_front, double v_rear, double yaw_rate, int has_gyro)
   return y;
 }
 
+/* What the filter holds after its start with a row at 20 m/s. */
+static void started_with(const tse_params *p)
+{
+  const sample y = row(20, 20, 0, 1);
+  memset(&filter, 0x3c, sizeof filter);
+  filter.filter.start.loaded = filter.filter.step = 0;
+  paper_start(p, &filter, &y);
+}
+
 static void collect(int step)
 {
   for (int a = 0; a < 3; a++)
@@ -90,11 +99,8 @@ static void test_velocity_starts_at_the_wheels_or_at_the_setting_and_yaw_rate_at
 static void test_statistics_start_as_the_settings_say_and_are_common_to_all_particles(void)
 {
   const tse_params p = prepared(settings());
-  const sample y = row(20, 20, 0, 1);
   const double start[3] = { -0.3, -0.2, 0.25 }, tiny = BY_FORMAT(1e-15, 1e-7);
-  memset(&filter, 0x3c, sizeof filter);
-  filter.filter.start.loaded = 0;
-  paper_start(&p, &filter, &y);
+  started_with(&p);
   expect_near(12, number(filter.nu), 0, "nu", 0);
   for (int i = 0; i < PADDED; i++) {
     for (int a = 0; a < 3; a++) {
@@ -117,21 +123,15 @@ static void test_biases_start_with_the_variance_of_the_settings(void)
   c.accel_x_sd = setting(0.1), c.accel_y_sd = setting(0.2);
   c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05), c.yaw_rate_bias_sd = setting(0.01);
   const tse_params p = prepared(c);
-  const sample y = row(20, 20, 0, 1);
   const double expected[3] = { 0.25, 0.0625, 4 };
-  memset(&filter, 0x3c, sizeof filter);
-  filter.filter.start.loaded = 0;
-  paper_start(&p, &filter, &y);
+  started_with(&p);
   for (int a = 0; a < 3; a++) expect_near(expected[a], number(filter.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "variance", a);
 }
 
 static void test_all_particles_in_use_start_with_the_same_weight_and_the_padding_with_none(void)
 {
   const tse_params p = prepared(settings());
-  const sample y = row(20, 20, 0, 1);
-  memset(&filter, 0x3c, sizeof filter);
-  filter.filter.start.loaded = 0;
-  paper_start(&p, &filter, &y);
+  started_with(&p);
   for (int i = 0; i < PADDED; i++) {
     expect_near(i < COUNT ? 1 : 0, number(filter.weight[i]), 0, "weight", i);
     expect_near(0, number(filter.p.logw[0][i]), 0, "log-weight", i);
@@ -145,9 +145,7 @@ static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound
   c.initial_cx_front = setting(0.25), c.initial_cy_front = setting(4), c.initial_cy_rear = setting(1);
   c.stiffness_min = setting(0.5), c.stiffness_max = setting(2);
   const tse_params p = prepared(c);
-  const sample y = row(20, 20, 0, 1);
-  memset(&filter, 0, sizeof filter);
-  paper_start(&p, &filter, &y);
+  started_with(&p);
   for (int i = 0; i < PADDED; i++) {
     expect_near(-0.5, number(filter.p.mu[0][i]), 0, "lower bound", i);
     expect_near(1, number(filter.p.mu[1][i]), 0, "upper bound", i);
