@@ -54,6 +54,18 @@ static inline double take_odd(bytes *b)
   return odd[take(b, 1) & 15u];
 }
 
+/* In place of x: any number as it could stand there. */
+static inline double forged(bytes *b, uint32_t how, double x)
+{
+  switch (how & 7u) {
+    case 2: return take_odd(b);
+    case 3: return -x;
+    case 4: return (how & 8u ? -1 : 1) * pow(10, take_between(b, -20, 20));
+    case 5: return x * pow(10, take_between(b, -9, 9));
+    default: return take_between(b, -3, 3);
+  }
+}
+
 /* What is too large is infinite in float, and in fixed point the largest that there is. */
 static inline tse_real real_of(double x) { return tse_real_of(x); }
 static inline double number(tse_real x) { return tse_double_of(x); }

@@ -25,29 +25,12 @@ static void forge(bytes *b, fmi2Byte *at, size_t count)
         whole = -whole;
         memcpy(where, &whole, sizeof whole);
         break;
-      case 2:
-        x = take_odd(b);
-        memcpy(where, &x, sizeof x);
-        break;
-      case 3:
-        x = -x;
-        memcpy(where, &x, sizeof x);
-        break;
-      case 4:
-        x = (how & 8u ? -1 : 1) * pow(10, take_between(b, -20, 20));
-        memcpy(where, &x, sizeof x);
-        break;
-      case 5:
-        x *= pow(10, take_between(b, -9, 9));
-        memcpy(where, &x, sizeof x);
-        break;
       case 6:
         for (size_t i = 0; i < 4; i++) where[i] = (fmi2Byte)take(b, 1);
         break;
       default:
-        x = take_between(b, -3, 3);
+        x = forged(b, how, x);
         memcpy(where, &x, sizeof x);
-        break;
     }
   }
 }

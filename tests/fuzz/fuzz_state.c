@@ -20,29 +20,12 @@ static void forge(bytes *b, uint8_t *at, size_t count)
         whole = -whole;
         memcpy(where + (how & 8u ? sizeof(tse_real) - 4 : 0), &whole, sizeof whole);
         break;
-      case 2:
-        x = real_of(take_odd(b));
-        memcpy(where, &x, sizeof x);
-        break;
-      case 3:
-        x = real_of(-number(x));
-        memcpy(where, &x, sizeof x);
-        break;
-      case 4:
-        x = real_of((how & 8u ? -1 : 1) * pow(10, take_between(b, -20, 20)));
-        memcpy(where, &x, sizeof x);
-        break;
-      case 5:
-        x = real_of(number(x) * pow(10, take_between(b, -9, 9)));
-        memcpy(where, &x, sizeof x);
-        break;
       case 6:
         for (size_t i = 0; i < sizeof x; i++) where[i] = (uint8_t)take(b, 1);
         break;
       default:
-        x = real_of(take_between(b, -3, 3));
+        x = real_of(forged(b, how, number(x)));
         memcpy(where, &x, sizeof x);
-        break;
     }
   }
 }

@@ -228,27 +228,21 @@ static void test_what_is_too_short_too_long_or_something_else_is_refused(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, longer, framed(longer, "tsel", TSE_LEARNT_FORMAT, sizeof learnt_bytes), 0));
 }
 
-static void test_a_newer_format_differs_from_damage(void)
+static void test_other_formats_differ_from_damage(void)
 {
+  static const struct {
+    uint32_t format, length;
+    tse_status status;
+  } cases[] = { { 1, 96, TSE_E_OLD }, { 2, 112, TSE_E_OLD }, { 4, TSE_LEARNT_BYTES + 13, TSE_E_VERSION } };
   const tse_params p = prepared(settings(1));
-  uint8_t bytes[sizeof learnt_bytes + 13];
-  (void)framed(bytes, "tsel", 4, sizeof bytes);
-  reset(&p, &f);
-  expect_refused(&p, bytes, sizeof bytes, TSE_E_VERSION, "format 4");
-  bytes[30] ^= 1;
-  expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, "format 4, damaged");
-}
-
-static void test_the_formats_before_differ_from_damage(void)
-{
-  const tse_params p = prepared(settings(1));
-  uint8_t bytes[112];
+  uint8_t bytes[TSE_LEARNT_BYTES + 13];
   TEST_ASSERT_EQUAL_STRING("the learnt state was written by an older version of this library; learn anew", tse_status_text(TSE_E_OLD));
   reset(&p, &f);
-  expect_refused(&p, bytes, framed(bytes, "tsel", 1, 96), TSE_E_OLD, "format 1");
-  expect_refused(&p, bytes, framed(bytes, "tsel", 2, sizeof bytes), TSE_E_OLD, "format 2");
-  bytes[30] ^= 1;
-  expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, "format 2, damaged");
+  for (int i = 0; i < ROWS(cases); i++) {
+    expect_refused(&p, bytes, framed(bytes, "tsel", cases[i].format, cases[i].length), cases[i].status, "another format");
+    bytes[30] ^= 1;
+    expect_refused(&p, bytes, cases[i].length, TSE_E_LEARNT, "another format, damaged");
+  }
 }
 
 /* Whoever made them, the CRC fits. */
