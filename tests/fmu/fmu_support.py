@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import xml.etree.ElementTree as ElementTree
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -40,6 +41,16 @@ def run(*command: object, **options: Any) -> subprocess.CompletedProcess:
         text = f"{' '.join(map(str, command))}: {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
         raise RuntimeError(text)
     return done
+
+
+def connections() -> set[tuple[str, str]]:
+    """Of the vehicle's outputs to the estimator's inputs, as the system has them."""
+    ssd = ElementTree.parse(ROOT / "fmu" / "StiffnessStudy.ssd")
+    return {
+        (c.get("startConnector"), c.get("endConnector"))
+        for c in ssd.iter("{http://ssp-standard.org/SSP1/SystemStructureDescription}Connection")
+        if (c.get("startElement"), c.get("endElement")) == ("vehicle", "estimator")
+    }
 
 
 def headers(fmi: str = "2") -> Path:

@@ -3,13 +3,12 @@
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmu_support import DRIVER, ESTIMATOR, MODELS, VEHICLE, Instance, Instance3, Unit, exported, headers, unit
+from fmu_support import DRIVER, ESTIMATOR, MODELS, VEHICLE, Instance, Instance3, Unit, connections, exported, headers, unit
 
 if not headers("3").is_dir():
     pytest.skip("scripts/setup.sh has not put the FMI 3.0 headers into .venv/share", allow_module_level=True)
@@ -67,14 +66,8 @@ def terminals(model: str) -> dict[str, dict[str, str]]:
 
 
 def test_the_terminals_of_both_connect_what_the_system_connects(name: str) -> None:
-    ssd = ElementTree.parse(Path(__file__).parents[2] / "fmu" / "StiffnessStudy.ssd")
-    wanted = {
-        (c.get("startConnector"), c.get("endConnector"))
-        for c in ssd.iter("{http://ssp-standard.org/SSP1/SystemStructureDescription}Connection")
-        if (c.get("startElement"), c.get("endElement")) == ("vehicle", "estimator")
-    }
     out, into = terminals(VEHICLE)["_tse_sensors"], terminals(ESTIMATOR)["_tse_sensors"]
-    assert {(out[member], variable) for member, variable in into.items()} == wanted and out.keys() == into.keys()
+    assert {(out[member], variable) for member, variable in into.items()} == connections() and out.keys() == into.keys()
     for members in terminals(name).values():
         assert members and set(members.values()) <= set(three(name).variables)
     assert set(terminals(VEHICLE)["_tse_driver"]) == set(DRIVER)

@@ -10,14 +10,13 @@ import subprocess
 import sys
 import uuid
 import xml.etree.ElementTree as ET
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmu_support import ESTIMATOR, VEHICLE, Instance, Unit, build, unit
+from fmu_support import ESTIMATOR, MODELS, ROOT, VEHICLE, Instance, Unit, build, connections, unit
 from fmu_support import run as command
 
 from tse.impl.core import CONFIG, INPUT, NOMINAL, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, Config, Field, library
@@ -141,7 +140,7 @@ def test_variables_are_those_of_the_tables(model: Unit) -> None:
 
 
 def test_structure_names_every_output_once_and_says_what_it_depends_on(model: Unit) -> None:
-    root = ElementTree.fromstring(xml_of(model.identifier))
+    root = ET.fromstring(xml_of(model.identifier))
     variables = root.findall("./ModelVariables/ScalarVariable")
     outputs = [i + 1 for i, v in enumerate(variables) if v.get("causality") == "output"]
     for element, dependencies in (("Outputs", ""), ("InitialUnknowns", None)):
@@ -152,7 +151,7 @@ def test_structure_names_every_output_once_and_says_what_it_depends_on(model: Un
 
 
 def test_units_have_definitions_that_their_display_units_follow(model: Unit) -> None:
-    root = ElementTree.fromstring(xml_of(model.identifier))
+    root = ET.fromstring(xml_of(model.identifier))
     defined = {u.get("name"): u for u in root.findall("./UnitDefinitions/Unit")}
     used = {v.find("Real").get("unit") for v in root.iter("ScalarVariable") if v.find("Real") is not None}
     assert used == set(defined)
@@ -172,10 +171,6 @@ def test_archive_holds_what_a_user_looks_for(model: Unit) -> None:
 
 # ---- The FMUs' documentation/index.html is complete and self-contained; its examples, and those of the guide, run and say
 # what the text says.
-
-
-ROOT = Path(__file__).resolve().parents[2]
-MODELS = ("TireStiffnessEstimator", "SingleTrackVehicle")
 
 
 @pytest.fixture(scope="session")
@@ -232,13 +227,7 @@ def test_the_loop_that_connects_both_finds_the_stiffness(built, tmp_path):
 def test_the_table_of_connections_is_that_of_the_ssp(built, model):
     table = re.search(r'<table class="connections">.*?</table>', page(built, model), flags=re.S)[0]
     said = set(re.findall(r"<td><code>([\w.]+)</code></td><td><code>(\w+)</code></td>", table))
-    ssd = ET.parse(ROOT / "fmu" / "StiffnessStudy.ssd")
-    made = {
-        (c.get("startConnector"), c.get("endConnector"))
-        for c in ssd.iter("{http://ssp-standard.org/SSP1/SystemStructureDescription}Connection")
-        if c.get("startElement") == "vehicle" and c.get("endElement") == "estimator"
-    }
-    assert said == made
+    assert said == connections()
 
 
 def variables(built: Path, model: str) -> set[str]:

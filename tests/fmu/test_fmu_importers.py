@@ -4,6 +4,7 @@ import functools
 import os
 import pickle
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
@@ -25,6 +26,7 @@ from fmu_support import (
     build,
     client_input,
     expect_same_rows,
+    headers,
     parameters_of,
     recorded_drive,
     run,
@@ -57,13 +59,20 @@ def test_simulation_at_defaults(model: Unit, step_size: float, every: int, capfd
         assert np.isfinite(results[0][name]).all(), name
 
 
+def table_of_drive(rows: int) -> np.ndarray:
+    """The recorded drive as FMPy takes inputs; a channel that is not there in a row goes straight on to where it is."""
+    log = recorded_drive(rows)
+    table = np.zeros(rows, [(n, float) for n in ("time", *CHANNELS)])
+    table["time"] = np.arange(rows) * 0.01
+    for i, name in enumerate(CHANNELS):
+        there = np.isfinite(log.channels[:, i])
+        table[name] = np.interp(np.arange(rows), np.flatnonzero(there), log.channels[there, i]) if there.any() else 0.0
+    return table
+
+
 def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -> None:
     """FMPy can; a car of which only the mass is known stays an ordinary one, and is not one that is known exactly."""
-    log = recorded_drive(600)
-    table = np.zeros(600, [(n, float) for n in ("time", *CHANNELS)])
-    table["time"] = np.arange(600) * 0.01
-    for i, name in enumerate(CHANNELS):
-        table[name] = np.nan_to_num(log.channels[:, i])
+    table = table_of_drive(600)
     how = {"stop_time": 5.9, "step_size": 0.01, "output_interval": 0.01, "input": table, "output": estimator.outputs}
     plain, all_set, known = (
         simulate_fmu(str(estimator.fmu), start_values={"vehicle.mass": 1650.0, **known}, apply_default_start_values=all_, **how)
@@ -82,12 +91,7 @@ def test_default_experiment(model: Unit) -> None:
 
 def test_inputs_of_a_table_reach_the_estimator(estimator: Unit) -> None:
     """FMPy interpolates between rows; at the rows' own times it sets what they hold."""
-    log = recorded_drive(400)
-    table = np.zeros(400, [(n, float) for n in ("time", *CHANNELS)])
-    table["time"] = np.arange(400) * 0.01
-    for i, name in enumerate(CHANNELS):  # a channel that is not there in a row keeps what it said
-        there = np.isfinite(log.channels[:, i])
-        table[name] = np.interp(np.arange(400), np.flatnonzero(there), log.channels[there, i]) if there.any() else 0.0
+    table = table_of_drive(400)
     result = simulate_fmu(str(estimator.fmu), stop_time=3.9, step_size=0.01, output_interval=0.01, input=table,
                           output=["estimate.vel_x"])  # fmt: skip
     speed = 0.33 * np.interp(result["time"], table["time"], table["wheel_speed_front"])
@@ -134,8 +138,6 @@ def test_fmpy_compiles_the_sources_and_gets_the_same_bits(estimator: Unit, tmp_p
 
 def test_the_small_client_agrees_with_fmpy(estimator: Unit, tmp_path: Path) -> None:
     """tests/fmu/client.c, compiled by the machine's own compiler: what other platforms are compared with."""
-    from fmu_support import headers, run
-
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     client = tmp_path / "client"
     run(compiler, "-std=c99", "-I", headers(), Path(__file__).with_name("client.c"), "-o", client, "-ldl")
@@ -152,8 +154,6 @@ def test_the_small_client_agrees_with_fmpy(estimator: Unit, tmp_path: Path) -> N
 
 
 def _value(cell: str) -> float:
-    import struct
-
     return struct.unpack(">d", bytes.fromhex(cell[1:]))[0] if cell.startswith("x") else int(cell)
 
 

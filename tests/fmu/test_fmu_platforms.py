@@ -54,13 +54,19 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return {"unit": of, "input": input_, "text": text, "state": folder / "state", "settings": settings}
 
 
-@pytest.mark.parametrize("target", RUNNERS)
-def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: Path) -> None:
+def run_on(target: str, reference: dict, tmp_path: Path, *more: str, version: str = "") -> str:
+    """What the client says there, of the same inputs; by the FMU of another version of FMI."""
     if why := unavailable(target):
         pytest.skip(why)
-    of = reference["unit"]
-    text = run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
-                      *reference["settings"], "--save", f"{tmp_path / 'state'}@{MIDDLE}")  # fmt: skip
+    old = reference["unit"]
+    of = unit(f"{old.identifier}{version}")
+    return run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv",
+                      *options(of, old.outputs), *more)  # fmt: skip
+
+
+@pytest.mark.parametrize("target", RUNNERS)
+def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: Path) -> None:
+    text = run_on(target, reference, tmp_path, *reference["settings"], "--save", f"{tmp_path / 'state'}@{MIDDLE}")
     wrong = [i for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True)) if a != b]
     assert not wrong, f"{target} differs from row {wrong[0]} on"
     assert (tmp_path / "state").read_bytes() == reference["state"].read_bytes()
@@ -68,39 +74,27 @@ def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: 
 
 @pytest.mark.parametrize("target", RUNNERS)
 def test_fmi_3_has_the_bits_of_fmi_2_there_and_its_state_goes_on(reference: dict, target: str, tmp_path: Path) -> None:
-    if why := unavailable(target):
-        pytest.skip(why)
-    old, state = reference["unit"], tmp_path / "state"
-    of = unit(f"{old.identifier}-fmi3")
-    run = [client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of, old.outputs)]
-    rows = reference["text"].splitlines()[1:]
-    assert run_client(*run, *reference["settings"], "--save", f"{state}@{MIDDLE}").splitlines()[1:] == rows
+    here, rows = (reference, tmp_path), reference["text"].splitlines()[1:]
+    at = f"{tmp_path / 'state'}@{MIDDLE}"
+    assert run_on(target, *here, *reference["settings"], "--save", at, version="-fmi3").splitlines()[1:] == rows
     if target != "win64":  # wine takes seconds
-        assert run_client(*run, "--restore", f"{state}@{MIDDLE}").splitlines()[1:] == rows[MIDDLE:]
+        assert run_on(target, *here, "--restore", at, version="-fmi3").splitlines()[1:] == rows[MIDDLE:]
 
 
 @pytest.mark.parametrize("target", RUNNERS)
 def test_a_state_saved_here_goes_on_there(reference: dict, target: str, tmp_path: Path) -> None:
-    if why := unavailable(target):
-        pytest.skip(why)
-    of = reference["unit"]
-    text = run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
-                      "--restore", f"{reference['state']}@{MIDDLE}")  # fmt: skip
+    text = run_on(target, reference, tmp_path, "--restore", f"{reference['state']}@{MIDDLE}")
     assert text.splitlines()[1:] == reference["text"].splitlines()[1 + MIDDLE :]
 
 
 @pytest.mark.parametrize("reference", [ESTIMATOR], indirect=True)  # wine takes 3 s: one of them is enough
 @pytest.mark.parametrize("target", ["aarch64-linux", "win64"])
 def test_a_damaged_state_is_refused_there(reference: dict, target: str, tmp_path: Path) -> None:
-    if why := unavailable(target):
-        pytest.skip(why)
-    of, damaged = reference["unit"], tmp_path / "state"
-    state = bytearray(reference["state"].read_bytes())
+    damaged, state = tmp_path / "state", bytearray(reference["state"].read_bytes())
     state[len(state) // 2] ^= 1
     damaged.write_bytes(state)
     with pytest.raises(RuntimeError, match="checksum"):
-        run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
-                   "--restore", f"{damaged}@{MIDDLE}")  # fmt: skip
+        run_on(target, reference, tmp_path, "--restore", f"{damaged}@{MIDDLE}")
 
 
 def test_channels_are_those_of_the_estimator() -> None:
