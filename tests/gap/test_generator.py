@@ -14,10 +14,9 @@ from generator import CATALOGUE, EFFECTS, MANOEUVRES, OUTSIDE, Case, Spec, make_
 from generator.car import NOMINAL, SENSORS, baseline
 from generator.case import _careful, _prepare, drive_of
 from generator.effects import hide
-from generator.filters import backlash, bessel, delayed, second_order, sticking
 from generator.manoeuvres import SETTLE, Program
 from generator.model import LATERAL_C, OUTPUTS, SLOW, STEP, load_factor, magic_formula, side_force_weight, simulate, slope
-from generator.sensors import imu
+from generator.sensors import backlash, bessel, delayed, imu, second_order, sticking
 
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle

@@ -9,10 +9,9 @@ import numpy as np
 
 from .car import GRAVITY, NOMINAL, SENSORS, drawn_car, understeer
 from .effects import CATALOGUE, OUTSIDE, curved_ratio, hide, warmth
-from .filters import backlash, delayed, second_order
 from .manoeuvres import CORE, HOLD_OUT, SETTLE, SIXTH, Program, drive_program
 from .model import LENGTHS, STEP, Drive, profile, simulate
-from .sensors import COLUMNS, log_of
+from .sensors import COLUMNS, backlash, delayed, log_of, second_order
 
 BATCH = 72  # logs simulated at once: more cost memory, fewer cost time
 Wish = float | dict[str, float]

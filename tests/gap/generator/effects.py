@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .car import GRAVITY, NOMINAL, PARTS
-from .filters import BESSEL
 from .model import LATERAL_C, load_factor, magic_formula, side_force_weight, trail_weight
+from .sensors import BESSEL
 
 Car = dict[str, float]
 DEGREE = np.pi / 180
