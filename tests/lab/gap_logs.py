@@ -8,6 +8,9 @@ import pandas as pd
 
 from tse.impl.core import Config, Replay
 from tse.impl.gap.drives import Candidate, library, prepared
+from tse.impl.gap.problem import Problem
+from tse.impl.identify.data import prepare
+from tse.impl.logs.log import read_log
 from tse.impl.rows import MEASURES
 from tse.impl.vehicle import read_vehicle
 
@@ -62,6 +65,12 @@ def car(folder: Path) -> Path:
     path = folder / "car.toml"
     path.write_text(CAR, encoding="utf-8")
     return path
+
+
+def problem_of(vehicle: Path, *logs: Path) -> Problem:
+    """These logs, of a car whose settings the vehicle file has."""
+    config = Config(read_vehicle(vehicle).values)
+    return Problem([prepare(read_log(p), config) for p in logs], config)
 
 
 def candidate(config: Config, name: str) -> Candidate:

@@ -3,11 +3,13 @@ own, three rates, latencies. Written with the libraries that others write such l
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
+import pytest
 
 RATIO, RADIUS, TRACK = 15.3, {"front": 0.33, "rear": 0.33}, 1.55
 LATENCY = {"steer": 0.03, "wheels": 0.04, "imu": 0.02}  # s
@@ -133,28 +135,15 @@ def feather(folder: Path, parts: list[Message]) -> Path:
     return path
 
 
-def mf4(folder: Path, parts: list[Message]) -> Path:
+def mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
     """A group per message."""
     from asammdf import MDF, Signal
 
-    path = folder / "drive.mf4"
-    with MDF(version="4.10") as mdf:
+    path = folder / name
+    with MDF(version=version) as made:
         for m in parts:
-            mdf.append([Signal(x, m.time, unit=m.units[n], name=n) for n, x in m.columns.items()], acq_name=m.name)
-        mdf.save(path, overwrite=True)
-    (folder / "signals.toml").write_text(signals_toml({}, units=False))
-    return path
-
-
-def mdf3(folder: Path, parts: list[Message]) -> Path:
-    """MDF 3.30."""
-    from asammdf import MDF, Signal
-
-    path = folder / "drive.dat"
-    with MDF(version="3.30") as mdf:
-        for m in parts:
-            mdf.append([Signal(x, m.time, unit=m.units[n], name=n) for n, x in m.columns.items()])
-        saved = mdf.save(folder / "drive.mdf", overwrite=True)
+            made.append([Signal(x, m.time, unit=m.units[n], name=n) for n, x in m.columns.items()], acq_name=m.name)
+        saved = made.save(path.with_suffix(".mf4" if version > "4" else ".mdf"), overwrite=True)
     Path(saved).replace(path)
     (folder / "signals.toml").write_text(signals_toml({}, units=False))
     return path
@@ -404,8 +393,8 @@ def mat73(folder: Path, parts: list[Message]) -> Path:
 
 
 FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # what it needs, who writes it
-    "MF4": ("asammdf", mf4),
-    "MDF 3": ("asammdf", mdf3),
+    "MF4": ("asammdf", lambda f, p: mdf(f, p, "drive.mf4", "4.10")),
+    "MDF 3": ("asammdf", lambda f, p: mdf(f, p, "drive.dat", "3.30")),
     "MF4, frames and DBC": ("asammdf", mf4_bus),
     "BLF and DBC": ("can", lambda f, p: bus(f, p, "drive.blf")),
     "ASC and DBC": ("can", lambda f, p: bus(f, p, "drive.asc")),
@@ -421,3 +410,11 @@ FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # wha
     "MAT 7.3": ("h5py", mat73),
     "German CSV": ("pandas", german_csv),
 }
+
+
+def written(name: str, folder: Path, parts: list[Message]) -> Path:
+    """A log of this format; where what writes it is missing, the test is skipped."""
+    needs, write = FORMATS[name]
+    if find_spec(needs) is None:
+        pytest.skip(f"{needs} is not installed: scripts/setup.sh logs")
+    return write(folder, parts)

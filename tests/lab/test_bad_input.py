@@ -134,13 +134,6 @@ def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
     assert not (tmp_path / "bad.est.csv").exists()
 
 
-def test_too_many_cells_are_seen_in_a_late_row(drive, tmp_path):
-    lines = drive.log.read_text().splitlines()
-    lines[301] += ",1,1"
-    (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n")
-    refused(tselab_here("estimate", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", "line 302"])
-
-
 @pytest.mark.parametrize("cut", [1, 4, 30, 70])
 def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
     """A number without its last digits is a number: only the end of the line says that it is all."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conftest import RAN, tselab, tselab_here
-from gap_logs import car, write_log
+from gap_logs import car, problem_of, write_log
 from tse.impl.core import Config
 from tse.impl.formula import Number, parse, read_formula, write_formula
 from tse.impl.gap.fit import fit, gap
@@ -17,7 +17,6 @@ from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import formula_terms as terms
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.respond import _moved, responses, signals
-from tse.impl.identify.data import prepare
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
@@ -29,8 +28,7 @@ HIDDEN = parse("damper", "hidden", "yaw_moment", "k*(yaw_rate - max(-w, min(w, y
 def problem(folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int) -> Problem:
     vehicle = car(folder)
     paths = [write_log(folder / f"{d}_{seed}.csv", vehicle, d, effects, seed + i) for i, d in enumerate(drives)]
-    config = Config(read_vehicle(vehicle).values)
-    return Problem([prepare(read_log(p), config) for p in paths], config)
+    return problem_of(vehicle, *paths)
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
+from test_identify import dense as dense_without_bias
 
-from gap_logs import car, write_log
+from gap_logs import car, problem_of, write_log
 from tse.impl.core import Config
 from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
 from tse.impl.gap.infer import forms, naming, noise
@@ -22,9 +23,8 @@ from tse.impl.gap.infer.search import Search, judge
 from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout, Space, raw, slopes
 from tse.impl.gap.problem import STIFFNESS, Problem, Rows, profile_size
 from tse.impl.gap.run import workflow
-from tse.impl.identify.data import BLOCK, CHANNELS, prepare
+from tse.impl.identify.data import BLOCK, CHANNELS
 from tse.impl.identify.discrepancy import Discrepancy, Piece
-from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 N = 240
@@ -32,11 +32,7 @@ N = 240
 
 def dense(d: Discrepancy, piece: Piece) -> np.ndarray:
     """The covariance of residuals, entry by entry, biases in it."""
-    apart = np.abs(piece.time[:, None] - piece.time[None, :])
-    fast = d.share**2 * np.outer(piece.size, piece.size) * np.exp(-apart / d.time[0])
-    phase = apart / d.time[1]
-    slow = d.slow**2 * np.exp(-phase) * (np.cos(phase) + np.sin(phase))
-    return np.diag(d.white**2 / piece.count) + fast + slow + noise.BIAS_SD**2 * np.outer(piece.bias, piece.bias)
+    return dense_without_bias(d, piece) + noise.BIAS_SD**2 * np.outer(piece.bias, piece.bias)
 
 
 def piece(seed: int, size: float = 1.0) -> Piece:
@@ -213,8 +209,7 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
     for size in (0.0, -0.15):
         assert heavy.ln_prior({"mass_change": size}) == pytest.approx(norm.logpdf(size, 0.0, 0.01))
     logs = [write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k) for k, d in enumerate(("sweep", "steps"))]
-    read, config = workflow.read(logs, read_vehicle(path))
-    problem = Problem([prepare(log, config) for log in read], config)
+    problem = problem_of(path, *logs)
     for asked, names in ((list(catalogue().values()), {"mass", "yaw_inertia"}), (effects, {"yaw_inertia"})):
         (named,) = naming.name(problem, asked).named
         assert {named.effect.id, *named.look_alikes} == names
@@ -234,8 +229,7 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     folder = tmp_path_factory.mktemp("infer")
     vehicle = car(folder)
     log = write_log(folder / "steps.csv", vehicle, "steps", {}, 3, seconds=12.0)
-    config = Config(read_vehicle(vehicle).values)
-    return Problem([prepare(read_log(log), config)], config)
+    return problem_of(vehicle, log)
 
 
 def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Problem) -> None:
@@ -280,8 +274,7 @@ def test_the_stiffness_of_the_car_is_that_about_which_its_logs_lie(tmp_path: Pat
     """And what the logs read does not change."""
     path = car(tmp_path)
     logs = [write_log(tmp_path / f"{k}.csv", path, "sweep", {}, k, 8.0) for k in (1, 2, 3)]
-    read, config = workflow.read(logs, read_vehicle(path))
-    space = Space(Layout(Problem([prepare(log, config) for log in read], config)), ())
+    space = Space(Layout(problem_of(path, *logs)), ())
     x = space.first.copy()
     x[3:12] = 0.01 * np.arange(1.0, 10.0)
     centred = space.centred(x)
@@ -336,8 +329,7 @@ def test_what_is_sure_closes_a_channel_where_hills_fill_another(tmp_path: Path) 
     table = pd.read_csv(path)
     table["accel_x"] += 9.81 * 0.08 * np.sin(2 * np.pi * table["time"] / 12.0)
     table.to_csv(path, index=False)
-    config = Config(read_vehicle(vehicle).values)
-    problem = Problem([prepare(read_log(path), config)], config)
+    problem = problem_of(vehicle, path)
     found = naming.name(problem, [catalogue()[e] for e in ("imu_delay", "grade")])
     late = next(n for n in found.named if n.effect.id == "imu_delay")
     assert late.share < naming.LEAST_CLOSED < late.alone
@@ -370,8 +362,7 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
     closes less of what the others leave than a name must."""
     vehicle = car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.06}, 3)
-    config = Config(read_vehicle(vehicle).values)
-    problem = Problem([prepare(read_log(log), config)], config)
+    problem = problem_of(vehicle, log)
     asked = [catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")]
     asked[2] = replace(asked[2], parameters=tuple(replace(p, negligible=0.15) for p in asked[2].parameters))
     found = naming.name(problem, asked)
@@ -389,8 +380,7 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
 def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
     vehicle = car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 3)
-    config = Config(read_vehicle(vehicle).values)
-    problem = Problem([prepare(read_log(log), config)], config)
+    problem = problem_of(vehicle, log)
     baseline, grade = naming.plain_car(problem), catalogue()["grade"]
     road = Named(grade, {"grade_angle": 0.01}, {"grade_angle": (0.005, 0.015)}, 0.5, 40.0, 0.99)
     found = naming.Naming(baseline, naming._with_roads(problem, baseline, [grade]), [road], 0.5, [], [], True)

@@ -8,16 +8,13 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from gap_logs import STIFFNESS, car, write_log
+from gap_logs import STIFFNESS, car, problem_of, write_log
 from tse.impl.core import Config
 from tse.impl.gap.fit import fit
 from tse.impl.gap.infer import where
 from tse.impl.gap.infer.remainder import is_noise, without_spikes, without_walk
 from tse.impl.gap.problem import STIFFNESS as PARAMETERS
-from tse.impl.gap.problem import Problem
-from tse.impl.identify.data import BLOCK, prepare
-from tse.impl.logs.log import read_log
-from tse.impl.vehicle import read_vehicle
+from tse.impl.identify.data import BLOCK
 
 STEP = 0.04  # s, a block
 
@@ -28,8 +25,7 @@ def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("where")
     vehicle = car(folder)
     paths = [write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "steps"), 31)]
-    config = Config(read_vehicle(vehicle).values)
-    problem = Problem([prepare(read_log(p), config) for p in paths], config)
+    problem = problem_of(vehicle, *paths)
     return problem, fit(problem, PARAMETERS, {})
 
 

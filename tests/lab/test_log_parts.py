@@ -1,7 +1,6 @@
 """What is said of a log, and what comes out, does not depend on where something is wrong, nor on the pieces in which it is read."""
 
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from log_formats import FORMATS, drive, messages
+from log_formats import FORMATS, drive, messages, written
 from tse.impl import estimate, rows
 from tse.impl.clock import BRIDGED, straight
 from tse.impl.core import Config, library
@@ -190,11 +189,8 @@ def short(tmp_path_factory):
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_path, monkeypatch):
-    needs, write = FORMATS[name]
-    if find_spec(needs) is None:
-        pytest.skip(f"{needs} is not installed: scripts/setup.sh logs")
     parts, car = short
-    path, reading = write(tmp_path, parts), Reading(car=read_vehicle(car))
+    path, reading = written(name, tmp_path, parts), Reading(car=read_vehicle(car))
     whole = read_log(path, reading=reading)
     in_small_pieces(monkeypatch)
     log = read_log(path, reading=reading)

@@ -99,23 +99,30 @@ ROWS, STEP = 401, 0.1
 CODES = {f.name: code for code, f in library().codes(REASON).items()}
 
 
-@pytest.fixture
-def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
-    """40 s in which everything is known, the truth is 0.8 and the estimate right, valid and 1 % uncertain."""
-    time_ = np.round(np.arange(ROWS) * STEP, 9)
-    truth = np.zeros(ROWS, library().dtype(SIM_OUTPUT))
-    estimate = np.zeros(ROWS, library().dtype(OUTPUT))
+def at_rest(rows: int, names: np.dtype, event: float) -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
+    """Rows in which everything is known, the truth is 0.8 and the estimate right, valid and 1 % uncertain; an event."""
+    time_ = np.round(np.arange(rows) * STEP, 9)
+    truth, estimate = np.zeros(rows, library().dtype(SIM_OUTPUT)), np.zeros(rows, names)
     for key in STIFFNESS:
         truth[f"true_{key}"] = estimate[key] = 0.8
-        estimate[f"{key}_sd"], estimate[f"{key}_spread"] = 0.008, 0.04
+        estimate[f"{key}_sd"] = 0.008
+    inputs = np.zeros(rows, library().dtype(INPUT))
+    inputs["dt"] = STEP
+    config, no = Config({"sample_time": STEP}), np.zeros(rows, bool)
+    d = Drive(time_, inputs, truth, np.ones(rows), no, {}, config, config, SimConfig())
+    known = scores.Knowable(np.full((rows, 3), 0.01), d.stiffness, no.copy(), no.copy(), time_ >= 10, config.valid_sd)
+    return d, Case("still", "", None, events=(event,)), known, estimate
+
+
+@pytest.fixture
+def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
+    """40 s, with a spread of 5 % that is seen from 20 s on."""
+    d, case, known, estimate = at_rest(ROWS, library().dtype(OUTPUT), 20.0)
+    for key in STIFFNESS:
+        estimate[f"{key}_spread"] = 0.04
         estimate[f"{key}_spread_seen"][200:] = 1
     estimate["noise_accel_y"] = 2.0
-    config = Config({"sample_time": STEP})
-    no = np.zeros(ROWS, bool)
-    rows = np.zeros(ROWS, library().dtype(INPUT))
-    d = Drive(time_, rows, truth, np.ones(ROWS), no, {}, config, config, SimConfig())
-    known = scores.Knowable(np.full((ROWS, 3), 0.01), d.stiffness, no.copy(), no.copy(), time_ >= 10, config.valid_sd)
-    return d, Case("still", "", None, events=(20.0,)), known, estimate
+    return d, case, known, estimate
 
 
 def test_a_right_estimate_scores_nothing(still):

@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from test_montecarlo import at_rest
 
-from tse.impl.core import INPUT, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
+from tse.impl.core import STIFFNESS, Config, SimConfig
 from tse.impl.errors import UserError
 from tselab.montecarlo import engine, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
@@ -32,18 +33,7 @@ def driven(case: Case, seed: int = 1) -> Drive:
 @pytest.fixture
 def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
     """60 s, an event at 30 s of which the estimator, right all the time, says nothing."""
-    time = np.round(np.arange(ROWS) * STEP, 9)
-    truth = np.zeros(ROWS, library().dtype(SIM_OUTPUT))
-    estimate = np.zeros(ROWS, ESTIMATE)
-    for key in STIFFNESS:
-        truth[f"true_{key}"] = estimate[key] = 0.8
-        estimate[f"{key}_sd"] = 0.008
-    rows = np.zeros(ROWS, library().dtype(INPUT))
-    rows["dt"] = STEP
-    config, no = Config({"sample_time": STEP}), np.zeros(ROWS, bool)
-    d = Drive(time, rows, truth, np.ones(ROWS), no, {}, config, config, SimConfig())
-    known = scores.Knowable(np.full((ROWS, 3), 0.01), d.stiffness, no, no, time >= 10, config.valid_sd)
-    return d, Case("still", "", None, events=(30.0,)), known, estimate
+    return at_rest(ROWS, ESTIMATE, 30.0)
 
 
 def says(estimate: np.ndarray, d: Drive, first: float, when: float, until: float = np.inf, sure: float = 0.9) -> None:

@@ -67,10 +67,6 @@ def test_a_table_without_the_columns_has_no_events_and_is_one_stretch():
     assert changes(empty) == [] and spells(empty) == [] and stretches(empty, []) == []
 
 
-def test_nothing_happened_on_a_drive_without_changes():
-    assert changes(table_of(CALM)) == []
-
-
 def test_a_change_has_time_kind_probability_and_what_it_did():
     (change,) = changes(table_of(ROAD))
     assert change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
@@ -88,37 +84,32 @@ def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, 
     assert change.what == what and len(change.ratio) == touched and bool(change.effect) == bool(touched)
 
 
-def test_earlier_changes_are_remembered_though_rows_tell_only_the_last():
-    told = [(0, 10.1, None), (10.1, 30.2, (10, 1, 0.95, 0.5)), (30.2, 45, (30, 1, 0.9, 2)), (45, 60, (44.8, 3, 1.0, 0.9))]
-    assert [(round(c.time, 2), c.kind) for c in changes(table_of(told))] == [(10, 1), (30, 1), (44.8, 3)]
-
-
 def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts():
     told = [(10.1, 10.3, (10.0, 2, 0.91, 0.8)), (10.3, 11, (10.2, 1, 0.95, 0.75)), (11, 60, (10.1, 1, 0.99, 0.7))]
     (change,) = changes(table_of(told))
     assert change.time == pytest.approx(10.1) and change.kind == 1 and change.ratio["cx_front"][0] == pytest.approx(0.7)
 
 
-def test_a_refused_row_in_between_is_no_new_change():
-    told = [(10.1, 30, (10, 1, 0.9, 0.7)), (30.01, 60, (10, 1, 0.95, 0.7))]
-    (change,) = changes(table_of(told))
-    assert change.time == pytest.approx(10) and change.probability == pytest.approx(0.95)
-
-
-def test_a_change_that_became_likely_stays_reported():
-    told = [(20, 39.9, (20.0, 1, 0.99, 0.5)), (39.9, 40, (20.0, 1, 0.6, 0.5)), (40, 60, (39.7, 3, 0.97, 0.8))]
-    found = changes(table_of(told))
-    assert [(round(c.time, 2), c.kind) for c in found] == [(20.0, 1), (39.7, 3)]
-    assert found[0].probability == pytest.approx(0.99)
-
-
-def test_what_is_not_likely_is_no_change():
-    assert changes(table_of([(36.1, 60, (36.03, 1, 0.85, 0.7))])) == []
-
-
-@pytest.mark.parametrize(("ratio", "count"), [(1.0, 0), (0.97, 0), (1.04, 0), (0.93, 1), (1.07, 1)])
-def test_a_change_that_did_nothing_is_none(ratio, count):
-    assert len(changes(table_of([(36.1, 60, (36.03, 1, 0.99, ratio))]))) == count
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        (CALM, []),
+        # rows tell only the last: earlier ones are remembered
+        ([(0, 10.1, None), (10.1, 30.2, (10, 1, 0.95, 0.5)), (30.2, 45, (30, 1, 0.9, 2)), (45, 60, (44.8, 3, 1.0, 0.9))],
+         [(10, 1, 0.95), (30, 1, 0.9), (44.8, 3, 1.0)]),
+        # a refused row in between is no new change
+        ([(10.1, 30, (10, 1, 0.9, 0.7)), (30.01, 60, (10, 1, 0.95, 0.7))], [(10, 1, 0.95)]),
+        # what became likely stays reported; what is not likely is none
+        ([(20, 39.9, (20.0, 1, 0.99, 0.5)), (39.9, 40, (20.0, 1, 0.6, 0.5)), (40, 60, (39.7, 3, 0.97, 0.8))],
+         [(20.0, 1, 0.99), (39.7, 3, 0.97)]),
+        ([(36.1, 60, (36.03, 1, 0.85, 0.7))], []),
+        # and so is what did nothing
+        *(([(36.1, 60, (36.03, 1, 0.99, ratio))], [(36.03, 1, 0.99)] * said)
+          for ratio, said in ((1.0, 0), (0.97, 0), (1.04, 0), (0.93, 1), (1.07, 1))),
+    ],
+)  # fmt: skip
+def test_changes_are_told_once_each(told, expected):
+    assert [(c.time, c.kind, c.probability) for c in changes(table_of(told))] == [pytest.approx(e) for e in expected]
 
 
 def test_single_precision_tells_the_same():
