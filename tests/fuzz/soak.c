@@ -21,6 +21,9 @@ enum { DRIVE_ROWS = 6000 };  /* a minute                                        
   X(blackout,   "all channels missing for up to 10 s")                                     \
   X(gap,        "a pause of 0.2 s .. an hour")                                             \
   X(jitter,     "dt of 0.2 .. 3 sample times")                                             \
+  X(late_1,     "1 % of the rows come 0.12 s after the one before")                        \
+  X(late_10,    "10 % of the rows come 0.12 s after the one before")                       \
+  X(late_30,    "30 % of the rows come 0.12 s after the one before")                       \
   X(standstill, "brakes to a stop, and on")                                                \
   X(nonsense,   "rows of anything inside the ranges, and of what is no number")
 enum {
@@ -61,6 +64,10 @@ static void count_regime(const tse_output *y, tse_status status)
 
 typedef struct tally {
   uint64_t rows, refused, valid, no_number, unsound, recoveries, false_recoveries;
+  struct {
+    uint64_t rows, holds;
+    double error, half; /* sums, relative to the truth: errors, half the 95 % interval */
+  } cornering[2];       /* front, rear: valid rows of the first 0.12 s of each second from the start of the event on */
 } tally;
 static tally all[KINDS];
 
@@ -79,6 +86,27 @@ static event any_event(uint32_t drive)
   e.size = uniform();
   e.channel = (uint32_t)(uniform() * TSE_CHANNELS) % TSE_CHANNELS;
   return e;
+}
+
+/* Share of the rows that come late. */
+static double late_share(int kind)
+{
+  return kind == EVENT_late_1 ? 0.01 : kind == EVENT_late_10 ? 0.1
+                                   : kind == EVENT_late_30   ? 0.3
+                                                             : 0;
+}
+
+static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
+{
+  const double truth[2] = { (double)s->true_cy_front, (double)s->true_cy_rear };
+  for (int a = 0; a < 2; a++) {
+    if (y->reason[TSE_CY_FRONT + a] != TSE_VALID) continue;
+    const double off = number(y->stiffness[TSE_CY_FRONT + a]) / truth[a] - 1, half = 1.96 * number(y->stiffness_sd[TSE_CY_FRONT + a]) / truth[a];
+    n->cornering[a].rows++;
+    n->cornering[a].holds += fabs(off) <= half;
+    n->cornering[a].error += off;
+    n->cornering[a].half += half;
+  }
 }
 
 /* The driver: a speed to hold, and a sum of sines whose lateral acceleration is bounded. */
@@ -151,12 +179,18 @@ static void drive_once(uint32_t drive)
   now.vel_x = real_of(speed);
   tally *const n = &all[e.kind];
   int was = 0;
-  double pause = 0;
+  double pause = 0, behind = 0; /* s without a row */
   for (int k = 0; k < DRIVE_ROWS; k++) {
     const double t = k * DT;
     const tse_sim_input u = drive_on(&e, t, speed, pace, sideways, number(now.vel_x));
     if (tse_sim_step(&sim, &u, &now) < 0) continue; /* a car that has turned over is no drive any more */
     tse_input row = now.row;
+    behind += DT;
+    if (t >= e.from && late_share(e.kind) > 0) {
+      if (behind < 0.115 && (behind > 1.5 * DT || uniform() < late_share(e.kind))) continue;
+      row.dt = real_of(behind);
+    }
+    behind = 0;
     if (e.kind == EVENT_jitter && t >= e.from && t < e.to) row.dt = real_of(DT * between(0.2, 3));
     if (e.kind == EVENT_gap && t >= e.from && pause < 1) {
       pause = 1;
@@ -175,6 +209,7 @@ static void drive_once(uint32_t drive)
     if (!is_whole(&y)) n->no_number++;
     if (k % 16 == 0 && tse_filter_check(&p, &f, sizeof f) != TSE_OK) n->unsound++;
     for (int a = 0; a < 3; a++) n->valid += y.reason[a] == TSE_VALID;
+    if (k % 100 < 12 && t >= e.from && e.kind != EVENT_road && e.kind != EVENT_slide) compare(n, &y, &s);
     const int recovered = status == TSE_W_RECOVERED;
     if (recovered && !was) {
       const int of_the_event = e.kind != EVENT_calm && t >= e.from && t < e.to + AFTERMATH;
@@ -214,10 +249,26 @@ int main(int argc, char **argv)
                (unsigned long long)sum.refused, 100.0 * (double)sum.valid / (3.0 * (double)(sum.rows ? sum.rows : 1)),
                (unsigned long long)sum.no_number, (unsigned long long)sum.unsound, (unsigned long long)sum.recoveries,
                (unsigned long long)sum.false_recoveries);
+  (void)printf("\n| happens | valid, front / rear | mean error [%%] | mean half of the 95 %% interval [%%] | it holds [%%] |\n|---|---:|---:|---:|---:|\n");
+  int biased = 0;
+  for (int k = 0; k < KINDS; k++) {
+    double x[2][4] = { { 0 } };
+    for (int a = 0; a < 2; a++) {
+      const double rows_ = (double)(all[k].cornering[a].rows ? all[k].cornering[a].rows : 1);
+      x[a][0] = (double)all[k].cornering[a].rows;
+      x[a][1] = 100 * all[k].cornering[a].error / rows_;
+      x[a][2] = 100 * all[k].cornering[a].half / rows_;
+      x[a][3] = 100 * (double)all[k].cornering[a].holds / rows_;
+      biased = biased || fabs(x[a][1]) > x[a][2];
+    }
+    if (x[0][0] + x[1][0] > 0)
+      (void)printf("| %s | %.0f / %.0f | %+.1f / %+.1f | %.1f / %.1f | %.1f / %.1f |\n", names[k], x[0][0], x[1][0], x[0][1], x[1][1], x[0][2], x[1][2], x[0][3],
+                   x[1][3]);
+  }
   (void)printf("\n| likeliest | rows | share |\n|---|---:|---:|\n");
   static const char *const regime_names[TSE_REGIMES] = { "steady", "changed", "axle", "fault", "sliding", "restarted" };
   for (int r = 0; r < TSE_REGIMES; r++)
     (void)printf("| %s | %llu | %.3f %% |\n", regime_names[r], (unsigned long long)regimes[r], 100.0 * (double)regimes[r] / (double)(sum.rows ? sum.rows : 1));
   (void)printf("\nRows whose status says that a number left the range of the format: %llu.\n", (unsigned long long)out_of_range);
-  return sum.rows == 0 || sum.no_number > 0 || sum.unsound > 0 || sum.false_recoveries > 0;
+  return sum.rows == 0 || sum.no_number > 0 || sum.unsound > 0 || sum.false_recoveries > 0 || biased;
 }
