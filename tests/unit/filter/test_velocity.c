@@ -86,32 +86,6 @@ static void test_opened_extra_states_are_their_variances_and_the_others_stay(voi
                   m.p[i][k], CLOSE, "opened", 100 * i + k);
 }
 
-static void test_a_measurement_is_that_of_a_kalman_filter_of_all_states(void)
-{
-  uint32_t seed = 2;
-  for (int n = 0; n < 60; n++) {
-    tse_ud p;
-    tse_real h[N], f[N], v[N], gain[N];
-    double ph[N], s = 0;
-    any_full(&p, &seed);
-    const full m = full_of(&p);
-    for (int i = 0; i < N; i++) h[i] = next_uniform(&seed) < 0.4 ? TSE_R(0) : real(next_between(&seed, -1, 1));
-    for (int i = 0; i < N; i++) {
-      ph[i] = 0;
-      for (int k = 0; k < N; k++) ph[i] += m.p[i][k] * number(h[k]);
-      s += number(h[i]) * ph[i];
-    }
-    expect_near(s, number(ud_measure(&p, h, f, v)), CLOSE * fmax(1, s), "h' P h", n);
-    ud_correct(&p, f, v, real(s), real(0.7), gain);
-    full after;
-    for (int i = 0; i < N; i++) {
-      expect_near(ph[i] / (s + 0.7), number(gain[i]), CLOSE, "gain", i);
-      for (int k = 0; k < N; k++) after.p[i][k] = m.p[i][k] - ph[i] * ph[k] / (s + 0.7);
-    }
-    expect_full(&after, &p, "after a measurement");
-  }
-}
-
 static void test_what_moves_the_others_keeps_what_they_share_with_the_extra_states(void)
 {
   static double F[N][N];

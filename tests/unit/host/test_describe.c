@@ -1,4 +1,4 @@
-/* tests/unit/host/test_describe.c <-> src/host/describe.c */
+/* tests/unit/host/test_describe.c <-> src/host/describe.c, self_test.c. Builds that fail its test of itself: tests/test_build.py. */
 #include "model/state.h"
 #include "tse/describe.h"
 #include "tse/learnt.h"
@@ -164,44 +164,8 @@ static void test_simulator_names_lead_to_their_members(void)
   }
 }
 
-/* ---- ranges are those that the library enforces: of settings test_prepare.c and test_simulate.c ask, of a row test_input.c */
-
-static double beyond(const tse_field *f, double limit, int upwards)
-{
-  if (f->kind == 'i') return limit + (upwards ? 1 : -1);
-  return limit + (upwards ? 1 : -1) * 1e-5 * (fabs(limit) + 1e-3);
-}
-
-static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(void)
-{
-  static tse_sim sim;
-  tse_config c = config_by(tse_config_default);
-  tse_sim_config s;
-  tse_sim_output y;
-  tse_sim_input base, u;
-  int32_t count, size;
-  const tse_field *const f = rows_of(TSE_STRUCT_SIM_INPUT, &count, &size);
-  memset(&base, 0, sizeof base);
-  for (int32_t i = 0; i < count; i++) put_field(&base, &f[i], f[i].def);
-  tse_sim_config_default(&s);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &base, &y));
-  for (int32_t i = 0; i < count; i++) {
-    u = base;
-    put_field(&u, &f[i], beyond(&f[i], f[i].hi, 1));
-    TEST_ASSERT_TRUE_MESSAGE(tse_sim_step(&sim, &u, &y) < 0, f[i].name);
-    put_field(&u, &f[i], beyond(&f[i], f[i].lo, 0));
-    TEST_ASSERT_TRUE_MESSAGE(tse_sim_step(&sim, &u, &y) < 0, f[i].name);
-    const tse_sim kept = sim;
-    put_field(&u, &f[i], f[i].hi);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_step(&sim, &u, &y), f[i].name);
-    sim = kept;
-    if (i == 0) continue; /* dt: above its lower limit */
-    put_field(&u, &f[i], f[i].lo);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_step(&sim, &u, &y), f[i].name);
-    sim = kept;
-  }
-}
+/* Ranges are those that the library enforces: of settings test_prepare.c and test_simulate.c ask, of rows test_input.c and
+ * test_simulate.c. */
 
 /* --------------------------------------------------------------------------------- statuses and reasons */
 
@@ -265,7 +229,7 @@ static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(v
 
 /* ------------------------------------------------------------------------------------ unknown, and the build */
 
-static void test_unknown_struct_is_null_with_no_rows(void)
+static void test_unknown_struct_is_null_with_no_rows_and_nobody_need_ask_how_many(void)
 {
   const int unknown[] = { TSE_STRUCTS, TSE_STRUCTS + 1, 1000, -1 };
   for (int i = 0; i < ROWS(unknown); i++) {
@@ -275,10 +239,6 @@ static void test_unknown_struct_is_null_with_no_rows(void)
     TEST_ASSERT_EQUAL_INT32(0, size);
     TEST_ASSERT_NULL(tse_describe((tse_struct)unknown[i], NULL, NULL));
   }
-}
-
-static void test_count_and_size_need_not_be_asked_for(void)
-{
   int32_t count, size;
   for (int which = 0; which < TSE_STRUCTS; which++)
     TEST_ASSERT_EQUAL_PTR(tse_describe((tse_struct)which, &count, &size), tse_describe((tse_struct)which, NULL, NULL));
@@ -408,4 +368,12 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
       if (strcmp(e[k].id, p[i].effect) == 0) bit = e[k].bit;
     TEST_ASSERT_TRUE_MESSAGE(prepared(c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);
   }
+}
+
+static void test_this_build_computes_as_it_is_tested(void)
+{
+  const char *wrong = "nothing";
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_self_test(&wrong), wrong);
+  TEST_ASSERT_EQUAL_STRING("nothing", wrong);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_self_test(NULL));
 }

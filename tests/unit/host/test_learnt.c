@@ -624,24 +624,6 @@ static void test_variances_grow_with_age_as_the_settings_say(void)
   }
 }
 
-/* Nothing but the mean is left of what is as old as that. */
-static void test_of_unknown_age_nothing_is_trusted_more_than_the_settings_start(void)
-{
-  const tse_config c = settings(1), d = open_settings();
-  const tse_params p = prepared(c), q = prepared(d);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, UINT32_MAX));
-  for (int a = 0; a < 3; a++) {
-    TEST_ASSERT_TRUE(!(f.filter.start.mean_var[a] < p.mean_var0));
-    TEST_ASSERT_TRUE(!(f.filter.start.bias_var[a] < p.bias_var0[a]) && !(f.filter.start.bias[a] != TSE_R(0)));
-  }
-  TEST_ASSERT_EQUAL_INT(TSE_OK, load(&q, learnt_bytes, sizeof learnt_bytes, UINT32_MAX));
-  for (int i = 0; i < 6; i++) { /* biases and stiffness */
-    const double prior = number(q.prior_sd[FAST + i]) / number(state_unit[FAST + i]);
-    expect_near(prior * prior, number(f.filter.start.kept_cov[i][i]), BY_NUMBER(1e-12, 1e-5, 1e-5) * prior * prior, "variance", i);
-    if (i < 3) TEST_ASSERT_TRUE(!(f.filter.start.kept[i] != TSE_R(0)));
-  }
-}
-
 /* -------------------------------------------------------------------------------------------- start */
 
 /* Sampled, one gamma serves all three: what it leaves over is scatter of 500 particles, +- 4.42/sqrt(1000). */

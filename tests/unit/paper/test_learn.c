@@ -69,6 +69,13 @@ static void learn(const tse_params *p, const sample *y)
   paper_update_bias(p, &f, y, &c);
 }
 
+/* A row of this step, with every particle as the case has it. */
+static void learn_from(const tse_params *p, const update_case *c, uint32_t step, const sample *y)
+{
+  fill(p, c, step);
+  learn(p, y);
+}
+
 /* ---------------------------------------------------------------------------------------- (25) */
 
 enum { T_LEVELS = 55,
@@ -109,8 +116,7 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
     memset(below_t, 0, sizeof below_t);
     memset(below_f, 0, sizeof below_f);
     for (uint32_t step = 0; step < REPEAT; step++) {
-      fill(&p, c, step + 1000u * (uint32_t)k);
-      learn(&p, &y);
+      learn_from(&p, c, step + 1000u * (uint32_t)k, &y);
       for (int32_t i = 0; i < p.particles; i++) {
         double e[3] = { 0 };
         for (int a = 0; a < 3; a++)
@@ -155,20 +161,16 @@ static void test_draws_differ_between_steps_seeds_and_particles(void)
   tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, 7);
   static tse_real first[3][TSE_STRIDE];
-  fill(&p, c, 5);
-  learn(&p, &y);
+  learn_from(&p, c, 5, &y);
   memcpy(first, f.p.w, sizeof first);
   for (int32_t i = 1; i < p.particles; i++) TEST_ASSERT_TRUE(first[0][i] < first[0][i - 1] || first[0][i] > first[0][i - 1]);
-  fill(&p, c, 5);
-  learn(&p, &y);
+  learn_from(&p, c, 5, &y);
   TEST_ASSERT_EQUAL_MEMORY(first, f.p.w, sizeof first);
-  fill(&p, c, 6);
-  learn(&p, &y);
-  for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[2][i] < f.p.w[2][i] || first[2][i] > f.p.w[2][i]);
-  p.seed[0]++;
-  fill(&p, c, 5);
-  learn(&p, &y);
-  for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[1][i] < f.p.w[1][i] || first[1][i] > f.p.w[1][i]);
+  for (int k = 0; k < 2; k++) {
+    if (k) p.seed[0]++;
+    learn_from(&p, c, k ? 5 : 6, &y);
+    for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[k][i] < f.p.w[k][i] || first[k][i] > f.p.w[k][i]);
+  }
 }
 
 static void test_a_draw_does_not_depend_on_how_many_particles_there_are(void)
@@ -177,13 +179,11 @@ static void test_a_draw_does_not_depend_on_how_many_particles_there_are(void)
   tse_params p = params_of(c);
   const sample y = sample_of_row(&p, c->u, c->y, 7);
   static tse_real all[3][TSE_STRIDE];
-  fill(&p, c, 9);
-  learn(&p, &y);
+  learn_from(&p, c, 9, &y);
   memcpy(all, f.p.w, sizeof all);
   for (int32_t n = 16; n < 100; n += 13) {
     p.particles = n;
-    fill(&p, c, 9);
-    learn(&p, &y);
+    learn_from(&p, c, 9, &y);
     for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_MEMORY(all[a], f.p.w[a], sizeof(tse_real) * (size_t)n);
   }
 }
@@ -248,15 +248,13 @@ static void test_lambda_is_scaled_down_to_the_largest_spread(void)
   const double nu = c->prior.nu + 1;
   static const double limit_of[] = { 1e3, 0.9, 0.5, 0.01 }; /* of lam's largest element at the start */
   static tse_filter_paper unlimited;
-  fill(&p, c, 3);
-  learn(&p, &y);
+  learn_from(&p, c, 3, &y);
   memcpy(&unlimited, &f, sizeof f);
   for (int k = 0; k < ROWS(limit_of); k++) {
     const double limit = limit_of[k] * fmax(fmax(c->q.scale[0], c->q.scale[3]), c->q.scale[5]);
     int limited = 0;
     p.spread_max_var = real(limit * nu / (nu - 4.0));
-    fill(&p, c, 3);
-    learn(&p, &y);
+    learn_from(&p, c, 3, &y);
     for (int32_t i = 0; i < p.particles; i += 7) {
       double l[6];
       for (int m = 0; m < 6; m++) l[m] = number(unlimited.p.lam[m][i]);
@@ -279,8 +277,7 @@ static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(v
     const tse_params p = params_of(c);
     for (int mask = 1; mask < 8; mask++) {
       const sample y = sample_of_row(&p, c->u, c->y, mask);
-      fill(&p, c, 77);
-      learn(&p, &y);
+      learn_from(&p, c, 77, &y);
       for (int a = 0; a < 3; a++) {
         const double sd = number(p.sd[a]), before = c->prior.bias_var[a] * sd * sd;
         const double gain = mask >> a & 1 ? before / (before + sd * sd) : 0.0; /* P and R are diagonal, so the dense K is */
@@ -306,13 +303,11 @@ static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper
   const sample y = sample_of_row(&p, c->u, c->y, 7);
   static double free_w[3][TSE_MAX_PARTICLES];
   p.w_low = TSE_R(-1000), p.w_max = TSE_R(1000);
-  fill(&p, c, 3);
-  learn(&p, &y);
+  learn_from(&p, c, 3, &y);
   for (int a = 0; a < 3; a++)
     for (int32_t i = 0; i < p.particles; i++) free_w[a][i] = number(f.p.w[a][i]);
   p.w_low = real(c->w.mean[1] - 0.02), p.w_max = real(c->w.mean[1] + 0.06);
-  fill(&p, c, 3);
-  learn(&p, &y);
+  learn_from(&p, c, 3, &y);
   const double lo = number(p.w_low), hi = number(p.w_max);
   int reflected = 0, cut = 0;
   for (int a = 0; a < 3; a++)

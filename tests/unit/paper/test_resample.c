@@ -51,19 +51,6 @@ static void draw(int32_t scheme, int32_t n, uint32_t step)
   }
 }
 
-static void test_ancestors_ascend_and_lie_in_range_for_every_scheme_and_number_of_particles(void)
-{
-  static const int32_t sizes[] = { 16, 17, 23, 24, 100, 255, 500, MOST };
-  uint32_t state = 1;
-  for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
-    for (int k = 0; k < ROWS(sizes); k++)
-      for (uint32_t step = 0; step < 20; step++) {
-        const int32_t n = sizes[k] < MOST ? sizes[k] : MOST;
-        random_weights(n, &state, step % 4 * 3.0);
-        draw(scheme, n, step);
-      }
-}
-
 /* Mean copies over DRAWS draws against n q. The copies of one particle scatter no more than multinomial ones,
  * variance n q (1 - q), whatever the scheme; 4.5 standard errors for 4 x 24 comparisons (chance 7e-4). */
 #define DRAWS 4000
@@ -186,19 +173,6 @@ static void test_multinomial_copies_pass_a_chi_square_test(void)
   expect_near(n - 1.0, mean, 1.0, "mean statistic", 0);
 }
 
-static void test_a_particle_that_has_all_the_weight_takes_every_place(void)
-{
-  static const int32_t heavy[] = { 0, 1, 18, 36 };
-  for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
-    for (int k = 0; k < ROWS(heavy); k++) {
-      for (int32_t i = 0; i < 37; i++) weight[i] = real(i == heavy[k] ? 1.0 : 0.0);
-      for (uint32_t step = 0; step < 50; step++) {
-        draw(scheme, 37, step);
-        TEST_ASSERT_EQUAL_INT32(37, copies[heavy[k]]);
-      }
-    }
-}
-
 static void test_equal_weights_keep_every_particle_once_except_at_random_ones(void)
 {
   for (int32_t i = 0; i < 64; i++) weight[i] = TSE_R(1);
@@ -216,13 +190,14 @@ static void test_equal_weights_keep_every_particle_once_except_at_random_ones(vo
 
 static void test_a_particle_without_weight_is_never_chosen(void)
 {
+  static const int32_t alone[] = { 0, 25, 47 };
   uint32_t state = 3;
   for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
     for (uint32_t step = 0; step < 300; step++) {
-      for (int32_t i = 0; i < 48; i++) weight[i] = real(i % 3 == 1 ? ldexp(ceil(256.0 * next_uniform(&state)), -8) : 0.0);
-      weight[25] = TSE_R(1); /* multiples of 1/256: the sums are exact in every format */
+      for (int32_t i = 0; i < 48; i++) weight[i] = real(i % 3 == 1 && step > 150 ? ldexp(ceil(256.0 * next_uniform(&state)), -8) : 0.0);
+      weight[step > 150 ? 25 : alone[step % 3]] = TSE_R(1); /* multiples of 1/256: the sums are exact in every format */
       draw(scheme, 48, step);
-      for (int32_t i = 0; i < 48; i++) TEST_ASSERT_TRUE(i % 3 == 1 || copies[i] == 0);
+      for (int32_t i = 0; i < 48; i++) TEST_ASSERT_TRUE(weight[i] > TSE_R(0) || copies[i] == 0);
     }
 }
 

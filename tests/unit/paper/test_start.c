@@ -155,44 +155,27 @@ static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound
   }
 }
 
-static void test_same_seed_and_step_start_with_the_same_bits_and_others_do_not(void)
-{
-  tse_config c = settings();
-  const sample y = row(20, 20, 0, 1);
-  tse_params p = prepared(c);
-  memset(&filter, 0, sizeof filter);
-  paper_start(&p, &filter, &y);
-  before = filter;
-  memset(&filter, 0, sizeof filter);
-  paper_start(&p, &filter, &y);
-  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
-  filter.filter.step = 1;
-  paper_start(&p, &filter, &y);
-  int equal = 0;
-  for (int i = 0; i < COUNT; i++) equal += !(filter.p.x[0][i] != before.p.x[0][i]);
-  TEST_ASSERT_TRUE(equal < 2);
-  c.seed = 2;
-  p = prepared(c);
-  filter.filter.step = 0;
-  paper_start(&p, &filter, &y);
-  equal = 0;
-  for (int i = 0; i < COUNT; i++) equal += !(filter.p.x[0][i] != before.p.x[0][i]);
-  TEST_ASSERT_TRUE(equal < 2);
-}
-
 /* A particle's start is a function of seed, step and its own index: with fewer particles the first ones are the same. */
-static void test_start_of_a_particle_does_not_depend_on_how_many_there_are(void)
+static void test_a_start_is_a_function_of_seed_step_and_place_alone(void)
 {
   tse_config c = settings();
   const sample y = row(20, 20, 0, 1);
   tse_params p = prepared(c);
-  memset(&filter, 0, sizeof filter);
-  paper_start(&p, &filter, &y);
+  started_with(&p);
   before = filter;
-  c.particles = 40;
+  started_with(&p);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
+  for (int k = 0; k < 2; k++) { /* another step, another seed */
+    filter.filter.step = k ? 0 : 1, c.seed = k ? 2 : c.seed;
+    p = prepared(c);
+    paper_start(&p, &filter, &y);
+    int equal = 0;
+    for (int i = 0; i < COUNT; i++) equal += !(filter.p.x[0][i] != before.p.x[0][i]);
+    TEST_ASSERT_TRUE(equal < 2);
+  }
+  c = settings(), c.particles = 40;
   p = prepared(c);
-  memset(&filter, 0, sizeof filter);
-  paper_start(&p, &filter, &y);
+  started_with(&p);
   for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_MEMORY(before.p.x[a], filter.p.x[a], 40 * sizeof(tse_real));
 }
 
