@@ -205,15 +205,7 @@ def test_imports_stand_at_the_head_but_for_commands_and_what_few_need():
 
 
 if __name__ == "__main__":
-    test_no_file_includes_one_of_a_folder_that_its_own_must_not_know()
-    test_files_are_included_by_their_path_in_src()
-    test_the_folders_stand_in_order()
-    test_no_file_includes_a_later_one()
-    test_every_source_file_stands_in_the_list_once()
-    test_the_glue_of_the_fmus_knows_no_model()
-    test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not()
-    test_no_module_needs_itself_by_a_detour()
-    test_folders_are_rooms_of_which_none_needs_itself_by_way_of_others()
-    test_tse_does_not_know_the_command_nor_what_is_called_one()
-    test_imports_stand_at_the_head_but_for_commands_and_what_few_need()
+    for name, test in [*globals().items()]:
+        if name.startswith("test_"):
+            test()
     print("in order:", " -> ".join(ORDER))
