@@ -53,6 +53,16 @@ static inline void replay(const tse_config *c, int rows)
   replay_with(c, &log, rows, &s);
 }
 
+/* What a replay read, kept beside the next one's. */
+static tse_real kept_x[LOG_MOST], kept_y[LOG_MOST], kept_r[LOG_MOST];
+
+static inline void keep_readings(void)
+{
+  memcpy(kept_x, got_x, sizeof got_x);
+  memcpy(kept_y, got_y, sizeof got_y);
+  memcpy(kept_r, got_r, sizeof got_r);
+}
+
 /* Straight on at this speed, wheels rolling at their stated radius. */
 static inline void straight(const tse_config *c, double speed, double dt, int rows)
 {

@@ -110,10 +110,15 @@ static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
   expect_near(number(y[0].yaw_rate), number(y[1].yaw_rate), BY_FORMAT(1e-12, 1e-7), "yaw_rate", 0);
 }
 
+/* How far a row reads from what was kept. */
+static double off_kept(int i)
+{
+  return fabs(number(got_x[i]) - number(kept_x[i])) + fabs(number(got_y[i]) - number(kept_y[i])) + fabs(number(got_r[i]) - number(kept_r[i]));
+}
+
 /* A strength on its way to zero leads to the plain model: no effect starts with a step. */
 static void test_every_effect_is_continuous_at_zero(void)
 {
-  static double plain[3][LOG_MOST];
 #define BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
   const uint64_t lags = 0 EFFECTS_LAG(BIT); /* shorter than a step: another discretisation of the same motion */
   char said[120];
@@ -121,11 +126,7 @@ static void test_every_effect_is_continuous_at_zero(void)
   tse_config c = default_car();
   lively(&c, rows);
   replay(&c, rows);
-  for (int i = 0; i < rows; i++) {
-    plain[0][i] = number(got_x[i]);
-    plain[1][i] = number(got_y[i]);
-    plain[2][i] = number(got_r[i]);
-  }
+  keep_readings();
   EACH_PARAMETER(e)
   {
     if (e->strength != 1) continue;
@@ -136,10 +137,10 @@ static void test_every_effect_is_continuous_at_zero(void)
     put_parameter(&c, e, 1e-4 * e->typical_hi);
     lag = prepared(c).effects.mask & lags;
     replay(&c, rows);
-    for (int i = 0; i < rows; i++) small = fmax(small, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i]));
+    for (int i = 0; i < rows; i++) small = fmax(small, off_kept(i));
     put_parameter(&c, e, e->typical_hi);
     replay(&c, rows);
-    for (int i = 0; i < rows; i++) large = fmax(large, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i]));
+    for (int i = 0; i < rows; i++) large = fmax(large, off_kept(i));
     TEST_ASSERT_TRUE_MESSAGE(large > BY_FORMAT(1e-4, 1e-3), e->setting);
     (void)snprintf(said, sizeof said, "%s: %.3g of %.3g", e->setting, small, large);
     TEST_ASSERT_TRUE_MESSAGE(small < 2e-3 * large + (lag ? 2e-2 : BY_FORMAT(1e-9, 2e-3)), said);
@@ -178,15 +179,14 @@ static void test_integration_is_of_second_order_with_all_effects(void)
 /* A relaxation length of micrometres is none: stiff states cost no stability. */
 static void test_the_shortest_lags_change_nothing_and_stay_stable(void)
 {
-  static double plain[LOG_MOST];
   const int rows = 2000;
   tse_config c = default_car();
   lively(&c, rows);
   replay(&c, rows);
-  for (int i = 0; i < rows; i++) plain[i] = number(got_y[i]);
+  keep_readings();
   c.relaxation_length = c.longitudinal_relaxation_length = setting(1e-5);
   replay(&c, rows);
-  for (int i = 0; i < rows; i++) expect_near(plain[i], number(got_y[i]), 2e-2, "accel_y", i); /* the same motion, otherwise discretised: 0.5 % */
+  for (int i = 0; i < rows; i++) expect_near(number(kept_y[i]), number(got_y[i]), 2e-2, "accel_y", i); /* the same motion, otherwise discretised: 0.5 % */
 }
 
 /* Standing and rolling backwards with a lag: the tyre is a spring there, and the car comes to rest. */
@@ -210,24 +210,19 @@ static void test_with_lags_the_car_settles_at_walking_pace(void)
 
 static void test_biases_are_added_to_what_is_read(void)
 {
-  static double before[3][200];
   const tse_config c = default_car();
   const tse_replay_log log = the_log();
   tse_replay_start s = the_start();
   lively(&c, 200);
   replay_with(&c, &log, 200, &s);
-  for (int i = 0; i < 200; i++) {
-    before[0][i] = number(got_x[i]);
-    before[1][i] = number(got_y[i]);
-    before[2][i] = number(got_r[i]);
-  }
+  keep_readings();
   s.bias_accel_x = real(0.25), s.bias_accel_y = real(-0.5), s.bias_yaw_rate = real(0.0625);
   replay_with(&c, &log, 200, &s);
   for (int i = 0; i < 200; i++) {
-    expect_near(before[0][i] + 0.25, number(got_x[i]), BY_FORMAT(1e-14, 1e-6), "accel_x", i);
-    expect_near(before[1][i] - 0.5, number(got_y[i]), BY_FORMAT(1e-14, 1e-6), "accel_y", i);
-    expect_near(before[2][i] + 0.0625, number(got_r[i]), BY_FORMAT(1e-14, 1e-7), "yaw_rate", i);
-    expect_near(before[2][i], number(got_yaw[i]), 0, "the car's", i);
+    expect_near(number(kept_x[i]) + 0.25, number(got_x[i]), BY_FORMAT(1e-14, 1e-6), "accel_x", i);
+    expect_near(number(kept_y[i]) - 0.5, number(got_y[i]), BY_FORMAT(1e-14, 1e-6), "accel_y", i);
+    expect_near(number(kept_r[i]) + 0.0625, number(got_r[i]), BY_FORMAT(1e-14, 1e-7), "yaw_rate", i);
+    expect_near(number(kept_r[i]), number(got_yaw[i]), 0, "the car's", i);
   }
 }
 

@@ -95,7 +95,6 @@ static void test_crosswind_pushes_at_its_arm(void)
 static void test_crosswind_turns_with_the_heading(void)
 {
   tse_config c = default_car();
-  static double calm[LOG_MOST];
   const int rows = 8000;
   const tse_replay_log log = the_log();
   tse_replay_start s = the_start();
@@ -103,7 +102,7 @@ static void test_crosswind_turns_with_the_heading(void)
   straight(&c, 10, 0.01, rows);
   for (int i = 0; i < rows; i++) log_steer[i] = real(0.03);
   replay(&c, rows);
-  for (int i = 0; i < rows; i++) calm[i] = number(got_y[i]);
+  keep_readings();
   c.crosswind_speed = setting(3);
   s.heading = real(0.5);
   replay_with(&c, &log, rows, &s);
@@ -111,7 +110,7 @@ static void test_crosswind_turns_with_the_heading(void)
   for (int i = 1; i < rows; i++) {
     heading += 0.005 * (number(got_r[i]) + number(got_r[i - 1]));
     if (i < 300) continue; /* the start has died away */
-    worst = fmax(worst, fabs(number(got_y[i]) - calm[i] - gain * cos(0.5 + heading)));
+    worst = fmax(worst, fabs(number(got_y[i]) - number(kept_y[i]) - gain * cos(0.5 + heading)));
     smallest = fmin(smallest, cos(0.5 + heading));
   }
   TEST_ASSERT_TRUE(smallest < -0.99);                    /* it has been all around */
@@ -451,7 +450,6 @@ static void test_exact_kinematics_are_those_of_vectors(void)
 /* Velocity of the IMU's place as a rigid body has it, differentiated in the turning axes. */
 static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void)
 {
-  static double x0[LOG_MOST], y0[LOG_MOST];
   tse_config c = default_car();
   const double dt = 0.002, ax = 0.7, ay = -0.4;
   const int rows = 2000;
@@ -461,24 +459,20 @@ static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void
     log_front[i] = real((15 + sin(2 * i * dt)) / 0.33);
   }
   replay(&c, rows);
-  for (int i = 0; i < rows; i++) {
-    x0[i] = number(got_x[i]);
-    y0[i] = number(got_y[i]);
-  }
+  keep_readings();
   c.imu_lever_arm_x = setting(ax), c.imu_lever_arm_y = setting(ay);
   replay(&c, rows);
   for (int i = 200; i < rows - 1; i++) {
     const double r = number(got_yaw[i]), turn = (number(got_yaw[i + 1]) - number(got_yaw[i - 1])) / (2 * dt);
     const double px = -r * ay, py = r * ax; /* velocity of the place less that of the centre */
-    expect_near(-turn * ay - r * py, number(got_x[i]) - x0[i], BY_FORMAT(1e-4, 3e-3), "x", i);
-    expect_near(turn * ax + r * px, number(got_y[i]) - y0[i], BY_FORMAT(1e-4, 3e-3), "y", i);
+    expect_near(-turn * ay - r * py, number(got_x[i]) - number(kept_x[i]), BY_FORMAT(1e-4, 3e-3), "x", i);
+    expect_near(turn * ax + r * px, number(got_y[i]) - number(kept_y[i]), BY_FORMAT(1e-4, 3e-3), "y", i);
   }
 }
 
 /* A turned IMU reads the same length of the acceleration, and its direction turned back. */
 static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
 {
-  static double x0[LOG_MOST], y0[LOG_MOST];
   tse_config c = default_car();
   straight(&c, 15, 0.01, 500);
   for (int i = 0; i < 500; i++) {
@@ -486,17 +480,14 @@ static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
     log_front[i] = real((15 + sin(0.02 * i)) / 0.33);
   }
   replay(&c, 500);
-  for (int i = 0; i < 500; i++) {
-    x0[i] = number(got_x[i]);
-    y0[i] = number(got_y[i]);
-  }
+  keep_readings();
   c.imu_misalignment_angle = setting(0.1);
   replay(&c, 500);
   for (int i = 50; i < 500; i++) {
-    const double length = hypot(x0[i], y0[i]);
+    const double x0 = number(kept_x[i]), y0 = number(kept_y[i]), length = hypot(x0, y0);
     expect_near(length, hypot(number(got_x[i]), number(got_y[i])), BY_FORMAT(1e-12, 1e-5), "length", i);
     if (length < 0.5) continue;
-    const double turned = atan2(y0[i], x0[i]) - atan2(number(got_y[i]), number(got_x[i]));
+    const double turned = atan2(y0, x0) - atan2(number(got_y[i]), number(got_x[i]));
     expect_near(0, sin(turned - 0.1), BY_FORMAT(1e-11, 1e-5), "direction", i);
   }
 }

@@ -32,7 +32,7 @@ enum { /* operations by their codes in the table: a change of them would give sa
        RATE = 53
 };
 
-static tse_real reference_x[ROWS], reference_y[ROWS], reference_r[ROWS], column[ROWS];
+static tse_real column[ROWS];
 
 static void set_program(tse_config *c, int place, const int *ops, int n)
 {
@@ -61,20 +61,13 @@ static void weave(const tse_config *c)
   for (int i = 0; i < ROWS; i++) log_steer[i] = real(0.03 * sin(2 * PI * (0.3 + 0.002 * i) * 0.01 * i));
 }
 
-static void keep_reference(void)
-{
-  memcpy(reference_x, got_x, sizeof reference_x);
-  memcpy(reference_y, got_y, sizeof reference_y);
-  memcpy(reference_r, got_r, sizeof reference_r);
-}
-
 /* `within`: rounding only; in fixed point of the numbers of a formula, too, which are of single precision as all settings are */
 static void expect_reference(double within, const char *what)
 {
   for (int i = 0; i < ROWS; i++) {
-    expect_near(number(reference_x[i]), number(got_x[i]), within, what, i);
-    expect_near(number(reference_y[i]), number(got_y[i]), within, what, i);
-    expect_near(number(reference_r[i]), number(got_r[i]), within, what, i);
+    expect_near(number(kept_x[i]), number(got_x[i]), within, what, i);
+    expect_near(number(kept_y[i]), number(got_y[i]), within, what, i);
+    expect_near(number(kept_r[i]), number(got_r[i]), within, what, i);
   }
 }
 
@@ -89,7 +82,7 @@ static void test_a_number_at_a_place_is_the_disturbance_there(void)
     for (int i = 0; i < ROWS; i++) column[i] = real(0.004);
     *columns[place] = column;
     replay_with(&c, &log, ROWS, &s);
-    keep_reference();
+    keep_readings();
     PROGRAM(&c, place, NUMBER_A);
     c.formula_a = setting(0.004);
     replay(&c, ROWS);
@@ -106,7 +99,7 @@ static void test_a_share_of_the_stiffness_is_another_stiffness(void)
     tse_replay_start s = the_start();
     *(place == 5 ? &s.cy_front : &s.cy_rear) = real(1.2);
     replay_with(&c, &log, ROWS, &s);
-    keep_reference();
+    keep_readings();
     PROGRAM(&c, place, NUMBER_A);
     c.formula_a = setting(0.2);
     replay(&c, ROWS);
@@ -120,10 +113,10 @@ static void test_a_reading_is_off_and_the_car_is_not(void)
     tse_config c = default_car();
     weave(&c);
     replay(&c, ROWS);
-    keep_reference();
+    keep_readings();
     PROGRAM(&c, place, NUMBER_A);
     c.formula_a = setting(0.5), c.formula_gain = setting(-0.5);
-    tse_real *const read[] = { reference_x, reference_y, reference_r };
+    tse_real *const read[] = { kept_x, kept_y, kept_r };
     for (int i = 0; i < ROWS; i++) read[place - 7][i] -= real(0.25);
     replay(&c, ROWS);
     expect_reference(sizeof(tse_real) == 4 ? 1e-5 : 1e-14, "reading");
@@ -209,13 +202,13 @@ static void test_switched_off_it_changes_no_bit(void)
   tse_config c = default_car();
   weave(&c);
   replay(&c, ROWS);
-  keep_reference();
+  keep_readings();
   PROGRAM(&c, 4, NUMBER_A, STEER, MUL);
   c.formula_a = setting(3), c.formula_gain = setting(0);
   replay(&c, ROWS);
-  TEST_ASSERT_EQUAL_MEMORY(reference_x, got_x, sizeof reference_x);
-  TEST_ASSERT_EQUAL_MEMORY(reference_y, got_y, sizeof reference_y);
-  TEST_ASSERT_EQUAL_MEMORY(reference_r, got_r, sizeof reference_r);
+  TEST_ASSERT_EQUAL_MEMORY(kept_x, got_x, ROWS * sizeof(tse_real));
+  TEST_ASSERT_EQUAL_MEMORY(kept_y, got_y, ROWS * sizeof(tse_real));
+  TEST_ASSERT_EQUAL_MEMORY(kept_r, got_r, ROWS * sizeof(tse_real));
 }
 
 /* What the gyro reads if it reads the yaw rate through the function: f(yaw_rate, a, b) - yaw_rate at the gyro. */
@@ -338,7 +331,7 @@ static void test_what_is_no_number_is_nothing(void)
   tse_config c = default_car();
   weave(&c);
   replay(&c, ROWS);
-  keep_reference();
+  keep_readings();
   PROGRAM(&c, 4, ONE, NUMBER_A, DIV, NUMBER_B, SQRT, ADD); /* 1/0 + sqrt(-1) */
   c.formula_b = setting(-1);
   replay(&c, ROWS);
