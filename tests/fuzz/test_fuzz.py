@@ -1,14 +1,13 @@
 """A few hundred inputs of each fuzz target, the same ones each time; scripts/fuzz.sh --runs 1000000 on demand. The readers of
 files have tests of their own."""
 
-import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
+import readers
 
 import inputs
 
@@ -76,19 +75,9 @@ def test_what_is_packed_is_unpacked(tmp_path, monkeypatch):
 # ---- Files of strangers through the readers (readers.py): those that once broke something, and a few seconds of new ones.
 
 
-HERE = Path(__file__).parent
 RUNS_READERS = 60  # of each target; readers.py --runs 1000000 on demand
 
 
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("fuzz_readers", HERE / "readers.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["fuzz_readers"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-readers = _load()
 FOUND = [(name, why, data) for name in readers.TARGETS for why, data in readers.kept(name)]
 
 
