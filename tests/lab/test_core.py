@@ -101,7 +101,6 @@ def test_table_converts_to_newton_as_the_library_does():
 
 
 CHANGE, LIMIT = 20.0, 0.1  # s; share of the truth
-KEYS = ("cx_front", "cy_front", "cy_rear")
 SENSORS = ("accel_x", "accel_y", "yaw_rate")
 
 
@@ -123,20 +122,20 @@ class Run:
         assert done.code == 0, done.err
         self.est, truth = pd.read_csv(folder / "est.csv"), pd.read_csv(folder / f"{name}.truth.csv")
         self.late = self.est["time"] >= CHANGE
-        self.error = {key: self.est[key] / truth[f"true_{key}"] - 1 for key in KEYS}
+        self.error = {key: self.est[key] / truth[f"true_{key}"] - 1 for key in STIFFNESS}
 
     def rms(self) -> list[float]:
         """After 20 s, percent."""
-        return [100 * float(np.sqrt((self.error[key][self.late] ** 2).mean())) for key in KEYS]
+        return [100 * float(np.sqrt((self.error[key][self.late] ** 2).mean())) for key in STIFFNESS]
 
     def settled(self) -> list[float]:
         """Seconds after the change until the estimate stays right."""
-        last = [self.est["time"][(self.error[key].abs() > LIMIT) & self.late].max() for key in KEYS]
+        last = [self.est["time"][(self.error[key].abs() > LIMIT) & self.late].max() for key in STIFFNESS]
         return [0.0 if np.isnan(t) else t - CHANGE for t in last]
 
     def wrong_yet_valid(self) -> float:
         """Share of the rows that are valid, yet off by more than 20 %."""
-        wrong = [(self.error[k].abs() > 0.2) & (self.est[f"{k}_valid"] == 1) for k in KEYS]
+        wrong = [(self.error[k].abs() > 0.2) & (self.est[f"{k}_valid"] == 1) for k in STIFFNESS]
         return float(np.mean(wrong))
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from test_consider import DT, ROWS, late, logged
 
 from conftest import RAN, simulated, tselab_here
 from tse.impl.core import REPLAY_LOG, STIFFNESS, Config, Filter, Replay, SettingError, SimConfig, Simulator, library
@@ -159,7 +160,6 @@ def test_replay_starts_as_told_and_refuses_what_makes_no_sense():
 # ---- lags
 
 
-ROWS, DT = 6000, 0.01
 IMU = ("accel_x", "accel_y", "yaw_rate")
 
 
@@ -169,17 +169,6 @@ def driven() -> np.ndarray:
     t = DT * np.arange(ROWS)
     steer, torque = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)), 1000 * np.tanh(6 * np.sin(1.3 * t))
     return simulated({}, {"seed": 3, "speed": 20.0}, DT, steer_angle=steer, wheel_torque_front=torque)
-
-
-def logged(driven: np.ndarray, late: dict[str, float]) -> np.ndarray:
-    """The log in which columns are late by so many seconds."""
-    rows = np.zeros(ROWS, Filter(Config()).inputs(1).dtype)
-    t = DT * np.arange(ROWS)
-    for name in rows.dtype.names:
-        if name in driven.dtype.names:
-            rows[name] = np.interp(t - late.get(name, 0.0), t, driven[name])
-    rows["dt"] = DT
-    return rows
 
 
 def estimated(rows: np.ndarray, **settings: float) -> np.void:
@@ -202,8 +191,8 @@ CASES = {
 def test_a_lag_is_found_and_costs_no_stiffness(driven, case):
     """3 ms: 1.3 that tyres take to relax where the car's do at once, 1 of the row in one substep, 0.7 for three times the sd.
     How late the IMU is behind the wheels is in the longitudinal stiffness."""
-    late, steer = CASES[case]
-    last = estimated(logged(driven, late))
+    by, steer = CASES[case]
+    last = estimated(logged(driven, {name: late(x) for name, x in by.items()}))
     assert last["lag_steer"] == pytest.approx(steer, abs=0.003)
     assert last["lag_steer_sd"] < 0.002
     for key in STIFFNESS[1:] if case == "IMU late" else STIFFNESS:
@@ -214,13 +203,11 @@ def test_a_lag_is_found_and_costs_no_stiffness(driven, case):
 
 def test_where_no_lag_is_allowed_it_is_taken_for_another_stiffness(driven):
     """So that the test above shows what the lags do."""
-    last = estimated(logged(driven, CASES["steering acts late"][0]), steer_lag_sd=0.0)
+    last = estimated(logged(driven, {"steer_angle": late(-0.02)}), steer_lag_sd=0.0)
     assert abs(last["lag_steer"]) < 1e-6 and last["lag_steer_sd"] < 1e-6
     assert abs(last["cy_rear"] - 1) > 0.05
 
 
 def test_what_nothing_excites_stays_unknown(driven):
-    rows = logged(driven, {})
-    rows = np.repeat(rows[:1], 1000)
-    last = estimated(rows)
+    last = estimated(np.repeat(logged(driven)[:1], 1000))
     assert last["lag_steer"] == pytest.approx(0, abs=0.01) and last["lag_steer_sd"] == pytest.approx(0.02, rel=0.3)

@@ -13,7 +13,7 @@ from conftest import simulated
 from tests.cars import make_logs
 from tests.cars.logs import PEDALS
 from tse.impl.config import make_config
-from tse.impl.core import Config, Filter, library
+from tse.impl.core import Filter, library
 from tse.impl.errors import UserError
 from tse.impl.estimate import estimate
 from tse.impl.identify.data import prepare
@@ -170,15 +170,6 @@ def test_on_a_raster_each_entry_is_in_one_row() -> None:
     assert np.nanmax(out) == 3
 
 
-def test_a_filter_of_the_library_refuses_a_velocity_in_forms_with_particles() -> None:
-    filter_ = Filter(Config(Config.form("paper")))
-    rows, out = filter_.inputs(2), filter_.outputs(2)
-    rows["dt"], rows["wheel_speed_front"], rows["wheel_speed_rear"] = 0.01, 60.0, 60.0
-    rows["given"][1] = 1
-    filter_.step_into(rows, out)
-    assert out["status"][1] < 0
-
-
 @pytest.fixture(scope="module")
 def made():
     return make_logs("mountain", 1.2, 1, seed=5, pedals=True)[0]
@@ -241,11 +232,6 @@ def test_the_filter_uses_them_and_without_them_has_the_bits_it_had(its_car, driv
     for names in (PEDALS[:1], PEDALS[1:]):
         other = out(read_frame(driven.drop(columns=[c for c in PEDALS if c not in names])))
         assert (other["cx_front"] != base["cx_front"]).any(), names
-
-
-def test_forms_that_do_not_use_them_refuse_them(its_car, driven: pd.DataFrame) -> None:
-    with pytest.raises(UserError, match="column brake, wheel_torque_front, wheel_torque_rear: only the default filter"):
-        make_config(its_car, read_frame(driven), form="paper")
 
 
 def test_a_setting_without_its_channel_is_refused(its_car, driven: pd.DataFrame) -> None:
