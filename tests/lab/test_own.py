@@ -275,13 +275,3 @@ def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
     front = {k: 2 * v for k, v in found["stiffness"]["cy_front"].items()} | {"sd_relative": 0.05}
     text = own._contradicted(config, last, {"stiffness": found["stiffness"] | {"cy_front": front}})
     assert f"the search finds {front['value'] / 1000:.0f} " in text and "in the front, the filter " in text
-
-
-def test_calibrate_learns_nothing_from_channels_that_contradict_each_other(case, tmp_path):
-    """accel_y in g: refused, with the factor."""
-    log = pd.read_csv(case.log)
-    log["accel_y"] /= 9.81
-    log.to_csv(tmp_path / "bad.csv", index=False)
-    alone = tselab("calibrate", tmp_path / "bad.csv", "--vehicle", case.car, "--out", tmp_path / "out.toml")
-    assert alone.code == 2 and "nothing is learnt from it" in alone.err and "accel_y is in g" in alone.err
-    assert not (tmp_path / "out.toml").exists()
