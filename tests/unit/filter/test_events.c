@@ -12,25 +12,18 @@ typedef struct plain {
 
 static void plain_move(plain *f, double F[STATES][STATES], const double q[MOTION])
 {
-  static double half[ALL][ALL];
+  static double all[ALL][ALL];
   double x[ALL];
   for (int i = 0; i < ALL; i++) {
-    x[i] = i < STATES ? 0 : f->x[i];
-    for (int j = 0; j < ALL; j++) half[i][j] = i < STATES ? 0 : f->p[i][j];
-  }
-  for (int i = 0; i < STATES; i++)
-    for (int k = 0; k < STATES; k++) {
-      x[i] += F[i][k] * f->x[k];
-      for (int j = 0; j < ALL; j++) half[i][j] += F[i][k] * f->p[k][j];
+    x[i] = 0;
+    for (int j = 0; j < ALL; j++) {
+      all[i][j] = i < STATES && j < STATES ? F[i][j] : i == j;
+      x[i] += all[i][j] * f->x[j];
     }
+  }
   memcpy(f->x, x, sizeof x);
-  for (int i = 0; i < ALL; i++) {
-    for (int j = 0; j < STATES; j++) {
-      f->p[i][j] = i == j && i < MOTION ? q[i] : 0;
-      for (int k = 0; k < STATES; k++) f->p[i][j] += half[i][k] * F[j][k];
-    }
-    f->p[i][OFFSET] = half[i][OFFSET];
-  }
+  conjugate(ALL, all[0], f->p[0], f->p[0]);
+  for (int i = 0; i < MOTION; i++) f->p[i][i] += q[i];
 }
 
 static void plain_use(plain *f, const double h[ALL], double z, double r)
