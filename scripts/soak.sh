@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Millions of rows of simulated drives, with all that happens to cars and sensors, through the default filter (tests/fuzz/soak.c):
 # estimates that are no number, states that are refused, recoveries where nothing was lost, stiffness that is off by more than its
-# interval on average. Fails when there is one.
+# interval on average where nothing happens, or rows come late. Fails when there is one.
 #   scripts/soak.sh [ROWS]        default 10,000,000: about two minutes of one core; writes scripts/results/soak.md
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
