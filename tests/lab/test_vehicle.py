@@ -77,6 +77,10 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
     (note,) = make_config(late, None)[1]
     assert note.startswith("effects.imu_delay: not in the filter's model, not used")
     assert make_config(read(tmp_path, BARE + "[effects.body_roll]\ngain = 0.004\n"), None)[1] == []
+    slips = BARE + "[effects.combined_slip]\nfactor = 100.0\n"
+    assert "effects.combined_slip" in make_config(read(tmp_path, slips), None)[1][0]
+    found = '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'  # it is what a calibration finds
+    assert make_config(read(tmp_path, slips + "[uncertainty]\nmodel_sd = 0.03\n" + found), None)[1] == []
     assert set(NOT_IN_FILTER) <= set(library().effects)
     text = (Path(__file__).resolve().parents[2] / "src" / "EQUATIONS.md").read_text()
     listed = text.split("Not applied: ")[1].split("Simulator and replay")[0]

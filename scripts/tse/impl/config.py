@@ -17,6 +17,7 @@ GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
 # Effects that the car's filter does not apply (src/EQUATIONS.md, "In the default filter"); nor the formula of the user.
 NOT_IN_FILTER = ("steering_delay", "imu_delay", "longitudinal_relaxation", "combined_slip", "stiffness_drift", "crosswind")
+FOUND = ("longitudinal_relaxation", "combined_slip")  # of these what a calibration finds (identify/unknowns.py)
 OF_FORM = re.compile(r"form ([01])$")  # how the text of a setting of one filter ends
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; longitudinal stiffness is not "
@@ -113,7 +114,8 @@ def _check_optional(config: Config, log: Log | None) -> None:
 def not_in_filter(config: Config, vehicle: Vehicle) -> list[str]:
     """Return what the vehicle file says of the car and the filter does not apply."""
     effects = library().effects
-    on = [i for i in NOT_IN_FILTER if any(getattr(config, p.setting) != 0 for p in effects[i].strengths)]
+    found = FOUND if vehicle.calibration else ()  # that the filter has not what a calibration found is no news of this run
+    on = [i for i in NOT_IN_FILTER if i not in found and any(getattr(config, p.setting) != 0 for p in effects[i].strengths)]
     return [*(f"effects.{i}" for i in on), *(["formula"] if vehicle.formula is not None else [])]
 
 

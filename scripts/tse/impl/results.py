@@ -173,9 +173,9 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
     ]
     late = {channel: 1000 * getattr(config, name) for channel, name in latency_settings().items() if getattr(config, name)}
     if late:
-        said = ", ".join(f"{channel} {ms:g} ms" for channel, ms in late.items())
+        said = ", ".join(f"{channel} {ms:.3g} ms" for channel, ms in late.items())
         age = 1000 * float(est.table["estimate_age"].min()) if len(est) else 0.0
-        facts.append(("Latency", f"{said} behind yaw_rate; estimates are of {age:g} ms before the row"))
+        facts.append(("Latency", f"{said} behind yaw_rate; estimates are of {age:.3g} ms before the row"))
     if est.interrupted:
         facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
     recovered = est.statuses.get(library().status("TSE_W_RECOVERED"), 0)

@@ -18,7 +18,7 @@ from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
 from tse.impl.logs.read_text import parsing
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import Recording, listed
+from tse.impl.logs.recording import PIECE, Recording, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
 from tse.impl.logs.table import Column, seconds
 from tse.impl.rows import (
@@ -173,21 +173,25 @@ def _head(path: Path) -> tuple[list[str], int | None]:
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with open(path, encoding="utf-8-sig") as file:
+            head = last = file.read(1 << 20)
+            ends = head.count("\n")
+            while part := file.read(1 << 20):  # the whole file must be text
+                ends, last = ends + part.count("\n"), part
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
         raise UserError(f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    if "\0" in text:
+    if "\0" in head:
         raise UserError(f"{path}: is a binary file; a CSV is needed")
-    if not text.strip():
+    if not head.strip():
         raise UserError(f"{path}: is empty")
-    whole = text.count("\n") - 1 if "\n" in text and not text.endswith("\n") else None
+    whole = ends - 1 if ends and not last.endswith("\n") else None
     if whole == 0:
         raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
-    return text.split("\n", 2)[:2], whole
+    return head.split("\n", 2)[:2], whole
 
 
 def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
@@ -213,12 +217,14 @@ def _numbers(
     if (cells := len(next(csv.reader(first), []))) > len(header):  # of which pandas only warns
         raise UserError(f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns")
     names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
-    with parsing(path):
-        table = pd.read_csv(
-            path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
-            encoding="utf-8-sig", nrows=whole,
-        )  # fmt: skip
-    table = table[table[needed].notna().any(axis=1)]
+    with parsing(path), pd.read_csv(
+        path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
+        encoding="utf-8-sig", nrows=whole, chunksize=PIECE,  # all at once take twice the memory
+    ) as pieces:  # fmt: skip
+        table = pd.concat(pieces)
+    filled = table[needed].notna().any(axis=1)
+    if not filled.all():
+        table = table[filled]
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
     line = table.index.to_numpy() + 2

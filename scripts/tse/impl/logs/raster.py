@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import oaconvolve
 
 from tse.impl.logs.mapping import Series
+from tse.impl.logs.recording import PIECE
 from tse.impl.noise import fresh
 from tse.impl.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 
@@ -18,7 +17,10 @@ GAP_STEPS, SHORTEST_GAP, LONGEST_GAP = (6.0, 0.25, 1.0)  # a gap is so many usua
 CLOSE = 0.25  # of a usual step: entries that are nearer than that are one, a burst of the bus
 STEADY = 0.01  # of a step: times that are off an even beat by less are even
 PASS, TAPS = 0.45, 6  # the low pass ends at so much of the new rate, and is so many new steps long on either side
+DENSE = 4.0  # times the rate that is asked for: of entries that are low-passed and as near to each other
 SPARSE = 0.8  # share of rows with a value below which a column of a table is of another rate, or an outer join's
+REACH = 600  # entries over which a cubic spline feels another: 0.27 ** 600 is less than the smallest number beside 0
+SAME = 1e-3  # of a step: a raster that meets the entries takes them as they are
 
 
 @dataclass
@@ -107,11 +109,37 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
         rows = slice(*np.searchsorted(time, [part[0] - margin, part[-1] + margin + 1e-9]))
         if rows.start == rows.stop:
             continue
+        between = _between
         if len(part) > 3 and 1.0 / usual > 1.2 * rate:
             part, value = _low_pass(part, value, usual, rate)
-        at = np.clip(time[rows], part[0], part[-1])
-        out[rows] = CubicSpline(part, value)(at) if len(part) > 3 else np.interp(at, part, value)
+            if len(part) > 3 and 1.0 / usual > DENSE * rate:
+                between = _of_four
+        count = max(1, round(PIECE * min(1.0, rate * usual)))  # rows of so many entries
+        for begin in range(rows.start, rows.stop, count):
+            piece = slice(begin, min(begin + count, rows.stop))
+            out[piece] = between(part, value, np.clip(time[piece], part[0], part[-1]))
     return out
+
+
+def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The cubic spline through x at t, (entries,), where it is asked for, (times,), increasing; of few entries straight lines.
+    Only entries that it feels there are looked at: its coefficients for ten hours are 300 MB."""
+    if len(t) < 4:
+        return np.interp(at, t, x)
+    first, last = np.searchsorted(t, at[[0, -1]])
+    part = slice(max(0, min(int(first) - REACH, len(t) - 4)), int(last) + REACH)
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(t[part], x[part])(at)
+
+
+def _of_four(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The cubic through the four entries of an even grid around each time: as good as a spline where entries are DENSE."""
+    s = (at - t[0]) * ((len(t) - 1) / (t[-1] - t[0]))
+    i = np.clip(s.astype(int) - 1, 0, len(t) - 4)
+    s -= i
+    outer, inner = s * (s - 3.0), (s - 1.0) * (s - 2.0)
+    return (s * inner * x[i + 3] - (s - 3.0) * inner * x[i]) / 6.0 + ((s - 2.0) * x[i + 1] - (s - 1.0) * x[i + 2]) * outer / 2.0
 
 
 def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -124,7 +152,13 @@ def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[
     kernel /= kernel.sum()
     # ends go on as they are mirrored about their last value: a straight line stays one
     before, after = 2 * value[0] - value[half:0:-1], 2 * value[-1] - value[-2 : -half - 2 : -1]
-    return even, oaconvolve(np.concatenate([before, value, after]), kernel, "valid")
+    longer, found = np.concatenate([before, value, after]), np.empty(n)
+    for begin in range(0, n, PIECE):
+        part = longer[begin : begin + PIECE + 2 * half]
+        size = 1 << (len(part) - 1).bit_length()  # enough: what goes round falls on what is left out
+        both = np.fft.rfft(part, size) * np.fft.rfft(kernel, size)
+        found[begin : begin + PIECE] = np.fft.irfft(both, size)[2 * half : len(part)]
+    return even, found
 
 
 def _hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
