@@ -19,7 +19,7 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from tse.impl.core import INPUT, STIFFNESS, Config, Filter, Library  # noqa: E402
+from tse.impl.core import STIFFNESS, Config, Filter, Library  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
 from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
 
@@ -44,15 +44,6 @@ def library(real: str, small: bool = False) -> Library:
     for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--config", "Release"]):
         subprocess.run([str(c) for c in command], check=True, stdout=subprocess.DEVNULL)
     return Library(next(f for f in folder.rglob("*tse.*") if f.suffix in (".so", ".dylib", ".dll")))
-
-
-def estimated(d: Drive, config: Config) -> np.ndarray:
-    filter_ = Filter(config)
-    rows, out = filter_.inputs(len(d.rows)), filter_.outputs(len(d.rows))
-    for name in config.lib.dtype(INPUT).names:
-        rows[name] = d.rows[name]
-    filter_.step_into(rows, out)
-    return out
 
 
 def settings(lib: Library, form: str, about: dict[str, float]) -> Config:
@@ -80,7 +71,7 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                     for filter_seed in FILTER_SEEDS[form]:
                         config = settings(lib, form, d.about)
                         config.set("seed", filter_seed)
-                        estimate = estimated(d, config)
+                        estimate = Filter(config).over(d.rows)
                         row = {"case": case.name, "form": form, "build": build, "seed": seed}
                         row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
                         rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))

@@ -121,7 +121,6 @@ LATE = {  # what is imported in functions, and is no package that may be missing
     ("tse.impl.processes", "tse.impl"),  # in a function that is sent to the workers as code
     ("tse.impl.fleet.single", "tse.impl.plots"),
     ("tse.impl.fleet.single", "tse.impl.report"),
-    ("tse.impl.calibrate.own", "tse.impl.calibrate.along"),
     ("tse.impl.calibrate.own", "tse.impl.calibrate.output"),
     ("tse.impl.calibrate.own", "tse.impl.calibrate.workflow"),
 }

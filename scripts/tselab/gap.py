@@ -119,8 +119,7 @@ def _run(
 ) -> int:
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
     from tse.impl.gap.run import workflow
-    from tse.impl.gap.run.gain import words
-    from tse.impl.gap.run.output import write_all
+    from tse.impl.gap.run.output import words, write_all
 
     _there(logs, hold_out)
     make_directory(out)

@@ -21,9 +21,8 @@ from tests.cars.real import DATA
 from tests.cars.real import row as real_row
 from tests.cars.study import OFF, SETTLED, driven, parser_of_kept, score, table
 from tse.impl.calibrate import own
-from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
-from tse.impl.core import Config
+from tse.impl.core import Config, Filter
 from tse.impl.logs.log import read_log
 from tse.impl.rows import Log
 from tse.impl.tables import markdown_table
@@ -73,7 +72,7 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
         for who, made in ways.items():
             config = made()
             rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
-                         **score(outputs(config, log), config, log, truth)})  # fmt: skip
+                         **score(Filter(config).over(log.rows()), config, log, truth)})  # fmt: skip
     return pd.DataFrame(rows)
 
 

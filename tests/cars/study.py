@@ -23,10 +23,9 @@ from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
 from tests.cars.logs import LEAST_ANGLE
 from tse.impl.calibrate import output, workflow
-from tse.impl.calibrate.along import outputs
 from tse.impl.calibrate.result import Result
 from tse.impl.config import make_config
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Library
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, Library
 from tse.impl.identify.unknowns import LATENCY
 from tse.impl.logs.log import read_log
 from tse.impl.rows import Log
@@ -111,7 +110,7 @@ def estimated(
     config, _ = make_config(read_vehicle(vehicle_path), log, options=options)
     if lib:
         config = Config(config.as_dict(), lib=lib)
-    return outputs(config, log), config
+    return Filter(config).over(log.rows()), config
 
 
 def constant(vehicle_path: Path, log: Log) -> tuple[np.ndarray, Config]:

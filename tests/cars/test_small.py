@@ -5,9 +5,8 @@ import pytest
 
 from scripts.fixed import library
 from tests.cars import make_logs
-from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
-from tse.impl.core import STIFFNESS, Config
+from tse.impl.core import STIFFNESS, Config, Filter
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
@@ -22,7 +21,7 @@ def estimates(tmp_path_factory):
     log = read_log(folder / "log_mountain.csv")
     config, _ = make_config(read_vehicle(folder / "car.toml"), log)
     builds = {"full": library("double"), "small": library("double", small=True), "fixed": library("fixed", small=True)}
-    return {who: outputs(Config(config.as_dict(), lib=lib), log) for who, lib in builds.items()}
+    return {who: Filter(Config(config.as_dict(), lib=lib)).over(log.rows()) for who, lib in builds.items()}
 
 
 def test_fixed_point_follows_double_within_5_per_cent_of_the_sd(estimates):

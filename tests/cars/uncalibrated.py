@@ -19,9 +19,8 @@ from tqdm import tqdm
 
 from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
 from tse.impl import maneuvers
-from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
-from tse.impl.core import NOMINAL, STIFFNESS, Config, SimConfig
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
 from tse.impl.logs.log import read_frame
 from tse.impl.simulate import simulate
 from tse.impl.tables import markdown_table
@@ -51,7 +50,7 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
     log = read_frame(simulate(plan, car, sim).log)
     config, _ = make_config(vehicle, log)
-    out = outputs(config, log)
+    out = Filter(config).over(log.rows())
     counts = (log.time > SETTLED) & (out["vel_x"] > SLOW)
     found: dict[str, float | str] = {"car": which, "maneuver": maneuver, "relaxation": relaxation, "roll": roll}
     for key in STIFFNESS:

@@ -64,18 +64,18 @@ def test_snapshot_restores_the_filter_bit_for_bit():
     filter_ = Filter(Config({"particles": 50}))
     rng = np.random.default_rng(1)
     rows = np.concatenate([row(steer_angle=0.02 * rng.standard_normal(), accel_y=rng.standard_normal()) for _ in range(60)])
-    list(filter_.run(rows[:30]))
+    filter_.over(rows[:30])
     saved = filter_.snapshot()
-    first = [y.item() for y in filter_.run(rows[30:])]
+    first = filter_.over(rows[30:]).tobytes()
     filter_.restore(saved)
-    assert [y.item() for y in filter_.run(rows[30:])] == first
+    assert filter_.over(rows[30:]).tobytes() == first
     with pytest.raises(ValueError, match="bytes"):
         filter_.restore(saved[:-8])
 
 
 def test_refused_row_leaves_the_filter_as_it_was():
     filter_ = Filter(Config({"particles": 50}))
-    filter_.step(row())
+    filter_.over(row())
     before = filter_.snapshot()
     out = filter_.outputs(1)
     filter_.step_into(row(steer_angle=5.0), out)
@@ -86,7 +86,7 @@ def test_refused_row_leaves_the_filter_as_it_was():
 
 def test_table_converts_to_newton_as_the_library_does():
     config = Config({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
-    output = Filter(config).step(row())
+    output = Filter(config).over(row())[0]
     mean, sd, spread = stiffness_si(config, output)
     table = _block(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
     for i, s in enumerate(STIFFNESS):

@@ -125,13 +125,13 @@ def test_what_a_held_out_log_does_not_bear_out_is_not_proposed(damped, plain):
 @pytest.mark.parametrize(("rise", "stands"), [(0.0001, True), (0.03, False)])
 def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
     """accel_x, which the damper does not touch, is worse for sure: by a hundredth of a percent, and by three percent."""
-    compare = search.show.compare
+    compare = search.compare
 
     def worse(*given):
         found = compare(*given)
         return found | {"accel_x": replace(found["accel_x"], ci95=(rise, 2 * rise))}
 
-    monkeypatch.setattr(search.show, "compare", worse)
+    monkeypatch.setattr(search, "compare", worse)
     found = search.discover(damped[0], fit(damped[0], STIFFNESS, {}), damped[1])
     assert (found.formula is not None) == stands
 

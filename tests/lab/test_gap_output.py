@@ -16,7 +16,7 @@ import pytest
 from conftest import RAN, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
 from tse.impl.core import Config, library
-from tse.impl.gap.run.table import COLUMNS
+from tse.impl.gap.run.output import COLUMNS
 from tse.impl.report import figures_of
 from tse.impl.rows import MEASURES
 from tse.impl.vehicle import filter_values, read_vehicle

@@ -13,6 +13,7 @@ from tse.impl import estimate, rows
 from tse.impl.clock import BRIDGED, straight
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
+from tse.impl.logs import raster
 from tse.impl.logs.log import read_log
 from tse.impl.logs.mapping import Series
 from tse.impl.logs.raster import entries, on_raster, rate_of, resample
@@ -203,9 +204,19 @@ def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_
 
 def in_small_pieces(monkeypatch) -> None:
     """Everything as of a log that is a hundred times as long."""
-    for name in ("read_can", "read_mdf", "read_text"):
+    for name in ("raster", "read_can", "read_mdf", "read_text"):
         monkeypatch.setattr(f"tse.impl.logs.{name}.PIECE", SMALL)
     monkeypatch.setattr("tse.impl.logs.read_mat.MOST_AT_ONCE", 0)
+
+
+def test_a_spline_in_pieces_has_the_same_bits(monkeypatch):
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.uniform(0.015, 0.025, 20000))
+    x = np.where((t > 100) & (t < 250), 0.0, rng.normal(size=len(t)))  # where nothing is, it still rings
+    at = np.arange(t[0], t[-1], 0.01)
+    whole = resample(t, x, at, 100.0)
+    monkeypatch.setattr(raster, "PIECE", 1500)
+    assert np.array_equal(resample(t, x, at, 100.0), whole)
 
 
 def test_a_column_that_grows_knows_what_is_missing():

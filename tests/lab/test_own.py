@@ -15,8 +15,8 @@ from tests.cars import make_cars, make_logs
 from tests.cars.study import TRUTH, truth_of
 from tests.gap.runs import changed
 from tse.impl.calibrate import own, workflow
-from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
+from tse.impl.core import Filter
 from tse.impl.fleet.keep import CALIBRATED
 from tse.impl.logs.log import read_log
 from tse.impl.vehicle import filter_values, make_vehicle, read_vehicle
@@ -270,7 +270,7 @@ def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
     vehicle, log = read_vehicle(case.car), read_log(case.log)
     found = own.calibrated(vehicle, [log]).found
     config, _ = make_config(vehicle, log)
-    last = outputs(config, log)[-1]
+    last = Filter(config).over(log.rows())[-1]
     assert own._contradicted(config, last, found) == ""
     front = {k: 2 * v for k, v in found["stiffness"]["cy_front"].items()} | {"sd_relative": 0.05}
     text = own._contradicted(config, last, {"stiffness": found["stiffness"] | {"cy_front": front}})

@@ -9,7 +9,7 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -108,16 +108,6 @@ class Effect:
     @property
     def shapes(self) -> tuple[EffectParameter, ...]:
         return tuple(p for p in self.parameters if not p.strength)
-
-
-@dataclass(frozen=True)
-class FormulaPlace:
-    """One place of src/tables/formula.toml: where a formula of the user acts."""
-
-    name: str
-    code: int
-    unit: str
-    text: str
 
 
 @dataclass(frozen=True)
@@ -223,7 +213,7 @@ class Library:
 
         self.effects = self._read_effects()
         kinds = {"n": "NUMBER", "s": "SIGNAL", "p": "PLAIN", "m": "MEMORY"}
-        self.formula_places = {f.name: FormulaPlace(f.name, f.offset, f.unit, f.text) for f in self.fields(FORMULA_PLACE)}
+        self.formula_places = {f.name: f for f in self.fields(FORMULA_PLACE)}
         self.formula_ops = {
             f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text) for f in self.fields(FORMULA_OP)
         }
@@ -532,15 +522,13 @@ class Filter:
         """Feed rows[0], write outputs[0]; the status. Negative: the row is refused, and the output is as it was."""
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
-    def run(self, rows: np.ndarray) -> Iterator[np.void]:
-        """Feed rows one by one and yield each output."""
-        out = self.outputs(1)
-        for i in range(len(rows)):
-            self.step_into(rows[i : i + 1], out)
-            yield out[0].copy()
-
-    def step(self, row: np.ndarray) -> np.void:
-        return next(self.run(np.atleast_1d(row)))
+    def over(self, rows: np.ndarray) -> np.ndarray:
+        """Feed rows, of whichever build; return the outputs."""
+        given, out = self.inputs(len(rows)), self.outputs(len(rows))
+        for name in given.dtype.names:
+            given[name] = rows[name]
+        self.step_into(given, out)
+        return out
 
     def inputs(self, n: int) -> np.ndarray:
         return np.zeros(n, self.lib.dtype(INPUT))

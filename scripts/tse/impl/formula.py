@@ -123,7 +123,7 @@ class Formula:
     def settings(self) -> dict[str, float]:
         """All settings formula_* by name; slots and codes that the formula does not need are 0."""
         slots = [self._values[name] for name in self._program.named] + list(self.constants)
-        settings = {"formula_gain": float(self.gain), "formula_place": float(library().formula_places[self.place].code)}
+        settings = {"formula_gain": float(self.gain), "formula_place": float(library().formula_places[self.place].offset)}
         for i, letter in enumerate(_letters()):
             settings[f"formula_{letter}"] = float(slots[i]) if i < len(slots) else 0.0
         for k in range(MOST_OPERATIONS // PER_CODE):
@@ -247,7 +247,7 @@ def c_header(formula: Formula) -> str:
             f"#ifndef {guard}",
             f"#define {guard}",
             "",
-            f"#define TSE_FORMULA_PLACE {place.code} /* {place.name} */",
+            f"#define TSE_FORMULA_PLACE {place.offset} /* {place.name} */",
             f'#define TSE_FORMULA_ID "{formula.id}"',
             "",
             "static inline tse_real formula_program(formula_run *f)",

@@ -105,12 +105,7 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
         return _run_yours(name, d, config)
     if name in PEERS:
         return peers.run(name, d.rows, config, _known(d, config, name == "known"))
-    filter_ = Filter(config)
-    rows, out = filter_.inputs(len(d.rows)), filter_.outputs(len(d.rows))
-    for field in rows.dtype.names:
-        rows[field] = d.rows[field]
-    filter_.step_into(rows, out)
-    return out
+    return Filter(config).over(d.rows)
 
 
 def _known(d: Drive, config: Config, changes: bool = False) -> Known:

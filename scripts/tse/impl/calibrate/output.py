@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from tse.impl import __version__
-from tse.impl.calibrate.findings import Finding
-from tse.impl.calibrate.result import Result
+from tse.impl.calibrate.result import Finding, Result
 from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.formula import write_formula

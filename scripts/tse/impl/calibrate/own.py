@@ -20,7 +20,7 @@ import numpy as np
 
 from tse.impl import __version__
 from tse.impl.config import make_config
-from tse.impl.core import NOMINAL, Config, library
+from tse.impl.core import NOMINAL, Config, Filter, library
 from tse.impl.errors import UserError
 from tse.impl.files import alone, read_sealed, tomllib, write_sealed
 from tse.impl.rows import Log, liveliest
@@ -146,7 +146,7 @@ def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
 
 
 def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]) -> Own:
-    from tse.impl.calibrate import along, output, workflow
+    from tse.impl.calibrate import output, workflow
 
     car = copy.deepcopy(vehicle)
     until = time.monotonic() + LONGEST
@@ -172,7 +172,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
     for car, contradicts in ((vehicle, _contradicted), (made.vehicle(vehicle), None)):
         for log in logs:
             config, _ = make_config(car, log)
-            out = along.outputs(config, log)
+            out = Filter(config).over(log.rows())
             used = out[out["status"] >= 0]
             if (used["change_kind"] > 0).any():  # a stiffness of two roads is that of neither
                 return of_class("the road or the tyres change during it", found)

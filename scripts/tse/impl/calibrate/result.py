@@ -1,14 +1,122 @@
-"""What a calibration leaves."""
+"""What a calibration leaves: what it found, number by number, in words."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
-from tse.impl.calibrate.findings import Finding, Group
+import numpy as np
+
 from tse.impl.core import Config
 from tse.impl.identify.fit import Fit
 from tse.impl.identify.problem import Problem
+from tse.impl.identify.unknowns import LATENCIES, UNKNOWNS, Unknown, unit_of
 from tse.impl.vehicle import Vehicle
 
 LEAST_SECONDS = 20.0  # of all logs together: of fewer the search converges, near its prior, on what happens to fit
+SHOWN = 0.7  # posterior over prior sd below which the logs have said something of a number
+SURE = 3.0  # sd from nothing at which a size is called one
+CHANNEL_WORDS = {
+    "steer_angle": "steering angle", "wheel_speed_front": "front wheel speed", "wheel_speed_rear": "rear wheel speed",
+    "accel_x": "accel_x", "accel_y": "accel_y",
+}  # fmt: skip
+REAR = "longitudinal_stiffness_rear"
+NOT_ZERO = f", less than {SURE:g} sd from 0, or too small to matter"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One number of the car."""
+
+    name: str
+    group: str
+    unit: str
+    before: float  # as the vehicle file had it
+    prior: float
+    prior_sd: float
+    value: float
+    sd: float
+    shown: bool  # the logs reduced its sd
+    words: str
+    shape: bool = False  # of an effect: nothing where that is off
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Group:
+    """What belongs together, and what speaks for it."""
+
+    name: str
+    nats: float  # by which the logs speak against what the vehicle file had
+    members: tuple[Finding, ...]
+
+
+def findings(problem: Problem, fit: Fit, before: Mapping[str, float]) -> list[Finding]:
+    """All unknowns of the car but its stiffness. `before`: by name, what the vehicle file had."""
+    known, found = np.sqrt(np.diag(fit.covariance)), fit.x
+    times = rear_follows(problem, fit)
+    rows = []
+    for k, u in enumerate(UNKNOWNS):
+        shown = bool(known[k] < SHOWN * problem.sd[k])
+        by = float(getattr(problem.config, u.name)) if u.relative else 1.0
+        follows = times if u.name == REAR else 1.0
+        value, sd, prior, prior_sd = (float(x[k]) * follows for x in (found, known, problem.mean, problem.sd))
+        rows.append(
+            Finding(
+                u.name, u.group, unit_of(u.name), before[u.name], prior, prior_sd, value, sd, shown,
+                _words(u, value, sd, shown, before[u.name], by), u.worth == 0.0,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def rear_follows(problem: Problem, fit: Fit) -> float:
+    """Return by how much the rear's longitudinal stiffness is more than its unknown says, as it follows the front's."""
+    follows = problem.config.rear_longitudinal_follows_front
+    return float(1.0 + follows * (np.exp(fit.x[problem.names.index("cx_front")]) - 1.0))
+
+
+def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
+    if u.name in LATENCIES:
+        what = CHANNEL_WORDS[LATENCIES[u.name]]
+        if not shown:
+            return f"{what}: these logs do not show how late it is behind the gyro"
+        low, high = (1000 * (value + side * 1.96 * sd) for side in (-1, 1))
+        text = f"{what}: {1000 * value:.1f} ms behind the gyro, 95 % interval {low:.1f} .. {high:.1f}"
+        return text + (NOT_ZERO if abs(value) < max(SURE * sd, u.worth) else "")
+    title = u.name.replace("_", " ")
+    unit = "" if unit_of(u.name) == "1" else " " + unit_of(u.name)
+    if not shown:
+        return f"{title}: these logs do not show it"
+    text = f"{title}: {value:.4g}{unit}, 95 % interval {value - 1.96 * sd:.4g} .. {value + 1.96 * sd:.4g}"
+    if u.worth and abs(value - before) < max(SURE * sd, u.worth * by):
+        return text + (
+            f", less than {SURE:g} sd from {before:.4g} of the vehicle file, or too near to matter" if before else NOT_ZERO
+        )
+    return text
+
+
+def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
+    """Findings that belong together, that with most evidence first. The evidence is that of a quadratic: half the square of how far
+    the numbers are from what the vehicle file had, in their joint covariance."""
+    found = []
+    for name in dict.fromkeys(r.group for r in rows):
+        sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]  # else the prior would speak
+        off = np.array([(rows[k].value - rows[k].before) / rows[k].sd for k in sizes])
+        sd = np.sqrt(np.diag(fit.covariance)[sizes])
+        inverse = np.linalg.pinv(fit.covariance[np.ix_(sizes, sizes)] / np.outer(sd, sd))
+        found.append(Group(name, 0.5 * float(off @ inverse @ off), tuple(r for r in rows if r.group == name)))
+    return sorted(found, key=lambda g: -g.nats)
+
+
+def known_before(config: Config) -> dict[str, float]:
+    """What the settings say of each unknown; a latency that they do not know is 0."""
+    values = config.as_dict()
+    return {u.name: float(values.get(u.name, 0.0)) for u in UNKNOWNS}
+
+
+# ---- the result as a whole
 
 
 @dataclass(frozen=True)

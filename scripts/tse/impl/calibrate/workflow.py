@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.impl.calibrate.findings import findings, groups, known_before
-from tse.impl.calibrate.result import Proof, Result
+from tse.impl.calibrate.result import Proof, Result, findings, groups, known_before
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.identify.data import BLOCK, Prepared, prepare

@@ -15,9 +15,8 @@ import numpy as np
 
 from tse.impl.formula import Formula, FormulaError
 from tse.impl.gap.catalogue import Parameter
-from tse.impl.gap.fit import Fit, covariance, excess, fit, gap, lengths
+from tse.impl.gap.fit import Change, Fit, compare, covariance, excess, fit, gap, lengths, on_others
 from tse.impl.gap.infer import formula_terms as terms
-from tse.impl.gap.infer import show
 from tse.impl.gap.infer.formula_terms import Term
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.respond import responses, signals
@@ -46,7 +45,7 @@ class Discovery:
     share: float = 0.0  # of what was left that it closes
     price: float = 0.0  # nats, of its length
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # of its numbers
-    changes: dict[str, show.Change] = field(default_factory=dict)  # on held-out logs
+    changes: dict[str, Change] = field(default_factory=dict)  # on held-out logs
     tried: list[dict] = field(default_factory=list)  # place, formula, nats, share, and whether held-out logs confirm it
     words: list[str] = field(default_factory=list)
 
@@ -218,13 +217,13 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
-        before = held.residuals(show.of_the_car(held, frame.values))
+        before = held.residuals(on_others(held, frame.values))
         length = lengths(held, before)
     for c in tried:
         confirmed, total = shows and c.nats > 0 and c.share >= LEAST_SHARE, c.nats
         if confirmed and held is not None:
-            after = held.residuals(show.of_the_car(held, c.values))
-            c.changes = show.compare(held, before, after)
+            after = held.residuals(on_others(held, c.values))
+            c.changes = compare(held, before, after)
             total += worth(held, before, after, length)
             confirmed = all(x.ci95[0] <= LEAST_HARM for x in c.changes.values()) and any(x.better for x in c.changes.values())
         shown.append({"place": c.formula.place, "formula": c.formula.text, "nats": c.nats, "share": c.share, "held_out": confirmed})

@@ -1,23 +1,39 @@
-"""What a run leaves in DIR: verdict.json, vehicle_improved.toml, effects.h, residuals.parquet, report.html, gap.png."""
+"""What a run leaves in DIR: verdict.json, vehicle_improved.toml, effects.h, residuals.parquet, report.html, gap.png; and what the
+estimator gains by the improved vehicle."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tse.impl.core import NOMINAL
+import numpy as np
+import pandas as pd
+
+from tse.impl.config import make_config
+from tse.impl.core import NOMINAL, STIFFNESS
+from tse.impl.estimate import estimate
 from tse.impl.files import atomic
-from tse.impl.gap.infer import show
-from tse.impl.gap.run import add, gain, pictures, report, table
-from tse.impl.gap.run.workflow import Result
+from tse.impl.gap.fit import Change, compare, on_others
+from tse.impl.gap.problem import Problem
+from tse.impl.gap.run import add, pictures, report
+from tse.impl.gap.run.workflow import FIT, HELD_OUT, Result
+from tse.impl.identify.data import CHANNELS
 from tse.impl.results import plain
-from tse.impl.vehicle import fill_sensors, read_vehicle, stiffness_words
+from tse.impl.rows import Log
+from tse.impl.vehicle import Vehicle, fill_sensors, read_vehicle, stiffness_words
+from tse.impl.verdict import NAMES
 
 VERDICT, RESIDUALS, REPORT, PICTURE = "verdict.json", "residuals.parquet", "report.html", "gap.png"
+COLUMNS = (
+    "part", "log", "channel", "time", "block", "measured", "predicted_before", "predicted_after", "residual_before",
+    "residual_after", "noise",
+)  # fmt: skip
+BOTH = ("before", "after")
 
 
 @dataclass(frozen=True)
@@ -26,30 +42,31 @@ class Written:
 
     files: list[Path]
     gain: dict[str, Any]
-    changes: dict[str, dict[str, show.Change]]  # of each part: its channels, before and after
+    changes: dict[str, dict[str, Change]]  # of each part: its channels, before and after
 
 
 def write_all(out: Path, result: Result, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None) -> Written:
     """Add and Show."""
     problem, naming = result.problem, result.naming
     before, after = naming.baseline.values, result.after
-    parts = {table.FIT: problem} | ({table.HELD_OUT: result.held} if result.held is not None else {})
+    parts = {FIT: problem} | ({HELD_OUT: result.held} if result.held is not None else {})
     say("writing the improved vehicle")
     improved, header = add.write(out, vehicle_path, problem, result)
     result.words.insert(0, stiffness_words(read_vehicle(improved)))
     say("residuals before and after")
-    rows = table.table(parts, before, after)
-    table.write(out / RESIDUALS, rows)
-    changes = {table.FIT: show.compare(problem, naming.baseline.residuals, result.final.residuals)}
+    rows = table(parts, before, after)
+    with atomic(out / RESIDUALS, "wb") as file:
+        rows.to_parquet(file, engine="pyarrow", index=False, compression="zstd")
+    changes = {FIT: compare(problem, naming.baseline.residuals, result.final.residuals)}
     if result.held_out:
-        changes[table.HELD_OUT] = result.held_out
+        changes[HELD_OUT] = result.held_out
 
     old, new = read_vehicle(vehicle_path), read_vehicle(improved)
     stiffness = {k: new.values[setting] / getattr(problem.config, setting) for k, setting in NOMINAL.items()}
     read = [(part, log.path.stem, log) for part, log in result.read]
     for vehicle in (old, new):  # the same sensors on both sides: those of the first log where the file is silent
         fill_sensors(vehicle, read[0][2])
-    gained = gain.gain(read, old, new, jobs, say)
+    gained = gain(read, old, new, jobs, say)
 
     say("report")
     named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
@@ -74,3 +91,98 @@ def headline(result: Result) -> str:
     if result.verdict == "possible":
         return f"Possible: {result.naming.possible[0]['id']}"
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
+
+
+# ---- residuals before and after: what the report draws
+
+
+def table(parts: Mapping[str, Problem], before: Mapping[str, float], after: Mapping[str, float]) -> pd.DataFrame:
+    """Every block of 40 ms of every log and channel. predicted_*: with the bias of the log; residual_*: measured less predicted
+    over `noise`, which is what the sensor's noise leaves of a block: 1 is nothing but noise. NaN: not measured."""
+    frames = []
+    for part, problem in parts.items():
+        rows = problem.rows
+        columns: dict[str, object] = {
+            "part": part,
+            "log": pd.Categorical.from_codes(rows.log, log_names(problem)),
+            "channel": pd.Categorical.from_codes(rows.channel, list(CHANNELS)),
+            "time": rows.time.astype(float),
+            "block": rows.block.astype(np.int64),
+            "measured": problem.measured,
+        }
+        mine = after if part == FIT else on_others(problem, after)
+        for when, values in (("before", before), ("after", mine)):
+            measured = np.nan_to_num(problem.measured)
+            left = problem.unbiased(measured - problem.predict(values))
+            columns[f"predicted_{when}"] = measured - left
+            columns[f"residual_{when}"] = np.where(problem.weight > 0, problem.weight * left, np.nan)
+        columns["noise"] = np.where(problem.weight > 0, 1.0 / np.where(problem.weight > 0, problem.weight, 1.0), np.nan)
+        frames.append(pd.DataFrame(columns))
+    found = pd.concat(frames, ignore_index=True)
+    for name in ("part", "log", "channel"):
+        found[name] = found[name].astype("category")
+    return found[list(COLUMNS)]
+
+
+def log_names(problem: Problem) -> list[str]:
+    """Names of the logs; the same name from another folder gets a number."""
+    seen: dict[str, int] = {}
+    names = []
+    for log in problem.logs:
+        n = seen[log.name] = seen.get(log.name, 0) + 1
+        names.append(log.name if n == 1 else f"{log.name} ({n})")
+    return names
+
+
+# ---- what the estimator itself gains. Without truth there are two witnesses. Evidence: how well each row was foreseen, in nats.
+# Valid: how much of the time it knows.
+
+
+def gain(
+    logs: Sequence[tuple[str, str, Log]],
+    before: Vehicle,
+    after: Vehicle,
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """For verdict.json: of all logs together and of each, before and after: nats per row, and share of the rows that are valid.
+    `logs`: (part, name, log)."""
+
+    def one(task: tuple[tuple[str, str, Log], Vehicle]) -> pd.DataFrame:
+        (_, name, log), vehicle = task
+        say(f"the estimator over {name}")
+        return estimate(log, make_config(vehicle, log)[0]).table
+
+    with ThreadPoolExecutor(max(1, jobs)) as pool:  # the library runs without Python's lock
+        tables = list(pool.map(one, [(log, vehicle) for log in logs for vehicle in (before, after)]))
+    drives = []
+    for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
+        # the same rows on both sides: where both used a measurement
+        used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
+        drives.append({
+            "log": name, "part": part, "evidence": _both(pair, lambda t, u=used: float(t.loc[u, "log_evidence"].mean())),
+            "valid": _both(pair, lambda t: {k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS}),
+        })  # fmt: skip
+    rows = [len(log) for _, _, log in logs]
+
+    def mean(of: Callable[[dict[str, Any]], float]) -> float:
+        return float(np.average([of(d) for d in drives], weights=rows))
+
+    return {
+        "log_evidence_per_row": {w: mean(lambda d, w=w: d["evidence"][w]) for w in BOTH},
+        "valid": {w: {k: mean(lambda d, w=w, k=k: d["valid"][w][k]) for k in STIFFNESS} for w in BOTH},
+        "logs": drives,
+    }
+
+
+def words(gained: Mapping[str, Any]) -> list[str]:
+    """For the terminal."""
+    shares = {k: [100 * gained["valid"][w][k] for w in BOTH] for k in STIFFNESS}
+    return [
+        f"The estimator's {NAMES[k][0].lower() + NAMES[k][1:]}: valid {old:.0f} -> {new:.0f} % of the time."
+        for k, (old, new) in shares.items()
+    ]
+
+
+def _both(pair: Sequence[pd.DataFrame], of: Callable[[pd.DataFrame], Any]) -> dict[str, Any]:
+    return dict(zip(BOTH, map(of, pair), strict=True))

@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tse.impl.gap.infer.show import Change
+from tse.impl.gap.fit import Change
 from tse.impl.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, picture_of, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}

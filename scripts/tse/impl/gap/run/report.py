@@ -12,7 +12,7 @@ import pandas as pd
 
 from tse.impl.core import STIFFNESS, library
 from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.infer.show import Change
+from tse.impl.gap.fit import Change
 from tse.impl.gap.run import pictures
 from tse.impl.gap.run.workflow import Result
 from tse.impl.identify.data import CHANNELS

@@ -14,8 +14,8 @@ from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.formula import Formula
 from tse.impl.gap.catalogue import Key, catalogue
-from tse.impl.gap.fit import Fit, gap
-from tse.impl.gap.infer import detect, remainder, show, where
+from tse.impl.gap.fit import Change, Fit, compare, gap, on_others
+from tse.impl.gap.infer import detect, remainder, where
 from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.excerpt import excerpt, is_long
@@ -35,6 +35,7 @@ EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
 LIKELY = 0.5  # probability from which an effect without a name forbids an all-clear
 # of what roads leave of the gap, that the names of the car close where something else is left: fewer are no answer
 LEAST_NAMED = 0.5
+FIT, HELD_OUT = "fit", "held_out"  # parts of the logs
 
 
 @dataclass
@@ -44,7 +45,7 @@ class Found:
     naming: name.Naming
     discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
     rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
-    read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
+    read: list[tuple[str, Log]] = field(default_factory=list)  # part, log
 
     @property
     def formula(self) -> Formula | None:
@@ -76,7 +77,7 @@ class Result(Found):
     elsewhere: list[remainder.Remainder]  # of the held-out logs, more than noise
     fit_before: dict[str, float]
     fit_after: dict[str, float]
-    held_out: dict[str, show.Change]
+    held_out: dict[str, Change]
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
@@ -190,18 +191,18 @@ def run(
     if found.formula:  # beside it sizes are others: those that are said are those that are written
         found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
 
-    changes: dict[str, show.Change] = {}
+    changes: dict[str, Change] = {}
     elsewhere: list[remainder.Remainder] = []
     if held is not None:
         say("held-out logs")
-        values = show.of_the_car(held, found.after)
+        values = on_others(held, found.after)
         after = held.residuals(values)
-        changes = show.compare(held, held.residuals(found.naming.baseline.values), after)
+        changes = compare(held, held.residuals(found.naming.baseline.values), after)
         elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
     if not found.naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
     left = remainder.remainder(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
-    found.read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
+    found.read = [(FIT, x) for x in fitted] + [(HELD_OUT, x) for x in others]
     verdict, exit_code, words = judge(found, entries, left, elsewhere)
     alike = {i for n in found.naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     return Result(
@@ -219,7 +220,7 @@ def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     """Whether names that explain the fitted logs leave more than noise of those that were held out: a patchwork may."""
     if held is None or not naming.named:
         return False
-    return max(gap(held, held.residuals(show.of_the_car(held, naming.final.values))).values()) > NOISE_LIMIT
+    return max(gap(held, held.residuals(on_others(held, naming.final.values))).values()) > NOISE_LIMIT
 
 
 def _seconds(problem: Problem) -> float:
