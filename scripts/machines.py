@@ -35,11 +35,6 @@ def formats() -> list[str]:
     return row[1].split()
 
 
-def is_finished(real: str) -> bool:
-    """Whether this format has golden estimates: else its settings are refused, and there is nothing to compare."""
-    return golden_file(real).exists()
-
-
 def golden_file(real: str) -> Path:
     return ROOT / "tests" / "replay" / f"golden_{real}.csv"
 

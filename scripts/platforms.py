@@ -43,7 +43,7 @@ emulated: the default form. -: not asked of it.
 class Result:
     machine: m.Machine
     real: str
-    says: str
+    says: str = ""
 
     @property
     def is_fine(self) -> bool:
@@ -104,18 +104,18 @@ def asked(only: str, short: bool) -> list[Result]:
         for real in m.formats():
             is_asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
             if is_asked and (real in machine.short or not short):
-                out.append(Result(machine, real, "" if m.is_finished(real) else "skipped: this format has no golden estimates"))
+                out.append(Result(machine, real))
     return out
 
 
-def find_out(work: m.Work, results: list[Result]) -> Iterator[Result]:
+def find_out(work: m.Work, results: list[Result], again: bool) -> Iterator[Result]:
     """Fill in what each says."""
     kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     for r in results:
-        if not r.says and (why := r.machine.missing()):
+        if why := r.machine.missing():
             r.says = f"skipped: {why}"
-        elif not r.says:
-            r.says = kept.get(name_of(work, r.machine, r.real), "")
+        else:
+            r.says = "" if again else kept.get(name_of(work, r.machine, r.real), "")
     for r in sorted(results, key=lambda x: not x.says):
         start, machine, real = time.monotonic(), r.machine, r.real
         if not r.says:
@@ -135,24 +135,21 @@ def shown(machine: m.Machine) -> list[str]:
 
 
 def table(results: list[Result]) -> str:
-    finished = [real for real in m.formats() if m.is_finished(real)]
+    formats = m.formats()
     rows: dict[tuple[str, ...], dict[str, str]] = {}
     for r in results:
         x = r.machine
         version = f"{x.compiler()} {x.version()}" if not x.missing() else x.compiler()
         key = (x.name, version, f"`{' '.join(shown(x)) or '-'}`", x.emulator() if not x.missing() else "-")
         rows.setdefault(key, {})[r.real] = r.says or "not run"
-    lines = [f"| machine | compiler | flags | run by | {' | '.join(finished)} |", f"|---|---|---|---|{'---|' * len(finished)}"]
-    lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()]
+    lines = [f"| machine | compiler | flags | run by | {' | '.join(formats)} |", f"|---|---|---|---|{'---|' * len(formats)}"]
+    lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in formats)} |" for key, of in rows.items()]
     ran = [r for r in results if r.says and not r.says.startswith("skipped")]
     same, all_ = sum(r.says == SAME for r in ran), sum(not r.machine.refused for r in ran)
     refused, left = sum(r.says == REFUSED for r in ran), sum(not r.says for r in results)
     lines += ["", f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile."]
     if left:
         lines += [f"The run was interrupted: {left} are left."]
-    unfinished = [real for real in m.formats() if not m.is_finished(real)]
-    if unfinished:
-        lines += ["", f"Without golden estimates, hence not run: {', '.join(unfinished)}."]
     return "\n".join(lines) + "\n"
 
 
@@ -165,7 +162,7 @@ def main() -> int:
         work = m.Work(Path(folder))
         results = asked(args.only, args.short)
         head = HEAD.format(rows=m.rows().count("\n"), flags=" ".join(m.FLAGS))
-        for _ in find_out(work, results):
+        for _ in find_out(work, results, args.short):
             if not args.short and not args.only:
                 RESULTS.write_text(head + table(results))
     wrong = [r for r in results if not r.is_fine]

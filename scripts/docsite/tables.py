@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import tables as sources
+from tse.impl import tables as texts
 from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
 from tse.impl.files import read_toml
 
@@ -154,17 +155,17 @@ def output_fields() -> str:
     return table(["member of tse_output", "column, FMU output", "type", "unit", "meaning"], rows)
 
 
-def codes(which: int) -> str:
+def _codes(which: int) -> str:
     rows = [[str(c), code(f.name), cell(f.text)] for c, f in sorted(library().codes(which).items())]
     return table(["code", "name", "meaning"], rows, right=(0,))
 
 
 def status_codes() -> str:
-    return codes(STATUS)
+    return _codes(STATUS)
 
 
 def reason_codes() -> str:
-    return codes(REASON)
+    return _codes(REASON)
 
 
 def regimes() -> str:
@@ -200,25 +201,13 @@ def simulator() -> str:
 
 
 def log_columns() -> str:
-    rows = [[code("time"), "s", "increasing", "time of the row"]]
-    rows += [[code(f.name), cell(f.unit), _range(f), cell(f.text)] for f in library().channels]
+    rows = [[code(name), cell(unit), allowed, cell(text)] for name, unit, allowed, text in texts.log_columns()]
     return table(["column", "unit", "range", "meaning"], rows)
 
 
 def estimate_columns() -> str:
-    from tse.impl.estimate import est_columns, est_fields
-    from tse.impl.tables import _si
-
-    fields = {f.name: f for f in est_fields()}
-    rows = []
-    for name in est_columns():
-        f = fields.get(name)
-        if name == "time":
-            rows.append([code(name), "s", "as in the log"])
-        elif name.endswith("_reason"):
-            rows.append([code(name), "", "valid, or in words why not"])
-        elif f is not None:
-            rows.append([code(name), cell(_si(f)), "1 valid, 0 not" if name.endswith("_valid") else cell(f.text)])
+    rows = [[code(name), cell(unit), cell(text)] for name, unit, text in texts.estimate_columns()]
+    rows.insert(0, [code("time"), "s", "as in the log"])
     return table(["column", "unit", "meaning"], rows)
 
 
@@ -229,9 +218,7 @@ def result_columns() -> str:
 
 
 def vehicle_example() -> str:
-    from tse.impl.tables import example_vehicle
-
-    return f"```toml\n{example_vehicle()}\n```\n"
+    return f"```toml\n{texts.example_vehicle()}\n```\n"
 
 
 def formula_places() -> str:

@@ -15,6 +15,7 @@ from tse.errors import InputError
 from tse.impl import core
 from tse.impl.config import check_effect, make_config, set_sampling
 from tse.impl.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
+from tse.impl.errors import meant
 from tse.impl.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
@@ -304,13 +305,10 @@ def _conversions(config: core.Config) -> list[Convert]:
 
 
 def _hint(name: str) -> str:
-    import difflib
-
     for axle, pair in SIDES.items():
         if name in pair:
             return f": give {axle}, the mean of both wheels"
-    close = difflib.get_close_matches(name, CHANNELS, n=2)
-    return f" (did you mean {' or '.join(close)}?)" if close else f"; {_known()}"
+    return meant(name, CHANNELS, other=f"; {_known()}")
 
 
 def _known() -> str:

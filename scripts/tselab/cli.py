@@ -10,7 +10,7 @@ import traceback
 import click
 
 from tse.impl import __version__
-from tse.impl.errors import UserError
+from tse.impl.errors import Interrupted, UserError
 
 COMMANDS = {  # name: module of tselab, what it does
     "calibrate": ("calibrate", "Find what the car and the sensors of a log are."),
@@ -96,8 +96,8 @@ def main() -> None:
     except UserError as error:
         click.echo(f"tselab: error: {error}", err=True)
         sys.exit(2)
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("tselab: stopped by Ctrl-C", err=True)
+    except (KeyboardInterrupt, Interrupted, click.Abort) as error:
+        click.echo(f"tselab: {error if isinstance(error, Interrupted) else 'stopped by Ctrl-C'}", err=True)
         sys.exit(130)
     except BrokenPipeError:
         _give_up_stdout()

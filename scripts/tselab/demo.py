@@ -6,9 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -18,7 +16,7 @@ from tse.impl import maneuvers
 from tse.impl.config import make_config
 from tse.impl.core import STIFFNESS, Config, SimConfig
 from tse.impl.errors import UserError
-from tse.impl.estimate import Estimate, estimate, estimate_to, write_estimates, write_table
+from tse.impl.estimate import estimate, estimate_to, write_estimates, write_table
 from tse.impl.files import atomic, make_directory
 from tse.impl.fleet.single import prepare
 from tse.impl.gap.run.output import write_all
@@ -36,9 +34,6 @@ from tse.impl.verdict import NAMES
 from tselab.montecarlo.pictures import demo_picture
 from tselab.options import FILE, PROGRESS, show_progress
 
-if TYPE_CHECKING:
-    from tse.impl.gap.run.workflow import Result
-
 
 @click.command()
 @click.option("--out", metavar="DIR", type=FILE, default=Path("demo"), show_default=True, help="Directory; made if needed.")
@@ -52,17 +47,13 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
     the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
     the logs of a car with a hidden effect, and all that 'tselab gap' makes of them.
     """
-    from tse.impl.tables import simulated_vehicle
-
-    made = run_demo(out, seed, show_progress(progress))
-    click.echo(summary(made, out))
+    show = show_progress(progress)
+    log, table = estimated(out, seed, show)
     try:
-        logged = run_logger(out / "logger", made.log, simulated_vehicle(), made.est.table)
-        click.echo("\n" + logger_summary(logged, out / "logger"))
+        logged(out / "logger", log, table)
     except UserError as error:
         click.echo(f"\nleft out: {error}")
-    say = (lambda text: click.echo(f"gap: {text}", err=True)) if show_progress(progress) else (lambda _: None)
-    click.echo("\n" + gap_summary(run_gap(out / "gap", seed, say, os.cpu_count() or 1), out / "gap"))
+    closed(out / "gap", seed, (lambda text: click.echo(f"gap: {text}", err=True)) if show else (lambda _: None))
 
 
 DURATION, ROAD_CHANGE = 72.0, (36.0, 0.7)
@@ -87,17 +78,9 @@ SPREAD = 0.02  # of the stiffness from sample to sample, share of its mean
 STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # rad, rad/s
 
 
-@dataclass
-class Demo:
-    est: Estimate
-    truth: pd.DataFrame
-    files: list[str]
-    log: pd.DataFrame
-    gap: Result | None = None
-
-
-def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
-    """Write vehicle, filter settings, log, truth, estimates, report and picture."""
+def estimated(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Write vehicle, filter settings, log, truth, estimates, report and picture; say how far off they are. Return the log, and the
+    estimates."""
     make_directory(out)
     with atomic(out / "vehicle.toml") as file:
         file.write(simulated_vehicle())
@@ -119,13 +102,27 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
     with contextlib.suppress(UserError):  # matplotlib is optional
         demo_picture(out / "demo.png", est.table, simulation.truth, simulation.log)
         files.append("demo.png")
-    return Demo(est, simulation.truth, files, simulation.log)
+
+    table, time = est.table, est.table["time"].to_numpy()
+    click.echo(
+        f"Double lane changes, {time[-1]:.0f} s; at {ROAD_CHANGE[0]:g} s all stiffness drops to {100 * ROAD_CHANGE[1]:.0f} %."
+    )
+    parts = {
+        f"from {SETTLED:g} s to the change": (time >= SETTLED) & (time < ROAD_CHANGE[0]),
+        f"in the last {LAST:g} s": time > time[-1] - LAST,
+    }
+    for key in STIFFNESS:
+        valid = table[f"{key}_valid"].to_numpy() == 1
+        error = table[key].to_numpy() / simulation.truth[f"true_{key}"].to_numpy()[: len(table)] - 1
+        texts = [f"{100 * np.sqrt(np.mean(error[p & valid] ** 2)):.1f} % {name}" for name, p in parts.items() if (p & valid).any()]
+        click.echo(f"{NAMES[key]}: RMS error {', '.join(texts) or 'unknown'}; valid {100 * valid.mean():.0f} % of the time")
+    click.echo(f"Written to {out}: {', '.join(files)}")
+    return simulation.log, table
 
 
-def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: None, jobs: int = 1) -> Result:
-    """Logs of a car with a hidden effect, and the gap workflow over them: everything in `out`."""
-
-    out.mkdir(parents=True, exist_ok=True)
+def closed(out: Path, seed: int, say: Callable[[str], None]) -> None:
+    """Write logs of a car with a hidden effect, and what the gap workflow makes of them; say what was hidden, what was found."""
+    make_directory(out)
     path = out / "car.toml"
     with atomic(path) as file:
         file.write(simulated_vehicle())
@@ -136,50 +133,25 @@ def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: Non
     noise = {"steer_angle_sd": STEER_NOISE, "wheel_speed_sd": WHEEL_NOISE, "true_bias_accel_y": 0.05, "true_cy_rear": 1.05}
     paths: dict[bool, list[Path]] = {False: [], True: []}
     say("simulating a car with a hidden effect")
-    for i, (name, duration, speed, amplitude, held) in enumerate(GAP_DRIVES):
+    for i, (name, duration, speed, amplitude, is_held) in enumerate(GAP_DRIVES):
         maneuver = maneuvers.build(
             name, car, sample_time=car.sample_time, duration=duration, speed=speed, amplitude=amplitude, seed=seed + i
         )
         log = simulate(maneuver, truth, SimConfig(spread | noise | {"seed": seed + i, "speed": speed}), vehicle.driven_axle).log
-        paths[held].append(out / f"{'held_out' if held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv")
-        write_table(log, paths[held][-1])
+        paths[is_held].append(out / f"{'held_out' if is_held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv")
+        write_table(log, paths[is_held][-1])
+    jobs = os.cpu_count() or 1
     result = run(paths[False], path, paths[True], jobs, say)
     write_all(out, result, path, jobs, say)
-    return result
-
-
-def gap_summary(result: Result, out: Path) -> str:
-    """What was hidden, what was found, in plain words."""
-    before, after = result.fit_before["accel_y"], result.fit_after["accel_y"]
     held = result.held_out["accel_y"]
-    return "\n".join(
-        [
-            f"A second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m). tselab gap says:",
-            *(f"  {w}" for w in result.words),
-            f"accel_y against the simulation: {before:.2f} times the sensor's noise before, {after:.2f} after; in a "
-            f"manoeuvre that the fit has not seen {held.before:.2f} before, {held.after:.2f} after.",
-            f"Written to {out}: gap.png, report.html, verdict.json, vehicle_improved.toml, effects.h ...",
-        ]
+    click.echo(f"\nA second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m). tselab gap says:")
+    for line in result.words:
+        click.echo(f"  {line}")
+    click.echo(
+        f"accel_y against the simulation: {result.fit_before['accel_y']:.2f} times the sensor's noise before, "
+        f"{result.fit_after['accel_y']:.2f} after; in a manoeuvre that the fit has not seen {held.before:.2f} before, "
+        f"{held.after:.2f} after.\nWritten to {out}: gap.png, report.html, verdict.json, vehicle_improved.toml, effects.h ..."
     )
-
-
-def summary(demo: Demo, out: Path) -> str:
-    """Five lines."""
-    table = demo.est.table
-    time, end = table["time"].to_numpy(), table["time"].iloc[-1]
-    lines = [f"Double lane changes, {end:.0f} s; at {ROAD_CHANGE[0]:g} s all stiffness drops to {100 * ROAD_CHANGE[1]:.0f} %."]
-    parts = {
-        f"from {SETTLED:g} s to the change": (time >= SETTLED) & (time < ROAD_CHANGE[0]),
-        f"in the last {LAST:g} s": time > end - LAST,
-    }
-    for key in STIFFNESS:
-        true = demo.truth[f"true_{key}"].to_numpy()[: len(table)]
-        valid = table[f"{key}_valid"].to_numpy() == 1
-        error = table[key].to_numpy() / true - 1
-        texts = [f"{100 * np.sqrt(np.mean(error[p & valid] ** 2)):.1f} % {name}" for name, p in parts.items() if (p & valid).any()]
-        lines.append(f"{NAMES[key]}: RMS error {', '.join(texts) or 'unknown'}; valid {100 * valid.mean():.0f} % of the time")
-    lines.append(f"Written to {out}: {', '.join(demo.files)}")
-    return "\n".join(lines)
 
 
 # ---- the same drive as an MF4 of a measuring system, and what a user does with it
@@ -194,23 +166,13 @@ GROUPS = {  # group of the MF4: rows of the clean log per entry, latency in s, c
 }
 
 
-@dataclass(frozen=True)
-class Logger:
-    """What came of it. `off`: estimate over that from the clean log, less 1, at the end of the drive."""
-
-    found: dict[str, str]  # channel -> what it was guessed from
-    late: float  # s by which the wheels were found to be behind the gyro
-    off: dict[str, float]
-
-
-def run_logger(out: Path, log: pd.DataFrame, vehicle: str, clean: pd.DataFrame) -> Logger:
-    """Write car.toml and drive.mf4, have signals.toml proposed, estimate. `log`: the clean rows; `vehicle`: the text of the vehicle
-    file; `clean`: what was estimated from them. UserError: no library for MF4."""
-
+def logged(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
+    """Write car.toml and drive.mf4, have signals.toml proposed, estimate, and say how far that is from what was estimated from the
+    clean rows. UserError: no library for MF4."""
     need("asammdf", "mf4", "the demonstration of an MF4")
-    out.mkdir(parents=True, exist_ok=True)
+    make_directory(out)
     with atomic(out / "car.toml") as file:
-        file.write(f"steering_ratio = {RATIO}\n{vehicle}")
+        file.write(f"steering_ratio = {RATIO}\n{simulated_vehicle()}")
     car = read_vehicle(out / "car.toml")
     write_mf4(out / "drive.mf4", log, car.values)
     recording = read_recording(out / "drive.mf4")
@@ -224,8 +186,16 @@ def run_logger(out: Path, log: pd.DataFrame, vehicle: str, clean: pd.DataFrame) 
         return table[table["time"] > table["time"].iloc[-1] - LAST][list(STIFFNESS)].mean()
 
     off = end(est.table) / end(clean) - 1
-    wheels = next((g.latency for g in proposal.guesses if g.channel == "wheel_speed_rear"), float("nan"))
-    return Logger({g.channel: " and ".join(g.name) for g in proposal.guesses}, wheels, off.to_dict())
+    wheels = proposal["wheel_speed_rear"]
+    click.echo(
+        "\nThe same drive as a measuring system logs it: an MF4, four wheels in km/h, steering wheel in degrees, three rates, "
+        f"latencies.\ntselab signals finds {len(proposal.guesses)} of 6 channels; the wheels "
+        f"{1e3 * wheels.latency if wheels else np.nan:.0f} ms behind the gyro "
+        f"({1e3 * (GROUPS['ESP_wheels'][1] - GROUPS['IMU'][1]):.0f} ms are true).\n"
+        f"Against the estimates from the clean log, last {LAST:g} s: "
+        f"{', '.join(f'{NAMES[key].lower()} {100 * x:+.1f} %' for key, x in off.items())}.\n"
+        f"Written to {out}: car.toml, drive.mf4, signals.toml, est.csv"
+    )
 
 
 def write_mf4(path: Path, log: pd.DataFrame, car: dict[str, float]) -> None:
@@ -246,19 +216,3 @@ def write_mf4(path: Path, log: pd.DataFrame, car: dict[str, float]) -> None:
             time = d["time"][::every] + latency
             mdf.append([Signal(value[n][::every], time, unit=u, name=n) for n, u in units.items()], acq_name=group)
         mdf.save(path, overwrite=True)
-
-
-def logger_summary(made: Logger, out: Path) -> str:
-    """In plain words."""
-    true = GROUPS["ESP_wheels"][1] - GROUPS["IMU"][1]
-    off = ", ".join(f"{NAMES[key].lower()} {100 * x:+.1f} %" for key, x in made.off.items())
-    return "\n".join(
-        [
-            "The same drive as a measuring system logs it: an MF4, four wheels in km/h, steering wheel in degrees, three rates, "
-            "latencies.",
-            f"tselab signals finds {len(made.found)} of 6 channels; the wheels {1e3 * made.late:.0f} ms behind the gyro "
-            f"({1e3 * true:.0f} ms are true).",
-            f"Against the estimates from the clean log, last {LAST:g} s: {off}.",
-            f"Written to {out}: car.toml, drive.mf4, signals.toml, est.csv",
-        ]
-    )

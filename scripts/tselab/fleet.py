@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,7 +99,7 @@ def fleet(
     from tse.impl.errors import UserError
     from tse.impl.fleet import find, page
     from tse.impl.fleet.keep import PAGE, TABLE, Store
-    from tse.impl.fleet.run import Interrupted, Plan, run
+    from tse.impl.fleet.run import Plan, run
     from tse.impl.vehicle import read_vehicle
 
     if (vehicle_path is None) == (table is None):
@@ -113,11 +112,7 @@ def fleet(
         read_vehicle(path)  # one that is wrong is refused before anything is run
     store = Store(out, restart)
     plan = Plan(reading, config_path, average, form, settings, learn, reports, estimates, calibrate)
-    try:
-        done = run(drives, plan, store, jobs, scheduler, show_progress(progress))
-    except Interrupted as stopped:
-        click.echo(f"tselab: {stopped}", err=True)
-        sys.exit(130)
+    done = run(drives, plan, store, jobs, scheduler, show_progress(progress))
     frame = store.write(done)
     page.write(out / PAGE, done, frame, out.resolve().name)
     code = _code(done)

@@ -131,7 +131,7 @@ RESTART = click.option("--restart", is_flag=True, help="Discard the runs that ar
 class Lazy(click.Command):
     """A command whose help ends in tables of the library."""
 
-    def __init__(self, *args: Any, tables: tuple[tuple[str, str], ...] = (), **kwargs: Any):
+    def __init__(self, *args: Any, tables: tuple[tuple[str, str | Callable[[], str]], ...] = (), **kwargs: Any):
         super().__init__(*args, **kwargs)
         self.tables = tables
 
@@ -139,10 +139,10 @@ class Lazy(click.Command):
         from tse.impl import tables
 
         super().format_epilog(ctx, formatter)
-        for title, name in self.tables:
+        for title, made in self.tables:
             formatter.write(f"\n{title}:\n")
             try:
-                formatter.write(textwrap.indent(getattr(tables, name)(), "  ") + "\n")
+                formatter.write(textwrap.indent((made if callable(made) else getattr(tables, made))(), "  ") + "\n")
             except UserError as error:
                 formatter.write(f"  ({error})\n")
 

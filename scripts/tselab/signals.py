@@ -44,8 +44,8 @@ def signals(
     (SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog
     (extra openpilot).
 
-    Files are read in pieces; tselab estimate keeps the channels that it needs in memory. As a whole are read: of MAT 5 a variable
-    at a time (of a struct all of it), of a CSV a column of dates or of text, of openpilot the file.
+    A channel is read at a time, frames of a bus and rows of a CSV in pieces; tselab estimate keeps the channels that it needs in
+    memory. As a whole are read: of MAT 5 a variable (of a struct all of it), a CSV with the names of tse, of openpilot the file.
 
     Exit code: 0 all channels found, 3 some are missing, 2 bad input.
     """

@@ -9,20 +9,14 @@ from tse.impl.errors import UserError
 from tselab.options import FILE, JSON, PROGRESS, Lazy, check_range, key_values, show_progress
 
 
-class SimulateCommand(Lazy):
-    """Lists the manoeuvres too."""
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        lines = [
-            f"  {k.name:<19} {k.duration:g} s from {k.speed:g} m/s, amplitude {k.amplitude:g} ({k.amplitude_text})\n"
-            f"{'':<22}{k.text}"
-            for k in maneuvers.KINDS.values()
-        ]
-        formatter.write("\n".join(["\nManoeuvres:", *lines, ""]))
-        super().format_epilog(ctx, formatter)
+def _listed() -> str:
+    return "\n".join(
+        f"{k.name:<19} {k.duration:g} s from {k.speed:g} m/s, amplitude {k.amplitude:g} ({k.amplitude_text})\n{'':<20}{k.text}"
+        for k in maneuvers.KINDS.values()
+    )
 
 
-@click.command(cls=SimulateCommand, tables=(("Settings of the simulator (--set)", "sim_settings_table"),))
+@click.command(cls=Lazy, tables=(("Manoeuvres", _listed), ("Settings of the simulator (--set)", "sim_settings_table")))
 @click.option("--maneuver", metavar="NAME", required=True, help="What is driven; list below.")
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; default: the built-in car.")
 @click.option("--out", metavar="LOG.csv", type=FILE, required=True, help="The log, as 'tselab estimate' reads it.")

@@ -1,6 +1,5 @@
 """`tselab montecarlo`, `paper`."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,18 +7,14 @@ import click
 
 from tse.impl.errors import UserError
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FIRST_SEED, FORM, JOBS, JSON, PROGRESS, RESTART, key_values, show_progress
+from tselab.options import FILE, FIRST_SEED, FORM, JOBS, JSON, PROGRESS, RESTART, Lazy, key_values, show_progress
 
 
-class StudyCommand(click.Command):
-    """Lists the studies too."""
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        lines = [f"  {name:<11} {runs:>3} runs  {title}" for name, (runs, title) in STUDIES.items()]
-        formatter.write("\nStudies, with their usual number of runs of each case:\n" + "\n".join(lines) + "\n")
+def _listed() -> str:
+    return "\n".join(f"{name:<11} {runs:>3} runs  {title}" for name, (runs, title) in STUDIES.items())
 
 
-@click.command(cls=StudyCommand)
+@click.command(cls=Lazy, tables=(("Studies, with their usual number of runs of each case", _listed),))
 @click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
 @click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study.")
 @JOBS
@@ -90,17 +85,13 @@ def _study(
 ) -> None:  # fmt: skip
     """Run a study, write its files and say what it found."""
     from tselab.montecarlo import studies
-    from tselab.montecarlo.engine import Interrupted, Plan
+    from tselab.montecarlo.engine import Plan
     from tselab.montecarlo.engine import run as run_all
     from tselab.montecarlo.pictures import write
 
     study = studies.study(name, plan.get("cases", ()))
     todo = Plan(study, runs or study.runs, first_seed, **plan)
-    try:
-        rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
-    except Interrupted as stopped:
-        click.echo(f"tselab: {stopped}", err=True)
-        sys.exit(130)
+    rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
     text, files = write(todo, rows, out)
     if as_json:
         from tse.impl import results

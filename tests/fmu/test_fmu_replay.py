@@ -44,7 +44,7 @@ def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = Fals
 
 
 def replay(estimator: Unit, log: Log, settings: dict[str, float], form: str | None = None) -> None:
-    full = {**(Config.form(form) if form else {}), **settings}
+    full = {**(Config.settings_of(form) if form else {}), **settings}
     expected = log.through_library(settings, form)
     with Instance(estimator) as instance:
         instance.start(parameters_of(full, estimator), time=float(log.time[0]))

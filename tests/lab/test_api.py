@@ -335,7 +335,7 @@ def test_what_a_stream_has_learnt_is_what_the_log_has(frame, result):
 def test_settings_of_a_filter_are_checked_and_win():
     assert tse.Filter(CAR, settings={"mass": 1700.0}).settings["mass"] == 1700.0
     assert tse.Filter(CAR, sample_time=0.04).settings["max_gap"] >= 0.2
-    assert tse.Filter(form="paper").settings["form"] == Config(Config.form("paper")).form
+    assert tse.Filter(form="paper").settings["form"] == Config(Config.settings_of("paper")).form
     with pytest.raises(tse.SettingError, match=r"mass = 1 is outside its range 50 .. 50000 kg \(vehicle mass\)"):
         tse.Filter(CAR, settings={"mass": 1})
     with pytest.raises(tse.SettingError, match="did you mean mass"):

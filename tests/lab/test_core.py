@@ -168,8 +168,8 @@ def test_noise_of_the_wheel_speeds_is_found_and_biases_no_stiffness(folder):
 
 
 def test_robust_and_paper_are_settings_of_one_form_and_the_defaults_are_as_printed(folder):
-    robust, paper = Config.form("robust"), Config.form("paper")
-    assert Config.form("default") == {} and (paper["form"], robust["form"]) == (1, 1)
+    robust, paper = Config.settings_of("robust"), Config.settings_of("paper")
+    assert Config.settings_of("default") == {} and (paper["form"], robust["form"]) == (1, 1)
     kept_from_diverging = {"forgetting_mean", "forgetting_change", "reflect_draws", "integration", "spread_max", "spread_kernel"}
     assert kept_from_diverging <= set(robust) and not kept_from_diverging & set(paper)
     few = ("--particles", 64)

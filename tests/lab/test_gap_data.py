@@ -25,8 +25,7 @@ from tse.impl.gap.infer.naming import Named, name
 from tse.impl.gap.parallel import apart, is_copy
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.run import workflow
-from tse.impl.identify.data import BURN_IN, fresh, prepare, prepare_all, smoothed
-from tse.impl.identify.simulate import simulate
+from tse.impl.identify.data import BURN_IN, fresh, prepare, prepare_all, simulate, smoothed
 from tse.impl.logs.agree import read_agreeing
 from tse.impl.logs.log import read_log
 from tse.impl.results import plain

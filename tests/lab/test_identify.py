@@ -12,12 +12,10 @@ from scipy.stats import multivariate_normal
 from tse.impl.core import Config, SimConfig, Simulator
 from tse.impl.errors import UserError
 from tse.impl.identify import discrepancy
-from tse.impl.identify import ready as ready_rules
-from tse.impl.identify.data import Prepared, blocks, prepare, smoothed, speed
+from tse.impl.identify.data import CALM, Prepared, blocks, calm, curves, prepare, smoothed, speed, together
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.identify.fit import LITTLE, fit, step, whitened
 from tse.impl.identify.problem import SPEED_TIME, Problem, shapes
-from tse.impl.identify.ready import calm, curves, together
 from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
 from tse.impl.logs.log import read_log
 from tse.impl.rows import Slower
@@ -383,7 +381,7 @@ def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp
 def test_wheels_and_accel_x_are_smoothed_alike_and_nothing_else(tmp_path: Path) -> None:
     log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
     smooth = calm(log)
-    weight = np.exp(-0.5 * ((log.time[:, None] - log.time[1000]) / ready_rules.CALM) ** 2)[:, 0]
+    weight = np.exp(-0.5 * ((log.time[:, None] - log.time[1000]) / CALM) ** 2)[:, 0]
     weight /= weight.sum()
     assert smooth.inputs["wheel_speed_front"][1000] == pytest.approx(weight @ log.inputs["wheel_speed_front"], rel=1e-5)
     assert smooth.measured["accel_x"][1000] == pytest.approx(weight @ log.measured["accel_x"], abs=1e-4)

@@ -328,7 +328,7 @@ def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_n
     assert all(v.smoothed_reason == "contradicted" and np.isnan(v.smoothed) for v in found.verdicts)
     (found,) = findings(table.assign(status=-1), Config(), [])
     assert all(v.smoothed_reason == "" and np.isnan(v.smoothed) for v in found.verdicts)
-    (found,) = findings(table_of([(0.0, 60.0, None)]), Config(Config.form("paper")), [])
+    (found,) = findings(table_of([(0.0, 60.0, None)]), Config(Config.settings_of("paper")), [])
     assert all(v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts)  # particles forget
 
 

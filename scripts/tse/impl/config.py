@@ -54,7 +54,7 @@ def make_config(
 ) -> tuple[Config, list[str]]:
     """The settings of a run, and notes on what the log made of them."""
     values = filter_values(vehicle) if form == "default" else vehicle.values
-    config = Config({**Config.form(form), **values})
+    config = Config({**Config.settings_of(form), **values})
     notes: list[str] = []
     if log is not None and log.sample_time is not None:
         notes += set_sampling(config, log.sample_time)

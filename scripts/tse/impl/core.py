@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from tse.impl.errors import UserError
+from tse.impl.errors import UserError, meant
 
 CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)  # enum tse_struct
 REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
 FORMULA_PLACE, FORMULA_OP = range(11, 13)
 STRUCTS = 13
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
+ALL = "; 'tselab settings' lists all"
 GRIP = "grip"  # judged as they are: grip_valid and a reason
 NOMINAL = {  # the setting that is 1 of a relative stiffness
     "cx_front": "longitudinal_stiffness_front",
@@ -411,7 +412,7 @@ class Settings:
         where = f"{source}: " if source else ""
         field = self._table.get(name)
         if field is None:
-            raise UnknownSetting(f"{where}there is no setting '{name}'{similar(name, self._table)}")
+            raise UnknownSetting(f"{where}there is no setting '{name}'{meant(name, self._table, other=ALL)}")
         kind = "a whole number" if field.is_integer else "a number"
         number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or (field.is_integer and value != int(value)):
@@ -429,17 +430,8 @@ class Settings:
         return {name: value for name, value in self.as_dict().items() if value != getattr(default, name)}
 
 
-class _Form:
-    """`form` of a Config is the setting of that name; Config.form("paper") are the settings of a form."""
-
-    def __get__(self, config: Config | None, owner: type[Config]):
-        return owner.settings_of if config is None else config.__getattr__("form")
-
-
 class Config(Settings):
     """tse_config: vehicle, sensors, filter."""
-
-    form = _Form()
 
     @classmethod
     def settings_of(cls, name: str) -> dict[str, float | int]:
@@ -454,13 +446,6 @@ class SimConfig(Settings):
 
     _which = SIM_CONFIG
     _defaults = "tse_sim_config_default"
-
-
-def similar(name: str, known: Mapping[str, Any]) -> str:
-    import difflib
-
-    close = difflib.get_close_matches(name, known, n=2)
-    return f" (did you mean {' or '.join(close)}?)" if close else "; 'tselab settings' lists all"
 
 
 def _refuse(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...]) -> None:

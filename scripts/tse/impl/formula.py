@@ -4,7 +4,6 @@ text, checked, and turned into the settings formula_* (src/tables/formula.toml),
 from __future__ import annotations
 
 import ast
-import difflib
 import functools
 import json
 import keyword
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tse.impl.core import CONFIG, library
-from tse.impl.errors import UserError
+from tse.impl.errors import UserError, meant
 from tse.impl.files import atomic, read_toml
 from tse.impl.units import registry
 
@@ -371,7 +370,7 @@ class _Compiler:
             if name in WRITTEN and name in self.table:
                 raise self.wrong(node, f"is not allowed: {name} is written as {WRITTEN[name]}")
             if name not in _callable():
-                raise self.wrong(node.func, f"is not an operation{_hint(name, _callable(), '')}; {_allowed()}")
+                raise self.wrong(node.func, f"is not an operation{meant(name, _callable())}; {_allowed()}")
             takes = self.table[name].takes
             if node.keywords or len(node.args) != takes:
                 operands = ", ".join("xyz"[:takes])
@@ -401,8 +400,7 @@ class _Compiler:
         known = [*_signals(), *self.units]
         own = f"numbers of the file: {', '.join(self.units) or 'none'}"
         raise self.wrong(
-            node,
-            f"is neither a signal nor a number of the file{_hint(node.id, known, '')}; signals: {', '.join(_signals())}; {own}",
+            node, f"is neither a signal nor a number of the file{meant(node.id, known)}; signals: {', '.join(_signals())}; {own}"
         )
 
     def power(self, node: ast.BinOp, level: int) -> Any:
@@ -511,12 +509,10 @@ def _indent(text: str) -> int:
     return len(text) - len(text.lstrip(" "))
 
 
-def _hint(name: str, known: Iterable[str], other: str | None = None) -> str:
-    """What could be meant; else `other`, or all that is known."""
+def _hint(name: str, known: Iterable[str]) -> str:
+    """What could be meant; else all that is known."""
     known = list(known)
-    if close := difflib.get_close_matches(name, known, n=2):
-        return f" (did you mean {' or '.join(close)}?)"
-    return f"; allowed: {', '.join(known) or 'none'}" if other is None else other
+    return meant(name, known, other=f"; allowed: {', '.join(known) or 'none'}")
 
 
 def _check_range(what: str, setting: str, value: float) -> None:

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 from tse.impl.errors import UserError
 
@@ -39,16 +39,17 @@ class Died(RuntimeError):
         super().__init__("the process that worked on it died, probably for want of memory" + more)
 
 
-class Workers(Protocol):
-    """Takes tasks, and gives them back as they are done. Left with an error, it waits for nothing."""
+class Workers:
+    """Takes tasks (submit), and gives them back as they are done (next). Left with an error, it waits for nothing."""
 
-    def __enter__(self) -> Workers: ...
+    submit: Callable[[Any], None]
+    next: Callable[[], Finished]
 
-    def __exit__(self, kind: Any, *error: object) -> None: ...
+    def __enter__(self) -> Workers:
+        return self
 
-    def submit(self, task: Any) -> None: ...
-
-    def next(self) -> Finished: ...
+    def __exit__(self, kind: Any, *error: object) -> None:
+        """Nothing is to be ended."""
 
 
 def each(do: Do, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None) -> Iterator[Finished]:
@@ -62,7 +63,7 @@ def each(do: Do, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = No
                 yield workers.next()
 
 
-class Here:
+class Here(Workers):
     """This process: a task is done when its result is asked for."""
 
     def __init__(self, do: Do):
@@ -76,14 +77,8 @@ class Here:
         task = self._tasks.popleft()
         return task, functools.partial(self._do, task)
 
-    def __enter__(self) -> Here:
-        return self
 
-    def __exit__(self, kind: Any, *error: object) -> None:
-        self._tasks.clear()
-
-
-class Local:
+class Local(Workers):
     """Processes of this machine."""
 
     def __init__(self, do: Do, jobs: int):
@@ -125,9 +120,6 @@ class Local:
                 future = alone.submit(self._do, task)
             return task, _dead if isinstance(future.exception(), BrokenProcessPool) else future.result
 
-    def __enter__(self) -> Local:
-        return self
-
     def __exit__(self, kind: Any, *error: object) -> None:
         if kind is not None:
             for process in multiprocessing.active_children():
@@ -151,7 +143,7 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-class Cluster:
+class Cluster(Workers):
     """A Dask cluster, whose workers see files under the same paths. A worker that dies costs its task once more, elsewhere.
     `check`: looks at the cluster before the first task."""
 
@@ -180,9 +172,6 @@ class Cluster:
             deaths = int(dask.config.get("distributed.scheduler.allowed-failures")) + 1
             return task, functools.partial(_dead, f" (it has ended {deaths} workers of the cluster)")
         return task, future.result
-
-    def __enter__(self) -> Cluster:
-        return self
 
     def __exit__(self, kind: Any, *error: object) -> None:
         with contextlib.suppress(Exception):  # a cluster that is gone has nothing to cancel

@@ -32,17 +32,26 @@ def settings_table(which: int = CONFIG) -> str:
     return text_table(rows, right=(1,))
 
 
-def log_columns_table() -> str:
+def log_columns() -> list[list[str]]:
+    """Name, unit, range and meaning of each column of a log."""
     rows = [["time", "s", "increasing", "time of the row"]]
-    rows += [[f.name, f.unit, f"{f.low:g} .. {f.high:g}", f.text] for f in library().channels]
-    return text_table(rows)
+    return rows + [[f.name, f.unit, f"{f.low:g} .. {f.high:g}", f.text] for f in library().channels]
 
 
-def est_columns_table() -> str:
+def log_columns_table() -> str:
+    return text_table(log_columns())
+
+
+def estimate_columns() -> list[list[str]]:
+    """Name, unit and meaning of each column of EST.csv after time."""
     rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in (*STIFFNESS, GRIP)}
     for f in est_fields():
         rows[f.name] = [f.name, _si(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
-    return text_table(rows[name] for name in est_columns() if name != "time")
+    return [rows[name] for name in est_columns() if name != "time"]
+
+
+def est_columns_table() -> str:
+    return text_table(estimate_columns())
 
 
 def codes_table() -> str:

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tse.impl.core import CONFIG, NOMINAL, Config, Effect, SettingError, library, similar
-from tse.impl.errors import UserError
+from tse.impl.core import ALL, CONFIG, NOMINAL, Config, Effect, SettingError, library
+from tse.impl.errors import UserError, meant
 from tse.impl.files import read_toml
 from tse.impl.formula import Formula, read_formula
 from tse.impl.noise import kinematic_misfit, noise_of
@@ -273,8 +273,8 @@ def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
     where = {name: f"[{name}]" if name else "at the top, before the first [table]" for name in known}
     if there := [where[name] for name, keys in known.items() if key in keys]:
         return f" here, but {' and '.join(there)}"
-    if near := get_close_matches(key, known[table], 2):
-        return f" (did you mean {' or '.join(near)}?)"
+    if near := meant(key, known[table]):
+        return near
     if key in Config().fields:
         return ": a setting of the filter goes into its own file, --config FILTER.toml"
     elsewhere = {k: where[name] for name, keys in known.items() for k in keys}
@@ -352,15 +352,14 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
     catalogue = library().effects
     for effect, parameters in effects.items():
         if effect not in catalogue:
-            raise UserError(f"{path}: there is no effect '{effect}'{similar(effect, catalogue)}")
+            raise UserError(f"{path}: there is no effect '{effect}'{meant(effect, catalogue, other=ALL)}")
         if not isinstance(parameters, dict):
             raise UserError(f"{path}: effects.{effect} must be a table: [effects.{effect}]")
         settings = {p.name: p.setting for p in catalogue[effect].parameters}
         for key, value in parameters.items():
             if key not in settings:
-                near = get_close_matches(key, settings, 1)
-                hint = f"did you mean {near[0]}?" if near else f"allowed: {', '.join(settings)}"
-                unknown.append(f"key effects.{effect}.{key} is not known ({hint})")
+                hint = meant(key, settings, 1, f" (allowed: {', '.join(settings)})")
+                unknown.append(f"key effects.{effect}.{key} is not known{hint}")
                 continue
             _set(check, settings[key], value, f"{path}: key effects.{effect}.{key}")
             values[settings[key]] = float(value)

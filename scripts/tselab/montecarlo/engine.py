@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from tse.impl import core, maneuvers, simulate
 from tse.impl.core import STIFFNESS, Config, library, library_hash
-from tse.impl.errors import UserError
+from tse.impl.errors import Interrupted, UserError
 from tse.impl.estimate import write_table
 from tse.impl.files import make_directory
 from tse.impl.processes import each, killed_as_interrupted
@@ -36,10 +36,6 @@ RUNS = "runs.jsonl"
 KEYS = ["case", "estimator", "seed"]
 NOISES = [f"noise_{channel}" for channel in MEASURES]
 TIMES = ["simulate_s", "estimate_s"]  # differ from run to run
-
-
-class Interrupted(Exception):
-    """Ctrl-C; the text says how to go on."""
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def overrides(name: str) -> dict[str, float]:
 def configure(name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]) -> Config:
     """Settings of an estimator: start and form, then the user's, then what the case is about, then its own."""
     family = name.partition("-")[0]
-    forms = Config.form(FORMS.get(family, form))
+    forms = Config.settings_of(FORMS.get(family, form))
     return Config({**START, **forms, **settings, **about, **overrides(name)})
 
 

@@ -1,6 +1,5 @@
 """Which logs there are, of which car each is, and when it was driven."""
 
-import difflib
 import fnmatch
 import glob
 import importlib
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tse.impl.errors import NoFile, UserError
+from tse.impl.errors import NoFile, UserError, meant
 from tse.impl.files import real
 from tse.impl.logs.readers import READERS
 
@@ -153,8 +152,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
             "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
         )
     for column in (c for c in read if c not in TABLE_COLUMNS):
-        near = difflib.get_close_matches(str(column), TABLE_COLUMNS, 1)
-        hint = f", did you mean {near[0]}?" if near else ""
+        hint = meant(str(column), TABLE_COLUMNS, 1)
         raise UserError(f"{table}: column {column} is not known{hint}; columns: {', '.join(TABLE_COLUMNS)}")
     rows = [{c: str(r.get(c, "")).strip() for c in TABLE_COLUMNS} for r in read.to_dict("records")]
     of: dict[str, str] = {}

@@ -11,6 +11,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from tse.impl.errors import Interrupted
 from tse.impl.files import real
 from tse.impl.fleet.find import Drive
 from tse.impl.fleet.keep import Done, Store
@@ -19,10 +20,6 @@ from tse.impl.processes import Cluster, Died, Here, Local, Workers, check_worker
 from tse.impl.rows import Reading
 
 TOGETHER = 4  # logs of a car on which it is calibrated, at most
-
-
-class Interrupted(Exception):
-    """Ctrl-C; the text says how to go on."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ def run(
             with killed_as_interrupted(), contextlib.ExitStack() as stack:
                 workers: Workers | None = None
                 waiting = deque(chains)
-                running: dict[Task, _Chain] = {}
+                running: dict[Path, _Chain] = {}
                 while waiting or running:
                     while waiting:
                         chain = waiting.popleft()
@@ -66,11 +63,11 @@ def run(
                             continue
                         if workers is None:  # nobody is started where all is done
                             workers = stack.enter_context(_workers(min(jobs, len(chains)), scheduler))
-                        running[_id(task)] = chain
+                        running[task.log] = chain
                         workers.submit(task)
                     if running and workers is not None:
                         task, result = workers.next()
-                        chain = running.pop(_id(task))
+                        chain = running.pop(task.log)
                         keep(chain.take(task, outcome_of(task, result)))
                         waiting.append(chain)
         except KeyboardInterrupt:
@@ -91,10 +88,6 @@ def outcome_of(task: Task, result: Callable[[], Outcome]) -> Outcome:
         return result()
     except Died as error:
         return Outcome(error=f"{task.log}: {error}: cut the log, or run it where there is more")
-
-
-def _id(task: Task) -> Any:
-    return task.log
 
 
 def _chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:

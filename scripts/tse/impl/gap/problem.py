@@ -17,8 +17,7 @@ import numpy as np
 from tse.impl.core import NOMINAL, Config
 from tse.impl.gap.catalogue import Effect, Key, Own, Parameter, of_the_car, profiles
 from tse.impl.gap.parallel import is_copy
-from tse.impl.identify.data import CHANNELS, Prepared, blocks
-from tse.impl.identify.simulate import simulate
+from tse.impl.identify.data import CHANNELS, Prepared, blocks, simulate
 from tse.impl.rows import MEASURES
 
 STIFFNESS = tuple(

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
-from tse.impl.core import Config
+from tse.impl.core import Config, Replay
 from tse.impl.errors import UserError
+from tse.impl.identify.unknowns import MOST_LATENCY
 from tse.impl.noise import channel_noise, filled, fresh, noise_of
 from tse.impl.rows import DRIVES, MEASURES, Log
 
@@ -28,6 +30,8 @@ BLOCK = 0.04  # s: residuals are averaged over so long
 BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
 SHORTEST = 3.0  # s: shorter stretches say less than their start costs
 LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
+CALM = 0.15  # s: sd of the smoothing: wheels and body pitch at 1 to 2 Hz on uneven roads, a driver brakes below that
+CURVE_LENGTH = 12.0  # m: sd of the smoothing: over which a road goes from level to leaning into its curve
 
 
 @dataclass
@@ -250,3 +254,76 @@ def smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> CubicSp
     smooth[1:-1] -= here * bend
     smooth[2:] -= after * bend
     return CubicSpline(time, smooth, bc_type="natural")
+
+
+# ---- the model on one log: smoothed inputs in, what the sensors should read out; every stretch from a start of its own
+
+
+def simulate(
+    config: Config,
+    log: Prepared,
+    channels: Sequence[str],
+    stiffness: dict[str, float],
+    profiles: dict[str, np.ndarray],
+    later: Mapping[str, float] | None = None,
+) -> dict[str, np.ndarray]:
+    """Predicted channels, one value per row, as late as the log has them; NaN between stretches. Biases are not in it.
+
+    `later`: s, by channel: how much later it is than the vehicle file says."""
+    later = later or {}
+    out = {c: np.full(len(log.time), np.nan) for c in channels}
+    for s in log.stretches:
+        rows = slice(s.first, s.last)
+        dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
+        inputs = {n: x[rows] for n, x in (log.inputs | profiles).items()}
+        inputs |= {n: log.later(n, by, rows) for n, by in later.items() if by and n in log.inputs}
+        replay = Replay(tuple(channels), dt=dt, **inputs)
+        gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
+        found = replay.run(
+            config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness
+        )
+        for c, x in found.items():
+            late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
+            out[c][rows] = CubicSpline(t, x)(np.clip(t - late, t[0], t[-1])) if late else x
+    return out
+
+
+# ---- what is made of a log before calibration compares it with a simulation
+
+
+def calm(log: Prepared) -> Prepared:
+    """The log with wheel speeds and accel_x smoothed alike, which leaves what is between them as it was. An uneven road moves the
+    wheels without the body; what the simulation makes of that would count as error of the car."""
+    rows = CALM / log.step
+    wheels = {n: gaussian_filter1d(x, rows) if n.startswith("wheel") else x for n, x in log.inputs.items()}
+    along = log.measured["accel_x"]
+    there = np.isfinite(along)
+    weight = gaussian_filter1d(there.astype(float), rows)
+    value = gaussian_filter1d(np.where(there, along, 0.0), rows) / np.maximum(weight, 1e-9)
+    return replace(log, inputs=wheels, measured=log.measured | {"accel_x": np.where(there, value, np.nan)})
+
+
+def curves(log: Prepared, config: Config) -> np.ndarray:
+    """m/s2, square of the speed times the curvature of the road: what its lean into its curves goes by. The curvature is that of
+    the car's path without what is shorter than roads are built in."""
+    rate, v = log.measured["yaw_rate"], np.maximum(speed(log.inputs, config), SLOWEST)
+    if not np.isfinite(rate).any():
+        return np.zeros(len(rate))
+    metres = np.arange(0.0, log.distance[-1] + 1.0)
+    curvature = np.interp(metres, log.distance, filled(rate) / v)
+    return v**2 * np.interp(log.distance, metres, gaussian_filter1d(curvature, CURVE_LENGTH))
+
+
+def inside(log: Prepared) -> np.ndarray:
+    """1 for rows whose channels are in the same stretch whatever their latency; at its start BURN_IN sees to that."""
+    found = np.zeros(len(log.time))
+    for s in log.stretches:
+        found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MOST_LATENCY
+    return found
+
+
+def together(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
+    """Used blocks that are compared as one: their indices, a row each of `count` without a hole; what is left over is left out."""
+    index = np.flatnonzero(used)
+    runs = np.split(index, np.flatnonzero((np.diff(index) > 1) | (np.diff(time[index]) > 1.5 * BLOCK)) + 1)
+    return np.concatenate([r[: len(r) // count * count].reshape(-1, count) for r in runs])

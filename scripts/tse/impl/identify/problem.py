@@ -25,10 +25,8 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from tse.impl.core import NOMINAL, Config
-from tse.impl.identify.data import BLOCK, Prepared, blocks, speed
+from tse.impl.identify.data import BLOCK, Prepared, blocks, calm, curves, inside, simulate, speed, together
 from tse.impl.identify.discrepancy import ACTIVE_TIME, Discrepancy, Piece, cost, found
-from tse.impl.identify.ready import calm, curves, inside, together
-from tse.impl.identify.simulate import simulate
 from tse.impl.identify.unknowns import (
     LATE,
     LATENCIES,

@@ -61,11 +61,8 @@ def series(recording: Recording, signals: Signals, car: Any | None, notes: list[
     clocks = Clocks()
     found: dict[str, Series] = {}
     for channel, signal in signals.signals.items():
-        parts = SIDES.get(channel, (channel,)) if len(signal.name) == 2 else (channel,)
-        made = [
-            _one(recording, signal, n, part, signals, clocks, car, notes)
-            for n, part in zip(signal.name, _parts(parts, signal), strict=True)
-        ]
+        parts = SIDES.get(channel, (channel, channel)) if len(signal.name) == 2 else (channel,)
+        made = [_one(recording, signal, n, part, signals, clocks, car, notes) for n, part in zip(signal.name, parts, strict=True)]
         if channel == "steer_angle" and len(made) == 2:  # left and right front wheel
             at = made[0].time
             other = made[1].value if np.array_equal(at, made[1].time) else np.interp(at, made[1].time, made[1].value)
@@ -73,10 +70,6 @@ def series(recording: Recording, signals: Signals, car: Any | None, notes: list[
         found |= {s.channel: s for s in made}
     notes += clocks.notes
     return found
-
-
-def _parts(parts: tuple[str, ...], signal: Signal) -> tuple[str, ...]:
-    return parts if len(parts) == len(signal.name) else (signal.channel,) * len(signal.name)
 
 
 def _one(

@@ -3,12 +3,11 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from tse.impl.core import library
-from tse.impl.errors import UserError
+from tse.impl.errors import UserError, meant
 from tse.impl.files import read_toml
 from tse.impl.logs.recording import How
 from tse.impl.rows import OPTIONAL, SIDES, beside_of
@@ -127,7 +126,7 @@ def read_signals(path: Path) -> Signals:
         raise refuse(
             next(iter(data)),
             "",
-            f"is not known{_meant(next(iter(data)), ('log', 'signals'))}; tables are [log] and [signals.CHANNEL]",
+            f"is not known{meant(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and [signals.CHANNEL]",
         )
     if not isinstance(log, dict) or not isinstance(signals, dict):
         raise UserError(f"{path}: log and signals must be tables: [log], [signals.CHANNEL]")
@@ -142,7 +141,7 @@ def read_signals(path: Path) -> Signals:
     for channel, table in signals.items():
         at = f"signals.{channel}"
         if channel not in known and not channel.startswith("ref_"):
-            raise refuse(at, "", f"there is no such channel{_meant(channel, known)}; channels: {', '.join(known)}, ref_ANYTHING")
+            raise refuse(at, "", f"there is no such channel{meant(channel, known, 1)}; channels: {', '.join(known)}, ref_ANYTHING")
         if not isinstance(table, dict):
             raise UserError(f'{path}: {_line(text, "signals", channel)}{channel} must be a table: [{at}] with name = "..."')
         found[channel] = _signal(channel, at, table, refuse)
@@ -159,7 +158,7 @@ def read_signals(path: Path) -> Signals:
 def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | None]:
     for key, value in log.items():
         if key not in LOG_KEYS:
-            raise refuse("log", key, f"is not known{_meant(key, LOG_KEYS)}; keys: {', '.join(sorted(LOG_KEYS))}")
+            raise refuse("log", key, f"is not known{meant(key, LOG_KEYS, 1)}; keys: {', '.join(sorted(LOG_KEYS))}")
         if key in ("time", "time_unit", "separator", "decimal", "encoding") and not isinstance(value, str):
             raise refuse("log", key, f"{value!r} is no text in quotes")
     rate = _number("log", "rate", log["rate"], SLOWEST, FASTEST, "Hz", refuse) if "rate" in log else None
@@ -185,7 +184,7 @@ def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | Non
 def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
     for key in table:
         if key not in KEYS:
-            raise refuse(at, key, f"is not known{_meant(key, KEYS)}; keys: {', '.join(KEYS)}")
+            raise refuse(at, key, f"is not known{meant(key, KEYS, 1)}; keys: {', '.join(KEYS)}")
     name = table.get("name")
     names = [name] if isinstance(name, str) else name
     axle = channel in SIDES
@@ -298,11 +297,6 @@ def _number(at: str, key: str, value: Any, low: float, high: float, unit: str, r
 def _units_for(channel: str) -> str:
     return {"rad": "rad, deg", "rad/s": "rad/s, rpm, km/h, m/s, mph" if "wheel" in channel else "rad/s, deg/s", "m/s2": "m/s2, g",
             "m/s": "m/s, km/h, mph", "Nm": "Nm"}.get(unit_of(channel), "SI units")  # fmt: skip
-
-
-def _meant(key: str, known: Any) -> str:
-    close = get_close_matches(key, list(known), 1, 0.6)
-    return f" (did you mean {close[0]}?)" if close else ""
 
 
 def _line(text: str, table: str, key: str) -> str:

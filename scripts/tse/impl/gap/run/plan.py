@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.impl.core import Config, similar
-from tse.impl.errors import UserError
+from tse.impl.core import Config
+from tse.impl.errors import UserError, meant
 from tse.impl.gap.catalogue import Effect, Key, catalogue
 from tse.impl.gap.drives import Candidate, library, prepared
 from tse.impl.gap.fit import fit
@@ -108,7 +108,7 @@ def pair(separate: str) -> tuple[Effect, Effect]:
     ids = [x.strip() for x in separate.split(",") if x.strip()]
     for i in ids:
         if i not in known:
-            raise UserError(f"option --separate: there is no effect '{i}'{similar(i, known)}".split(";")[0])
+            raise UserError(f"option --separate: there is no effect '{i}'{meant(i, known)}")
     if len(ids) != 2 or ids[0] == ids[1]:
         raise UserError(f"option --separate: {separate!r} is not two effects, for instance relaxation,steering_lag")
     return known[ids[0]], known[ids[1]]
