@@ -161,6 +161,9 @@ def test_a_log_that_cannot_be_used_is_refused_by_column_row_and_range(drive, fra
         (lambda f: f.assign(steer_angle=f["steer_angle"].where(f.index != 7, 2.5)),
          "steer_angle: 1 values outside -1.2 .. 1.2 rad are treated as missing (first in row 7)"),
         (lambda f: f.assign(time=f["time"].where(f.index != 9, 0.0)), "time: "),
+        (lambda f: f.assign(accel_y=0.33 * f["wheel_speed_rear"] * f["yaw_rate"]), "accel_y is speed times yaw_rate to the digit"),
+        (lambda f: f.assign(yaw_rate=f["yaw_rate"].where(f.index % 100 > 4, -3.2767)), "yaw_rate is -3.2767 in 25 rows"),
+        (lambda f: {**f, "yaw_rate": np.ma.masked_array(f["yaw_rate"].to_numpy(), f.index % 10 == 0)}, "yaw_rate: 50 of 500 cells"),
     ],
 )  # fmt: skip
 def test_what_a_log_lacks_is_missing_and_said(drive, frame, change, text):
@@ -196,6 +199,10 @@ def test_a_vehicle_that_cannot_be_is_refused_by_key_and_range(frame, vehicle, te
         (lambda f: tse.estimate(f, CAR, settings=[1]), TypeError, "settings: .*, not list"),
         (lambda f: tse.replay(f, CAR, settings=0.1), TypeError, "settings: .*, not float"),
         (lambda f: tse.estimate(f, None), TypeError, "vehicle: .*, not NoneType"),
+        (lambda f: tse.estimate(f, CAR, learnt="car.tse"), TypeError, "learnt: bytes are needed, .*, not str"),
+        (lambda f: tse.estimate(f.astype(complex), CAR), tse.Error, "column time is not numeric"),
+        (lambda f: tse.estimate(f.assign(yaw_rate=f["yaw_rate"] > 0), CAR), tse.Error, "column yaw_rate is not numeric"),
+        (lambda f: tse.estimate({**f, "yaw_rate": f["yaw_rate"][::-1]}, CAR), tse.Error, "Series with different indices"),
         (lambda _: tse.simulate(duration=-1), tse.Error, "duration: -1 is outside its range"),
     ],
 )

@@ -38,6 +38,9 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
     "time stands": (lambda t: t.assign(time="1"), ["line 3", "column time", "the same time as line 2"]),
     "time goes back": (lambda t: t.assign(time=t.time[::-1].to_numpy()), ["line 3", "column time", "earlier than line 2"]),
     "milliseconds": (scaled("time", 1000), ["column time", "divide by 1000"]),
+    "rows shuffled": (lambda t: t.sample(frac=1, random_state=1), ["column time", "earlier than line", "sort the rows by time"]),
+    "microseconds": (scaled("time", 1e6), ["column time", "3600 s", "microseconds or nanoseconds"]),
+    "days": (scaled("time", 1 / 86400), ["column time", "from 0.001 s", "days: by 86400"]),
     "steering in degrees": (scaled("steer_angle", 180 / 3.14159 * 2), ["line 2", "steer_angle", "-1.2 .. 1.2 rad", "degrees"]),
     "steering infinite": (lambda t: t.assign(steer_angle="inf"), ["line 2", "column steer_angle", "-1.2 .. 1.2 rad"]),
     "wheel speed in rpm": (scaled("wheel_speed_front", 9.5493), ["line 2", "wheel_speed_front", "-400 .. 400 rad/s", "rpm"]),
@@ -122,6 +125,7 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
                        ["line 3"]),
     "too many in the first row": (HEADER + b"\n0,0,0,0,0,0,0" + b"," * 200000 + b"\n0.01,0,0,0,0,0,0\n",
                                   ["line 2: 200007 cells", "names 7 columns"]),
+    "commas everywhere": (HEADER + b"\n" + 9 * b"0,0,0,01,60,5,60,5,0,1,0,2,0,3\n", ["line 2: 14 cells", "decimals with a point"]),
     "cut in its only row": (HEADER + b"\n0,0,0,0,0,0,0.12", ["one row", "does not end", "cut"]),
 }  # fmt: skip
 
@@ -158,6 +162,7 @@ def test_missing_files_and_directories_are_named(drive, tmp_path):
 VEHICLES: dict[str, tuple[str, list[str]]] = {
     "no mass": ("lf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n",
                 ["key mass is missing", "50 .. 50000 kg"]),
+    "a log": ("time,steer_angle,accel_x,accel_y\n0,0,0,0\n", ["not valid TOML", "a table of 4 columns: a log"]),
     "not TOML": ("mass = = 3\n", ["not valid TOML", "line 1"]),
     "mass in tonnes": ("mass = 1.9\n", ["key mass", "1.9 is outside its range 50 .. 50000 kg"]),
     "mass in words": ('mass = "heavy"\n', ["key mass", "'heavy' is not a number"]),

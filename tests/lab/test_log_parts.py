@@ -102,7 +102,7 @@ def four_wheels(folder, **columns):
     turn = 0.4 * np.sin(t)
     middle = {"wheel_speed_front": 60.0 + t, "wheel_speed_rear": 60.2 + t}
     half = 0.5 * TRACK / RADIUS * turn
-    table = {"time": t, "steer_angle": 0.05 * turn, "accel_x": 0 * t, "accel_y": 18 * turn, "yaw_rate": turn}
+    table = {"time": t, "steer_angle": 0.05 * turn, "accel_x": 0 * t, "accel_y": 18 * turn + 0.2 * np.cos(t), "yaw_rate": turn}
     for axle, speed in middle.items():
         table |= {f"{axle}_left": speed - half, f"{axle}_right": speed + half}
     path = folder / "four.csv"

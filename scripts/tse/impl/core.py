@@ -550,6 +550,8 @@ class Filter:
 
     def load_learnt(self, learnt: bytes, age: float) -> None:
         """Start from what an earlier drive taught, `age` seconds ago. Before the first row."""
+        if not isinstance(learnt, bytes | bytearray | memoryview):
+            raise TypeError(f"learnt: bytes are needed, as save_learnt() and Result.learnt give them, not {type(learnt).__name__}")
         if math.isnan(age):
             raise LearntError("age is NaN; allowed: 0 s or more")
         data = np.frombuffer(learnt, np.uint8) if learnt else np.zeros(1, np.uint8)

@@ -224,13 +224,21 @@ def read_toml(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError:
         raise UserError(f"{path}: is not a text file in UTF-8; a TOML file is needed") from None
     except ValueError as error:  # TOMLDecodeError is one; so are Python's limits on digits and dates
-        raise UserError(f"{path}: is not valid TOML: {error}") from None
+        raise UserError(f"{path}: is not valid TOML: {error}{_table_hint(Path(path))}") from None
     except RecursionError:
         raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     _check_integers(path, data, "")
     return data
+
+
+def _table_hint(path: Path) -> str:
+    """What to say of a file whose first line names columns."""
+    with open(path, encoding="utf-8-sig") as file:
+        line = file.readline(65536)
+    cells = max(line.count(c) for c in ",;\t") + 1
+    return f"\n  it is a table of {cells} columns: a log in the place of a TOML file?" if cells > 3 and "=" not in line else ""
 
 
 def _check_integers(path: Path, value: Any, key: str) -> None:

@@ -46,6 +46,7 @@ OPTIONAL = {
 }
 VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")
+SHUFFLED = 0.2  # share of rows that are earlier than the one before, above which they are in another order than time
 MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
 FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
 HINTS = {
@@ -58,6 +59,8 @@ HINTS["yaw_rate"] = "if the column holds deg/s, multiply by pi/180"
 HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 FASTEST, SLOWEST = 0.001, 1.0  # s: rows of a log are so far apart; a median step above is refused
 TURN_SHOWN = 0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
+COMPUTED = 0.015  # of accel_y, that speed times yaw rate leaves of it: less, and it was computed from them; 0.04 without any noise
+ALONE, ALONE_ROWS, ALONE_VALUES = 1.5, 5, 10  # of the next value; rows; values that the others have at least
 STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
 MOST_WITNESS = 100000  # rows of a longer log that are looked at for it
 # a measurement, what it goes with, and by how much that has to change (5 .. 95 %) for it to change, too
@@ -211,6 +214,8 @@ def checked(
             continue
         for name in parts[f.name]:
             _check_channel(path, data, line, f, notes, name, place)
+    for name in data:
+        _not_code(data, name, notes)
     _not_stuck(data, parts, notes)
     if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
         raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
@@ -220,6 +225,7 @@ def checked(
             mean, per_turn[axle] = _axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
             data[axle] = mean
             del mean
+    _not_computed(data, notes)
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
         other = next(c for c in SIDES if c != stand_in)
@@ -233,6 +239,9 @@ def checked(
     if sample_time is not None and sample_time > SLOWEST:
         hint = _time_hint(sample_time)
         raise UserError(f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {SLOWEST:g} s{hint}")
+    if sample_time is not None and sample_time < 0.5 * FASTEST:
+        hint = _time_hint(sample_time)
+        raise UserError(f"{path}: column time: rows are {sample_time:.3g} s apart (median); allowed: from {FASTEST:g} s{hint}")
     for name in wanted:
         gone = np.isnan(data[name])
         if 0 < (count := int(gone.sum())) < len(time):
@@ -261,6 +270,37 @@ def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], 
                 f"{name} is {value[first]:g} in every row, while {witness} changes: it measures nothing and is taken as missing"
             )
             data[name] = np.full(len(value), np.nan)
+
+
+def _not_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
+    """A value far from all others, of many rows to the last digit, is none: a bus says so that there is no value."""
+    size = np.abs(data[name])
+    top = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
+    rows = size == top
+    if not ALONE_ROWS <= rows.sum() < MOST_BACK * len(rows):
+        return
+    others = size[np.isfinite(size) & ~rows]
+    if not len(others) or not top > ALONE * others.max() or len(np.unique(others)) < ALONE_VALUES:
+        return
+    value = data[name][rows.argmax()]
+    notes.append(f"{name} is {value:g} in {rows.sum()} rows and at most {others.max():.3g} in the others: no value, and missing")
+    data[name] = np.where(rows, np.nan, data[name])
+
+
+def _not_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
+    """An accel_y that is speed times yaw rate, but for the last digits, was not measured: it says nothing that they do not."""
+    y = data["accel_y"]
+    for wheel in SIDES:
+        x = data[wheel] * data["yaw_rate"] if wheel in data else np.full(len(y), np.nan)
+        both = np.isfinite(x) & np.isfinite(y)
+        across, turned = float(np.sum(y[both] ** 2)), float(np.sum(x[both] ** 2))
+        if both.sum() < STUCK_ROWS or not np.std(y[both]) > 0 or not turned > 0:
+            continue
+        explained = float(np.sum(x[both] * y[both])) ** 2 / (turned * across)
+        if 1.0 - explained < COMPUTED**2:
+            notes.append("accel_y is speed times yaw_rate to the digit: computed, not measured, and taken as missing")
+            data["accel_y"] = np.full(len(y), np.nan)
+            return
 
 
 def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
@@ -419,6 +459,9 @@ def straightened(
     """A time that increases, and which rows are kept. UserError: it is no time."""
     if np.isfinite(time).sum() > 1 and (np.diff(time[np.isfinite(time)]) <= 0).mean() > MOST_BACK:
         check_time(path, time, line, place)
+    step = np.diff(time[np.isfinite(time)])
+    if len(step) > 1 and ((step < 0).mean() > SHUFFLED or np.median(step) > LONGEST_GAP):
+        check_time(path, time[np.isfinite(time)], line[np.isfinite(time)], place)
     fixed, keep, said = straight(time)
     if keep.sum() < MOST_BACK * len(time):
         check_time(path, time, line, place)
@@ -435,9 +478,10 @@ def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "lin
     if bad.any():
         i = int(bad.argmax())
         what = "the same time as" if step[i] == 0 else "earlier than"
+        hint = "\n  hint: sort the rows by time" if (step < 0).mean() > SHUFFLED else ""
         raise UserError(
             f"{path}: {place} {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} {place} {line[i]} ({time[i]:.10g}); "
-            f"time must increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''})"
+            f"time must increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''}){hint}"
         )
     bad = step > LONGEST_GAP
     if bad.any():
@@ -471,6 +515,8 @@ def _check_channel(
 
 
 def _time_hint(step: float) -> str:
+    if step < 0.5 * FASTEST:
+        return "\n  hint: if the column holds minutes, multiply by 60; days: by 86400"
     if 1.0 <= step <= 200.0:
         return "\n  hint: if the column holds milliseconds, divide by 1000"
     return "\n  hint: if the column holds microseconds or nanoseconds, convert to seconds" if step > 200 else ""

@@ -117,6 +117,9 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
         and (frame.index.name == "time" or isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex))
     ):
         frame = frame.assign(time=frame.index)
+    labels = [x.index for x in frame.values() if isinstance(x, pd.Series)] if isinstance(frame, Mapping) else []
+    if not all(labels[0].equals(x) for x in labels[1:]):
+        raise UserError(f"{name}: the columns are Series with different indices: which rows go together? Make a data frame of them")
     header = [str(c) for c in frame]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
     absent = lacking(header, sides, MEASURES)
@@ -139,9 +142,9 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
                     what = _allowed(column)
                     raise UserError(f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing") from None
                 notes.append(f"column {column} is not numeric: not used")
-    rows = table["time"].shape
+    rows = table["time"].shape[:1]
     for column, values in table.items():
-        if values.shape != rows or values.ndim != 1:
+        if values.shape != rows:
             raise UserError(f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}")
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
@@ -153,13 +156,15 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
 def _array(name: str, column: str, values: Any) -> np.ndarray:
     """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
+    if kind == "c" or (kind == "b" and column not in OPTIONAL):
+        raise TypeError("complex numbers, or truths, where a measurement is needed")
     if column == "time" and kind not in "fiub":
         series = values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
         if isinstance(next(iter(series), None), str | datetime | timedelta):
             return seconds(Path(name), Column(column, series.infer_objects()), [])
     elif kind in "mM":
         raise TypeError("times where a measurement is needed")  # as numbers they would be nanoseconds
-    return np.array(values, float)
+    return np.ma.filled(np.ma.asarray(values, float), np.nan) if np.ma.isMaskedArray(values) else np.array(values, float)
 
 
 def _beside(column: str) -> bool:
@@ -214,8 +219,10 @@ def _numbers(
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
     are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
     Rows without any of what is needed are blank. `whole`: rows to read, where not all; `first`: the line of the first."""
-    if (cells := len(next(csv.reader(first), []))) > len(header):  # of which pandas only warns
-        raise UserError(f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns")
+    if (cells := len(row := next(csv.reader(first), []))) > len(header):  # of which pandas only warns
+        wide = cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row)
+        hint = "\n  hint: commas separate the columns and are in the numbers, too: write decimals with a point" if wide else ""
+        raise UserError(f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}")
     names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
     with parsing(path), pd.read_csv(
         path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
