@@ -18,6 +18,7 @@ WHEELS = CHANNELS[1:3]
 CAR = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 AXLES = {"both": 0, "front": 1, "rear": 2}
 DEGREE, G, RATIO = np.pi / 180, 9.80665, 15.5
+TRACK = 1.53  # m
 STUCK = 20.0  # s, from when on a channel stands still
 LogOf = dict[str, np.ndarray]
 
@@ -88,6 +89,28 @@ MISTAKES: dict[str, Callable[[Drive], LogOf]] = {
     "wheel speeds in m/s": _times(WHEELS, _radius),
     "wheel speeds in rpm": _times(WHEELS, lambda _: 30 / np.pi),
     "yaw rate stands still": _stuck,
+}
+
+
+def _turned(d: Drive) -> LogOf:
+    x, y, angle = d.log["accel_x"], d.log["accel_y"], np.pi / 6
+    return {**d.log, "accel_x": x * np.cos(angle) + y * np.sin(angle), "accel_y": y * np.cos(angle) - x * np.sin(angle)}
+
+
+def _of_sides(d: Drive) -> LogOf:
+    half = 0.5 * TRACK / _radius(d) * d.log["yaw_rate"]
+    return {**d.log, WHEELS[0]: d.log[WHEELS[0]] - half, WHEELS[1]: d.log[WHEELS[1]] + half}
+
+
+def _slower(d: Drive) -> LogOf:
+    return {**d.log, "time": 100.0 * d.log["time"]}
+
+
+# What only a whole log shows, and what is said of it: a row has no time of its own, and no other rows to be compared with.
+OF_LOGS: dict[str, tuple[Callable[[Drive], LogOf], str]] = {
+    "IMU turned by 30 degrees": (_turned, "the IMU is turned about the vertical by"),
+    "left wheels as front, right as rear": (_of_sides, "is of one side, or a left and a right wheel are one signal"),
+    "time counts rows": (_slower, "is time in s, or does it count rows?"),
 }
 
 

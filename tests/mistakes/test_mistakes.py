@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from tests.mistakes.drives import MISTAKES, Drive, drives
+from tests.mistakes.drives import MISTAKES, OF_LOGS, Drive, drives
 from tests.mistakes.front_ends import FRONT_ENDS, page_maker
 
 ROWS = ("C", "Python")  # of rows, and of a whole log; the others take long (HEAVY, tests/conftest.py)
@@ -28,6 +28,14 @@ def expect_said(mistake: str | None, front_end: str, both: list[Drive]) -> None:
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
 def test_a_mistake_is_never_valid_and_silent(mistake: str | None, front_end: str, both: list[Drive]) -> None:
     expect_said(mistake, front_end, both)
+
+
+@pytest.mark.parametrize("mistake", OF_LOGS)
+def test_what_only_a_whole_log_shows_is_said(mistake: str, both: list[Drive]) -> None:
+    change, words = OF_LOGS[mistake]
+    for drive in both:
+        said = FRONT_ENDS["Python"](drive, change(drive))
+        assert not said.valid.any() and words in " ".join(said.words), (drive.name, said.words)
 
 
 @pytest.mark.parametrize("front_end", [f for f in FRONT_ENDS if f not in ROWS])

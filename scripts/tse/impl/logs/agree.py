@@ -79,6 +79,10 @@ OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows t
 GAINS, SLOWS = 0.7, -2.0  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
 OFF_TORQUE, TORQUE_CORR = (1.6, 0.7)  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
 LEAST_SHARE = 0.25  # of the force, by one axle of two
+TURNED = 0.2  # of the other axis, that both accelerometers read: sine of 12 degrees; 0.13 of right cars, and of one of the two
+# m, by yaw rate, that front wheels roll faster than rear ones: no axle does, left and right do; share of it without what slip does
+ASIDE, ASIDE_SHARE = (0.5, 2.0), 0.5
+ROWS_SLOW, OFF_TIME = 20, 3.0  # rows further apart than the raster; factor of the change of speed over so many
 MOST_ROWS = 1 << 19  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
@@ -157,6 +161,8 @@ def check_units(
     apart = _axles(front, rear)
     swapped = _swapped(d, 0.5 * (front + rear))
     velocity = _velocity(log, radius_front, radius_rear)
+    swapped = swapped or _turned(d, 0.5 * (front + rear))
+    apart = apart or _aside(d, front, rear) or _time(log, radius)
     if swapped or apart or velocity:
         return [*apart, *swapped, *velocity]
     best: tuple[float, tuple[Cause, ...], Figures] | None = None
@@ -186,10 +192,21 @@ def check_units(
         return [_words(causes, plain[1], _left(after, causes))]
     return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains "
-        f"it{f', {PERHAPS}braking in bends does' if name == 'steer_angle' and abs(np.log(abs(x))) < HANDLING else ''}"
+        f"it{_otherwise(name, x)}"
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
     ]
+
+
+def _otherwise(name: str, x: float) -> str:
+    """What else a figure may be off by."""
+    if name == "accel_x":
+        return f": time, if its steps are {x:.3g} times the true ones"
+    if name != "steer_angle":
+        return ""
+    return (
+        f", a wrong steering ratio or wheelbase does{f', or {PERHAPS}braking in bends' if abs(np.log(abs(x))) < HANDLING else ''}"
+    )
 
 
 def _of_any_factor(figures: Figures) -> float:
@@ -328,6 +345,56 @@ def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     return []
 
 
+def _turned(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
+    """Each accelerometer reads what belongs to the other, in opposite ways."""
+    turn, rate = v * d["yaw_rate"], physics.derivative(v)
+    rows = (np.abs(v) > physics.MOVING) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
+    if rows.sum() < physics.FEWEST:
+        return []
+    parts = np.column_stack([rate[rows], turn[rows], np.ones(rows.sum())])
+    (_, x, _), (y, _, _) = (np.linalg.lstsq(parts, d[c][rows], rcond=None)[0] for c in ("accel_x", "accel_y"))
+    if min(abs(x), abs(y)) < TURNED or x * y > 0:
+        return []
+    return [
+        f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change of the speed: the IMU is "
+        f"turned about the vertical by {np.degrees(np.arctan((x - y) / 2)):.0f} degrees"
+    ]
+
+
+def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
+    """Wheels of one side roll faster in a bend to the other; those of one axle in any bend."""
+    y, turn, slip = front - rear, d["yaw_rate"], rear * physics.derivative(rear)
+    rows = (np.abs(front) > physics.MOVING) & np.isfinite(y + turn + slip)
+    if rows.sum() < physics.FEWEST:
+        return []
+    parts = np.column_stack([turn[rows], slip[rows], np.ones(rows.sum())])
+    found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
+    by = found[0] * float(np.std(turn[rows]))
+    share = by**2 / (by**2 + float(np.var(y[rows] - parts @ found)) + 1e-12)
+    if share < ASIDE_SHARE or not ASIDE[0] < abs(found[0]) < ASIDE[1]:
+        return []
+    return [
+        f"check the wheels: front less rear wheel speed is {found[0]:.2g} m times yaw_rate, as left less "
+        "right is: wheel_speed_front or _rear is of one side, or a left and a right wheel are one signal"
+    ]
+
+
+def _time(log: Log, radius: float) -> list[str]:
+    """Rows that are far apart, by a time that may count them: what accel_x adds up to is the change of the speed."""
+    step, n = float(log.sample_time or 0.0), ROWS_SLOW
+    if step <= 1.0 / physics.RATE or len(log) < 10 * n:
+        return []
+    v = radius * log.data["wheel_speed_rear"].to_numpy(float)
+    gained = np.cumsum(np.nan_to_num(log.data["accel_x"].to_numpy(float))) * step
+    f = physics.fit(v[n:] - v[:-n], gained[n:] - gained[:-n], v[n:] > physics.MOVING)
+    if f.corr < ENOUGH["accel_x"] or 1 / OFF_TIME < f.slope < OFF_TIME:
+        return []
+    return [
+        f"check the units: accel_x over {n} rows, {step:.3g} s apart, adds up to {f.slope:.3g} times the change of the speed: is "
+        "time in s, or does it count rows?"
+    ]
+
+
 def _of_wheels(radius: float) -> list[Cause]:
     return [Cause("wheel_speed", per * radius**power, text) for per, power, _, text in WHEEL_CAUSES]
 
@@ -405,6 +472,8 @@ def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float
     parts = [f"{FIGURES[n]} is {before.value[n]:.3g}, {after[n]:.3g} after" for n in moved if n in after]
     fits = all(abs(np.log(abs(after[n]))) < WELL + 0.05 for n in moved if n in after)
     text = " and ".join(c.text for c in causes)
+    if not fits and "steer_angle" in before.value:
+        text += f", or the steering ratio or the wheelbase is wrong by the factor {before.value['steer_angle']:.3g}"
     return (
         f"check the units: {'' if fits else PERHAPS}{text}; factor {', '.join(f'{c.factor:.3g}' for c in causes)}: "
         f"{'; '.join(parts)} (about 1 is expected)"
