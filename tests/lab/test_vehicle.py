@@ -11,15 +11,17 @@ from conftest import tselab
 from tse.impl.config import NOT_IN_FILTER, make_config
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
-from tse.impl.files import read_toml
+from tse.impl.files import loads, read_toml
 from tse.impl.identify.unknowns import UNKNOWNS
 from tse.impl.noise import FLOOR, channel_noise
 from tse.impl.rows import Log, columns
 from tse.impl.vehicle import (
     REQUIRED,
+    calibration_toml,
     fill_sensors,
     filter_values,
     latency_settings,
+    make_vehicle,
     read_vehicle,
     sensor_settings,
     uncertainty_settings,
@@ -261,3 +263,30 @@ def test_every_line_of_the_example_can_be_taken_in(tmp_path):
 def test_an_edited_car_that_is_told_exactly_is_spoken_of(tmp_path):
     car = read(tmp_path, re.sub(r"^mass = \S+", "mass = 1400.0", tselab("vehicle", "--simulated").out, flags=re.MULTILINE))
     assert [n for n in car.notes if "[uncertainty] is 0 throughout" in n]
+
+
+@pytest.mark.parametrize(
+    ("car", "words"),
+    [
+        ({"mass": 3307.0, "lf": 1.1, "lr": 1.5}, "mass = 3307 kg is much"),  # lb
+        ({"mass": 1900.0, "lf": 2.75, "lr": 5.5}, "mass = 1900 kg is little"),
+        ({"mass": 1900.0, "lf": 1.55, "lr": 1.2}, "lf and lr exchanged"),
+        ({"mass": 1900.0, "lf": 1.55, "lr": 1.2, "driven_axle": "rear"}, ""),
+        ({"mass": 3500.0, "lf": 1.9, "lr": 1.8, "driven_axle": "rear"}, ""),  # a van
+        ({"mass": 650.0, "lf": 1.1, "lr": 1.25}, ""),
+    ],
+)
+def test_what_no_log_tells_of_a_car_is_spoken_of_where_hardly_any_car_has_it(car, words):
+    notes = read_notes(car)
+    assert (words in " ".join(notes)) if words else not notes
+
+
+def read_notes(car):
+    return make_vehicle({**car, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}, Path("car.toml")).notes
+
+
+def test_a_car_that_is_edited_after_its_calibration_is_spoken_of():
+    lines = calibration_toml(["cx", "cy"], np.zeros(2), np.eye(2), of={"mass": 1900.0, "lf": 1.2, "lr": 1.5, "yaw_inertia": 3000.0})
+    table = loads("\n".join(lines))
+    assert not read_notes({"mass": 1900.0, "lf": 1.2, "lr": 1.5, **table})
+    assert "mass = 2100 was 1900 when" in " ".join(read_notes({"mass": 2100.0, "lf": 1.2, "lr": 1.5, **table}))

@@ -22,6 +22,9 @@ from tse.impl.rows import MEASURES, Log
 GRAVITY = 9.81
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 WHEELBASE_TOLERANCE = 0.01  # m
+HEAVY, LIGHT = 420.0, 70.0  # kg/m2: of mass over wheelbase squared: small cars 100, vans 380; pounds for kg make 2.2 of it
+CALIBRATED_OF = ("mass", "lf", "lr")  # what a calibration takes as the file says it
+REAR_HEAVY = 1.05  # lf over lr: no car that drives its front wheels alone is more so
 DESCRIPTIVE = ("name", "wheelbase", "steering_ratio", "track_front", "track_rear", "cg_height", "driven_axle", "source")
 FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
 SHAPE = "tyre_saturation_shape"
@@ -252,12 +255,38 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
             f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: the filter's grip is "
             f"that of [calibration], {found:.3g}; without that table yours is used, and the sds of an ordinary car"
         )
+    vehicle.notes += _odd(path, vehicle)
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
             f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "
             "cornering_stiffness_*"
         )
     return vehicle
+
+
+def _odd(path: Path, vehicle: Vehicle) -> list[str]:
+    """Return what hardly any car has, and no log tells: stiffness goes with the mass, and with where it is."""
+    mass, lf, lr = (vehicle.values[key] for key in ("mass", "lf", "lr"))
+    found = []
+    if not LIGHT < mass / (lf + lr) ** 2 < HEAVY:
+        what = "little" if mass / (lf + lr) ** 2 < HEAVY else "much"
+        found.append(
+            f"{path.name}: mass = {mass:g} kg is {what} for lf + lr = {lf + lr:.3g} m: is it in kg, and are lf and lr in m, "
+            "from the centre of gravity? Stiffness is wrong by the same factor"
+        )
+    if vehicle.driven_axle == "front" and lf > REAR_HEAVY * lr:
+        found.append(
+            f"{path.name}: lf = {lf:g} m and lr = {lr:g} m are of a car that is heavier in the rear, and driven_axle is front: are "
+            "lf and lr exchanged, or is lf the wheelbase? Both cornering stiffnesses are wrong then"
+        )
+    of = vehicle.calibration.get("of", {})
+    for key, value in of.items() if isinstance(of, dict) else ():
+        if key in CALIBRATED_OF and isinstance(value, int | float) and abs(vehicle.values[key] - value) > 1e-3 * abs(value):
+            found.append(
+                f"{path.name}: {key} = {vehicle.values[key]:g} was {value:g} when the file was calibrated, and what was found is "
+                "of that car: calibrate anew"
+            )
+    return found
 
 
 def _is_table(value: Any) -> bool:
@@ -307,9 +336,13 @@ def formula_toml(formula: Formula, file: Path) -> str:
     return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {json.dumps(file.name, ensure_ascii=False)}\n"
 
 
-def calibration_toml(names: Sequence[str], mean: np.ndarray, covariance: np.ndarray, own: bool = False) -> list[str]:
-    """The table [calibration] of a vehicle file, in lines. `own`: on the logs that are estimated."""
+def calibration_toml(
+    names: Sequence[str], mean: np.ndarray, covariance: np.ndarray, own: bool = False, of: Mapping[str, float] | None = None
+) -> list[str]:
+    """The table [calibration] of a vehicle file, in lines. `own`: on the logs that are estimated; `of`: settings of the car."""
     lines = ["[calibration]"]
+    if of:
+        lines.append(f"of = {{ {', '.join(f'{key} = {of[key]:.9g}' for key in CALIBRATED_OF)} }}")
     if own:
         lines.append("own = true  # on the logs that are estimated: for their estimate, and for no other")
     lines += [f"names = {json.dumps(list(names))}", f"mean = {_numbers(mean)}", "covariance = ["]
@@ -341,7 +374,8 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
         raise UserError(f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite")
     own = table.get("own") is True
-    return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist(), "own": own}
+    of = table.get("of", {})
+    return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist(), "own": own, "of": of}
 
 
 def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float]) -> list[str]:

@@ -86,7 +86,7 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
     written = {k: v for k, v in everything.items() if k not in sensor_settings()}
     written |= result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
     bands = {f.name: _band(f) for f in result.findings}
-    start = calibration_toml(*_start(result, everything), result.own)
+    start = calibration_toml(*_start(result, everything), result.own, everything)
     return vehicle_toml(title, vehicle, written, uncertainty(result), start, bands, {}, formula)
 
 
