@@ -19,6 +19,8 @@ from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
 from tse.impl.calibrate import workflow
+from tse.impl.calibrate.findings import Finding, misstated
+from tse.impl.calibrate.result import Proof, against
 from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula
@@ -373,3 +375,19 @@ def test_what_they_hardly_show_is_shrunk() -> None:
     found = slips(problem, fit, [replace(log, data=loud)], driven_car("front"))
     assert abs(found.x[0] - found.x[1]) < 3 * APART_SD
     assert found.covariance[5, 5] > sure.covariance[5, 5]
+
+
+def test_a_log_that_contradicts_the_calibration_is_named() -> None:
+    before = {"accel_x": 0.2, "accel_y": 0.3, "yaw_rate": 0.02}
+    right = Proof("a.csv", False, before, {"accel_x": 0.1, "accel_y": 0.2, "yaw_rate": 0.0205}, 2.0)
+    likelier = replace(right, log="b.csv", after={**right.after, "yaw_rate": 0.025})
+    less = replace(right, log="c.csv", held_out=True, nats_per_second=-1.5)
+    first, second = against([right, likelier, less])
+    assert first.startswith("b.csv contradicts the calibration (accel_y -33 %, yaw_rate +25 %") and "another car" in first
+    assert second.startswith("c.csv") and "-1.5 nat" in second
+
+
+def test_what_the_vehicle_file_says_wrong_is_said_and_a_surprise_is_not() -> None:
+    ratio = Finding("steering_ratio_change", "steering", "1", 0.0, 0.0, 0.03, 0.09, 0.01, True, "")
+    assert misstated([ratio, replace(ratio, name="relaxation_length", value=0.3)]) == ""
+    assert misstated([replace(ratio, value=-0.17)]).startswith("the steering ratio or lf + lr seems wrong")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from tse.impl import regimes
 from tse.impl.core import GRIP, NOMINAL, STIFFNESS, Config, library
 from tse.impl.regimes import LIKELY, Change, Stretch, channel_name, percent, spans, spoken_of, stretches
 from tse.impl.rows import MEASURES
@@ -32,6 +33,7 @@ WHY = {
     CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may show it",
 }
 LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
+OFTEN, OFTEN_TIME = 3, 60.0  # changes, so many s apart: more and more often they are a model that does not fit
 NOISY = 1.25  # noise found over the setting's: from here on it is remarked
 STILL = ("starting", "held", "input invalid", "row refused")  # rows without a say in whether the channels agree
 MOSTLY = 0.5  # share of the others from which implausible rows speak against the log
@@ -197,6 +199,7 @@ def implausible(table: pd.DataFrame) -> str:
     else:
         named = "the wheel speeds seem" if wheels else f"{channel} seems"
         what = f"{named} to be {factor:.3g} times the true value"
+        what += f", or the steps of time {factor:.3g} times" if channel == "accel_x" else ""
     return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {what}"
 
 
@@ -218,6 +221,12 @@ def remarks(table: pd.DataFrame) -> list[str]:
     off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
     if "p_fault" in table:  # in a car that stands another reason comes first, and the fault lasts
         off |= table["p_fault"].to_numpy() >= LIKELY
+    changes = regimes.changes(table)
+    if len(changes) >= OFTEN and len(changes) * OFTEN_TIME > (seconds := float(table["time"].iloc[-1] - table["time"].iloc[0])):
+        found.append(
+            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are more than roads have: rather a channel or the vehicle "
+            "file is wrong (latency, offset, steering ratio, another car)"
+        )
     times = len(spans(spoken_of(table), off))
     if times:
         often = "once" if times == 1 else f"{times} times"

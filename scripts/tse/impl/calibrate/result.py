@@ -15,6 +15,15 @@ from tse.impl.vehicle import Vehicle
 LEAST_SECONDS = 20.0  # of all logs together: of fewer the search converges, near its prior, on what happens to fit
 SHOWN = 0.7  # posterior over prior sd below which the logs have said something of a number
 SURE = 3.0  # sd from nothing at which a size is called one
+WORSE = 1.05  # of the rms before: what a calibration makes of no log of its car
+FAR = 4.0  # prior sd: where one of STATED comes out so far off, the file says another car; right cars 2.4, a ratio 30 % wrong 5.8
+STATED = {
+    "steering_ratio_change": "the steering ratio or lf + lr",
+    "imu_misalignment_angle": "the direction of the IMU",
+    "wheel_radius_front": "wheel_radius_front",
+    "wheel_radius_rear": "wheel_radius_rear",
+    "gyro_scale_error": "the scale of yaw_rate",
+}
 CHANNEL_WORDS = {
     "steer_angle": "steering angle", "wheel_speed_front": "front wheel speed", "wheel_speed_rear": "rear wheel speed",
     "accel_x": "accel_x", "accel_y": "accel_y",
@@ -41,6 +50,14 @@ class Finding:
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
+
+
+def misstated(found: Sequence[Finding]) -> str:
+    """Return what the vehicle file says and the logs contradict, in words; empty: nothing."""
+    for f in found:
+        if f.name in STATED and f.prior_sd > 0 and (off := abs(f.value - f.prior) / f.prior_sd) > FAR:
+            return f"{STATED[f.name]} seems wrong: {f.name} is {f.value:.3g} and not {f.prior:.3g}, {off:.0f} sd of what cars have"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -152,6 +169,19 @@ class Result:
         return sum(log.seconds for log in self.problem.logs)
 
 
+def against(proofs: Sequence[Proof]) -> list[str]:
+    """Return which logs are less likely with the calibrated car than with that of the file, or turn less as it does."""
+    found = []
+    for p in proofs:
+        more = {c: p.after[c] / p.before[c] for c in ("accel_y", "yaw_rate") if p.before.get(c, 0.0) > 0}
+        if p.nats_per_second < 0 or max(more.values(), default=0.0) > WORSE:
+            parts = ", ".join(f"{c} {100 * (x - 1):+.0f} %" for c, x in more.items())
+            found.append(
+                f"{p.log} contradicts the calibration ({parts}; {p.nats_per_second:+.1f} nat a second): another car, tyres, load?"
+            )
+    return found
+
+
 def words(result: Result) -> list[str]:
     """Return how the search ended, and what it shows."""
     n = len(result.problem.logs)
@@ -172,6 +202,9 @@ def words(result: Result) -> list[str]:
             likelier = sum(p.nats_per_second for p in mine) / len(mine)
             title = "held-out" if held else "fitted"
             lines.append(f"Residuals of {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second.")
+    lines += against(result.proofs)
+    if wrong := misstated(result.findings):
+        lines.append(f"Check the vehicle file: {wrong}.")
     if result.seconds < LEAST_SECONDS:
         lines.append(
             f"Not to be relied on: {result.seconds:.0f} s can be compared with a simulation, {LEAST_SECONDS:g} s are needed."

@@ -107,6 +107,9 @@ def assemble(
                     raise
                 found = of_class(STOPPED)
         made = assemble(found.vehicle(stated), log, config_path, None, options, form, settings, source, strict)
+        if wrong := found.found.get("wrong"):
+            made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
+            made.doubts.append(made.notes[0])
         return replace(made, own=found)
     notes = [
         *said,
