@@ -74,6 +74,9 @@
 #define LEAST_OF_SPEED TSE_R(0.17) /* 1: m/s for rad/s is a radius; 0.1 is accel_x and accel_y ten times too large */
 #define SCALE_MOST TSE_R(1.25)     /* 1: square of 1.12 times too fast; cars of tests/cars leave 0.96 .. 1.05 */
 #define SCALE_LEAST TSE_R(0.7)    /* 1: of 0.84; a slope that changes is in accel_x and not in the wheels, and makes as if they were slow */
+#define ROUGH_RELATED TSE_R(0.7)   /* 1: squared correlation, of which less than a third is noise or slopes */
+#define ROUGH_MOST TSE_R(2.25)     /* 1: square of 1.5 times too fast: a diameter for a radius is 2 */
+#define ROUGH_LEAST TSE_R(0.3)     /* 1: of 0.55: slopes make as if the wheels were slow */
 #define SCALE_TIME TSE_R(300)     /* s: slopes and cambers are as often up as down in it */
 #define SCALE_RELATED TSE_R(0.97) /* 1: squared correlation, less has noise or slopes in its variances */
 #define SCALE_SHOWN_ACROSS TSE_R(20) /* (m/s2)^2 s: ten times what a factor of 2.5 takes */

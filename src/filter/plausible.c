@@ -98,6 +98,23 @@ static tse_real scale_of(const tse_agreement *a)
   return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], LEAST_VARIANCE)));
 }
 
+/* Return the same from the variances alone: noise and slopes are in them. */
+static tse_real rough_scale_of(const tse_pair *across, const tse_pair *along, tse_real first)
+{
+  return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], LEAST_VARIANCE)), r_div(along->var[1], r_max(first, LEAST_VARIANCE))));
+}
+
+/* Return whether the speed is off by so much that noise and slopes, of which no pair has more than what is not related, make no such factor. */
+static int is_far_off(const tse_params *p, const tse_agreement *a)
+{
+  const tse_pair *const across = &a->pair[ACROSS], *const along = &a->pair[ALONG];
+  const tse_real first = to_explain(p, along, ALONG);
+  if (a->apart || !is_shown(across, ACROSS, across->var[0]) || !is_shown(along, ALONG, first)) return 0;
+  if (related_of(across, across->var[0]) < ROUGH_RELATED || related_of(along, first) < ROUGH_RELATED) return 0;
+  const tse_real scale = rough_scale_of(across, along, first);
+  return scale > ROUGH_MOST || scale < ROUGH_LEAST;
+}
+
 static tse_real inverse(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
 int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
@@ -110,7 +127,8 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
   *factor = TSE_R(0);
   if (!a->apart) {
     if (!a->off_scale) return 0;
-    *factor = r_sqrt(scale_of(a));
+    const tse_real scale = scale_of(a);
+    *factor = r_sqrt(scale > TSE_R(0) ? scale : rough_scale_of(&a->pair[ACROSS], going, going->var[0]));
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
   const tse_real gained = along ? factor_of(going) : TSE_R(0);
@@ -196,5 +214,5 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   for (int i = 0; i < TSE_PAIRS; i++)
     if (now[i].counts) compare(p, a, i, now[i].x, now[i].y, dt);
   const tse_real scale = scale_of(a);
-  a->off_scale = scale > TSE_R(0) && (scale > SCALE_MOST || scale < SCALE_LEAST);
+  a->off_scale = (scale > TSE_R(0) && (scale > SCALE_MOST || scale < SCALE_LEAST)) || is_far_off(p, a);
 }

@@ -12,6 +12,8 @@ typedef struct mistake {
 #define DEGREES 57.29577951308232
 #define G 9.80665
 
+static double accel_noise = 0.1; /* m/s2, of the accelerometers in driven() */
+
 /* Let the filter have two minutes of bends and speed changes, and return what the last row says.   Given: every  so many rows have
  * accelerometers */
 /* every: n accelerometers come in each n-th row alone, -n wheel speeds do */
@@ -41,8 +43,8 @@ static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, i
     u.steer_angle = real(m->factor[TSE_CHANNEL_steer_angle] * r * (wheelbase + understeer * v * v) / v);
     u.wheel_speed_front = real(m->factor[TSE_CHANNEL_wheel_speed_front] * (exchanged ? rear : front));
     u.wheel_speed_rear = real(m->factor[TSE_CHANNEL_wheel_speed_rear] * (exchanged ? front : rear));
-    u.accel_x = real(m->factor[TSE_CHANNEL_accel_x] * (ax + 0.3 + 0.1 * next_normal(&seed)));
-    u.accel_y = real(m->factor[TSE_CHANNEL_accel_y] * (v * r - 0.2 + 0.1 * next_normal(&seed)));
+    u.accel_x = real(m->factor[TSE_CHANNEL_accel_x] * (ax + 0.3 + accel_noise * next_normal(&seed)));
+    u.accel_y = real(m->factor[TSE_CHANNEL_accel_y] * (v * r - 0.2 + accel_noise * next_normal(&seed)));
     u.yaw_rate = real(m->factor[TSE_CHANNEL_yaw_rate] * (r + 0.003 * next_normal(&seed)));
     if (every > 0 && n % every) u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y;
     if (every < 0 && n % -every) u.missing = TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear;
@@ -127,6 +129,21 @@ static void test_a_speed_that_is_hardly_off_contradicts_nobody(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, y.fault_channel, hardly[i].what);
     TEST_ASSERT_TRUE(y.status != TSE_W_IMPLAUSIBLE && refused == 0);
   }
+}
+
+/* Accelerometers that shake hide a factor of 1.17, and not one of 2. */
+static void test_a_diameter_for_a_radius_is_named_on_a_rough_road(void)
+{
+  static const mistake on_rough[] = { { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 },
+                                      { "diameter", { 1, 2, 2, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 2 } };
+  accel_noise = 1.5;
+  for (int i = 0; i < ROWS(on_rough); i++) {
+    int valid, refused;
+    const tse_output y = driven(&on_rough[i], 1, 0, 1, &valid, &refused);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(on_rough[i].channel, y.fault_channel, on_rough[i].what);
+    expect_near(on_rough[i].found, number(y.fault_factor), 0.2, on_rough[i].what, i);
+  }
+  accel_noise = 0.1;
 }
 
 /* A fault of the memory: what is no number would contradict for ever. */
