@@ -19,8 +19,7 @@ from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
 from tse.impl.calibrate import workflow
-from tse.impl.calibrate.findings import Finding, misstated
-from tse.impl.calibrate.result import Proof, against
+from tse.impl.calibrate.result import Finding, Proof, against, misstated
 from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula

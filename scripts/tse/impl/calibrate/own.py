@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from tse.impl import __version__
-from tse.impl.calibrate.findings import misstated
 from tse.impl.config import make_config
 from tse.impl.core import NOMINAL, Config, Filter, library
 from tse.impl.errors import UserError
@@ -168,7 +167,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
         return of_class(f"the search did not converge in {result.fit.steps} steps", found)
     if not any(found["stiffness"][axle]["sd_relative"] < KNOWN for axle in AXLES):
         return of_class("these rows show nothing of the cornering stiffness", found)
-    if wrong := misstated(result.findings):
+    if wrong := result.misstated:
         return of_class(wrong, found | {"wrong": wrong})
     result = replace(result, vehicle=replace(car, formula=None), own=True)
     made = Own(output.toml(result, [log.path.name for log in logs], Path()), _words(result, found), found)

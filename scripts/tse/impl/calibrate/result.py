@@ -168,6 +168,11 @@ class Result:
     def seconds(self) -> float:
         return sum(log.seconds for log in self.problem.logs)
 
+    @property
+    def misstated(self) -> str:
+        """What the vehicle file says and the logs contradict, in words; empty: nothing."""
+        return misstated(self.findings)
+
 
 def against(proofs: Sequence[Proof]) -> list[str]:
     """Return which logs are less likely with the calibrated car than with that of the file, or turn less as it does."""
@@ -203,7 +208,7 @@ def words(result: Result) -> list[str]:
             title = "held-out" if held else "fitted"
             lines.append(f"Residuals of {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second.")
     lines += against(result.proofs)
-    if wrong := misstated(result.findings):
+    if wrong := result.misstated:
         lines.append(f"Check the vehicle file: {wrong}.")
     if result.seconds < LEAST_SECONDS:
         lines.append(
