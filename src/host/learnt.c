@@ -225,7 +225,7 @@ static int write_particles(const tse_params *p, const tse_filter *f, content *c)
     const tse_real mean = r_max(now.stiffness[a], TSE_R(0.02)), var = r_sqr(r_div(now.stiffness_sd[a], mean));
     const tse_real scale = r_mul(r_sqrt(lam[diagonal[pair[a][0]]]), r_sqrt(lam[diagonal[pair[a][1]]]));
     const int32_t log = r_to_q24(logarithm(mean)), bias = r_to_q24(now.bias[a]);
-    if (log == INT32_MIN || bias == INT32_MIN) return 0;
+    if (bias == INT32_MIN) return 0; /* a mean that is no number has an sd that is none */
     c->mean[K_STIFFNESS + a] = code_clamped(log, most_of(K_STIFFNESS + a));
     c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, r_div(f->start.mean_var[a], r_sqr(mean))) : var));
     c->mean[K_BIAS + a] = code_clamped(bias, most_of(K_BIAS + a));
