@@ -70,6 +70,7 @@ static void test_a_mistake_is_named_with_its_factor(void)
     { "steering to the right", { -1, 1, 1, 1, 1, 1 }, 1 + TSE_CHANNEL_steer_angle, -1 },
     { "wheels in m/s", { 1, 0.3, 0.3, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 0.3 },
     { "km/h taken for rad/s, wheels of 0.325 m", { 1, 1.17, 1.17, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 1.17 },
+    { "wheels of 0.4 m taken for 0.3 m", { 1, 0.75, 0.75, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 0.75 },
     { "accel_y stands still", { 1, 1, 1, 1, 0, 1 }, 1 + TSE_CHANNEL_accel_y, 0 },
   };
   for (int i = 0; i < (int)(sizeof mistakes / sizeof mistakes[0]); i++) {

@@ -524,10 +524,25 @@ static void test_a_row_of_zeros_leaves_the_stiffness(void)
   }
 }
 
-/* Memory that a bit fell over in: said so, and the drive is learnt from anew. */
+/* Until a row has had a steering angle the motion is that of wheels and gyro, however long that takes. */
+static void test_before_the_first_steering_angle_the_motion_follows_the_wheels(void)
+{
+  tse_output y;
+  start(a_car(), 20, 0, 4);
+  for (int n = 0; n < 1000; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    u.missing = TSE_MISSING_steer_angle;
+    if (n == 900) w.x[VX] = TSE_R(25);
+    step(&w.p, u, &y);
+  }
+  TEST_ASSERT_TRUE(f.lost && !f.started);
+  expect_near(number(w.x[VX]), number(y.vel_x), 0.5, "speed [m/s]", 0);
+}
+
+/* Memory that a bit fell over in, or a variance that overflows: said so, and the drive is learnt from anew. */
 static void test_a_state_that_is_no_number_is_started_over(void)
 {
-  for (int k = 0; k < 3; k++) {
+  for (int k = 0; k < BY_NUMBER(4, 4, 3); k++) { /* fixed point stops before it overflows */
     tse_output y;
     start(a_car(), 20, 0, 9);
     (void)drive(500);
@@ -535,6 +550,7 @@ static void test_a_state_that_is_no_number_is_started_over(void)
     if (k == 0) f.k.x[LCF] = broken();
     if (k == 1) f.k.ud.d[VY] = broken();
     if (k == 2) f.k.ud.d[LCR] = TSE_R(-1);
+    for (int i = 0; i < MOTION && k == 3; i++) f.k.ud.d[i] = real(BY_NUMBER(1.7e308, 3.4e38, 0));
     const tse_input u = truth_row(&w, 0.01);
     step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
@@ -605,6 +621,12 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_uncertainty_sd(&w.p, &f, 0, NULL));
   f.magic ^= 1;
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_uncertainty_sd(&w.p, &f, 0, sd));
+#if !defined(TSE_NO_PARTICLES) /* they have no such parts */
+  static tse_filter_paper particles;
+  const tse_params paper = prepared(config_by(tse_config_paper));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&paper, &particles.filter, sizeof particles));
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_uncertainty_sd(&paper, &particles.filter, 0, sd));
+#endif
   reset(&w.p);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, TSE_CONSIDER_RATIO, sd)); /* before the first row */
   for (int a = 0; a < 3; a++) expect_near(0, number(sd[a]), 0, "before the first row", a);

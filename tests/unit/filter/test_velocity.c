@@ -270,6 +270,8 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int j = 0; j < STATES; j++) k.ud.d[j] = real(0.01 * number(k.ud.d[j])); /* what is linear in it */
     for (int e = 0; e < TSE_EXTRAS; e++) k.ud.e[e] = real(0.01 * number(k.ud.e[e]));
     any_motion(k.x, &seed);
+    const int slow = n / TSE_VELOCITIES % 2; /* below 10 m/s a course is worse in inverse proportion */
+    if (slow) k.x[VX] = TSE_R(8);
     k.x[PSI] = real(3.1); /* close to where angles wrap */
     k.x[V_SCALE] = real(0.01), k.x[V_DISCREPANCY] = real(0.05), k.x[V_TURN] = real(-0.02), k.x[V_LEVER_X] = real(1.2);
     k.x[V_LEVER_Y] = real(-0.3);
@@ -345,7 +347,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     }
     for (int i = 0; i < ALL; i++) var += h[i] * ph[i];
     /* noise: of the setting, white; and a share that lasts a second, as white noise that is the same at low frequencies */
-    const double sd = number(p.velocity_sd[channel]), r = sd * sd * (1 + 0.25 * (1 + 2.0 / 0.1)) + (channel == 0 || channel == 2 ? pow(along * number(p.extra_sd[V_LATE - STATES]), 2) : 0);
+    const double sd = number(p.velocity_sd[channel]) * (slow && channel == 3 ? 10.0 / 8 : 1), r = sd * sd * (1 + 0.25 * (1 + 2.0 / 0.1)) + (channel == 0 || channel == 2 ? pow(along * number(p.extra_sd[V_LATE - STATES]), 2) : 0);
     const double e = next_between(&seed, -1, 1) * sqrt(var + r);
     for (int i = 0; i < ALL; i++) gain[i] = i < N ? ph[i] / (var + r) : 0;
     for (int i = 0; i < ALL; i++)
@@ -499,6 +501,25 @@ static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(
   }
 }
 
+/* What one speed of the vehicle differs from it by need not be slip: beside one, a velocity along says nothing; across it does. */
+static void test_beside_one_speed_a_velocity_along_is_not_used(void)
+{
+  begin(1);
+  for (int n = 0; n < 500; n++) {
+    tse_input u = measured_row(ins | gnss), v = u;
+    u.wheel_speed_front = v.wheel_speed_front = u.wheel_speed_rear;
+    if (n == 400) v.ins_vel_x += TSE_R(1), v.gnss_speed += TSE_R(1);
+    (void)stepped(&w.p, &f, &u);
+    (void)stepped(&w.p, &other, &v);
+  }
+  TEST_ASSERT_TRUE(f.k.innovation_var[WHEEL_FRONT] == TSE_R(0) && f.k.ud.extras > 0);
+  TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+  tse_input u = measured_row(ins | gnss), v = u;
+  u.wheel_speed_front = v.wheel_speed_front = u.wheel_speed_rear;
+  v.ins_vel_y += real(0.02);
+  TEST_ASSERT_TRUE(number(stepped(&w.p, &other, &v).vel_y) > number(stepped(&w.p, &f, &u).vel_y));
+}
+
 /* A gyro that is frozen, whatever else is named as at fault, does not turn the heading. */
 static void test_a_frozen_gyro_turns_no_heading(void)
 {
@@ -542,6 +563,19 @@ static void test_an_ins_that_is_mounted_straight_shows_the_speed_across(void)
   w.x[GY] = real(1.2);
   const double with = off_across(ins, 3000, 1000);
   TEST_ASSERT_TRUE(with < 0.8 * without);
+}
+
+/* Where an INS sits, and its scale, may be known: then no drive makes them others. */
+static void test_what_is_known_of_an_ins_stays(void)
+{
+  tse_config config = a_drive();
+  config.velocity_lever_sd = config.velocity_scale_sd = setting(0);
+  begin_with(&config, 1);
+  s.lever_x = 0.6;
+  (void)off_across(ins, 1000, 0);
+  TEST_ASSERT_TRUE(f.k.ud.extras > 0);
+  const int known[3] = { V_LEVER_X, V_LEVER_Y, V_SCALE };
+  for (int i = 0; i < 3; i++) expect_near(0, number(f.k.x[known[i]]), 1e-5, "known", known[i]);
 }
 
 static void test_where_an_ins_sits_and_looks_is_found(void)
@@ -701,6 +735,26 @@ static void test_a_velocity_beside_channels_that_are_late(void)
   }
   TEST_ASSERT_TRUE(sqrt(sum / 1499) < 0.05);
   expect_near(0, number(f.k.x[V_LATE]), 0.02, "nothing left of the latency", 0);
+}
+
+/* Memory that a bit fell over in, of what velocities brought into use or beside it: all is learnt anew. */
+static void test_a_state_of_velocities_that_is_no_number_is_started_over(void)
+{
+  for (int k = 0; k < 4; k++) {
+    tse_kalman *const kalman = &f.k;
+    begin(1);
+    for (int n = 0; n < 200; n++) {
+      const tse_input u = measured_row(ins);
+      (void)stepped(&w.p, &f, &u);
+    }
+    TEST_ASSERT_TRUE(kalman->ud.extras > 0);
+    *(k == 0 ? &kalman->x[V_LEVER_Y] : k == 1 ? &kalman->ud.e[2]
+                                   : k == 2   ? &kalman->ud.e[0]
+                                              : &kalman->x[LCF]) = k == 2 ? TSE_R(-1) : broken();
+    const tse_input u = measured_row(0);
+    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, stepped(&w.p, &f, &u).status);
+    TEST_ASSERT_EQUAL_INT(0, kalman->ud.extras);
+  }
 }
 
 /* Whatever is in their ranges: numbers, a state that is sound, and no longer than that the car's own velocity again. */

@@ -209,6 +209,8 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
     TEST_ASSERT_EQUAL_INT('c', f[i].kind);
     TEST_ASSERT_EQUAL_STRING(tse_status_text(f[i].offset), f[i].text);
   }
+  TEST_ASSERT_EQUAL_STRING("unknown status", tse_status_text(TSE_STATUS_END_));
+  TEST_ASSERT_EQUAL_STRING("unknown status", tse_status_text(expected[0].code - 1));
 }
 
 static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(void)
@@ -225,6 +227,8 @@ static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(v
     TEST_ASSERT_EQUAL_INT('c', f[i].kind);
     TEST_ASSERT_EQUAL_STRING(tse_reason_text(i), f[i].text);
   }
+  TEST_ASSERT_EQUAL_STRING("unknown reason", tse_reason_text(TSE_REASON_END_));
+  TEST_ASSERT_EQUAL_STRING("unknown reason", tse_reason_text(-1));
 }
 
 /* ------------------------------------------------------------------------------------ unknown, and the build */

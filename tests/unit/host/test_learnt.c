@@ -501,6 +501,18 @@ static void test_what_is_saved_lies_inside_what_may_be_loaded(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_load(&p, &f.filter, out, sizeof out, 0));
 }
 
+/* Of a state without a variance nothing is correlated. */
+static void test_what_is_known_exactly_is_saved_without_a_correlation(void)
+{
+  const tse_params p = prepared(settings(0));
+  uint8_t out[TSE_LEARNT_BYTES];
+  know(&p, &f);
+  memset(&f.filter.k, 0, sizeof f.filter.k);
+  for (int i = 0; i < TSE_STATES * (TSE_STATES - 1) / 2; i++) f.filter.k.ud.u[i] = r_short(TSE_R(0.25));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, out));
+  for (int at = AT_PAIR; at < AT_NOISE; at++) TEST_ASSERT_EQUAL_INT(0, out[at]);
+}
+
 static void test_what_is_no_number_is_not_saved(void)
 {
   const tse_real none = TSE_R(0) / number(TSE_R(0));

@@ -520,4 +520,14 @@ static void test_a_reading_that_overflows_alone_is_refused_too(void)
   for (int i = 0; i < 5; i++)
     TEST_ASSERT_TRUE(r_is_finite(got_x[i]) && r_is_finite(got_y[i]) && r_is_finite(got_r[i]) && r_is_finite(got_vx[i]) &&
                      r_is_finite(got_vy[i]) && r_is_finite(got_yaw[i]) && r_is_finite(got_tf[i]) && r_is_finite(got_tr[i]));
+  for (int k = 0; k < 2; k++) { /* a wheel that spins up, as the first row says */
+    tse_replay_start s = the_start();
+    int32_t wrong = -1;
+    const tse_replay_out out = the_out();
+    log = the_log();
+    *(k ? &s.wheel_inertia_rear : &s.wheel_inertia_front) = huge;
+    TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong));
+    TEST_ASSERT_EQUAL_INT32(0, wrong);
+    TEST_ASSERT_EQUAL_INT(k == 0, r_is_finite(got_tr[0]));
+  }
 }

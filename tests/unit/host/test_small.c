@@ -114,6 +114,33 @@ static void test_a_channel_at_fault_leaves_little_valid_that_is_off(void)
   }
 }
 
+/* Slip is no state: it is that of the force that accel_x reads, and of what the car loses, on the axles that do not roll freely. */
+static void test_slip_is_that_of_the_force(void)
+{
+  static const struct {
+    int rolls, front_free, rear_free;
+    double along;
+  } cases[] = { { ROLLS_UNKNOWN, 0, 1, 1 }, { ROLLS_UNKNOWN, 0, 0, -1 }, { ROLLS_NONE, 0, 0, 1 }, { ROLLS_FRONT, 1, 0, 1 }, { ROLLS_REAR, 0, 1, -1 } };
+  start(1);
+  w.p.car.driven = 1;
+  const tse_car *const c = &w.p.car;
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    decoded z;
+    memset(&k, 0, sizeof k);
+    memset(&z, 0, sizeof z);
+    z.dt = real(0.01), z.has_steer = z.use[ACCEL_X] = 1, z.z[ACCEL_X] = real(cases[n].along), z.rolls = cases[n].rolls;
+    for (int row = 0; row < 300; row++) {
+      k.x[VX] = TSE_R(20);
+      (void)predict_row(&w.p, &k, &z);
+    }
+    const double force = cases[n].along / number(c->scale_x) + number(c->drag) * 20 * 20 + number(c->rolling);
+    const double slip = force / ((cases[n].front_free ? 0 : number(c->kx_front)) + (cases[n].rear_free ? 0 : number(c->kx_rear)));
+    expect_near(cases[n].front_free ? 0 : slip, number(k.x[SF]), 1e-6, "slip in front", n);
+    expect_near(cases[n].rear_free ? 0 : slip, number(k.x[SR]), 1e-6, "slip behind", n);
+  }
+}
+
 static uint32_t crc_of(const uint8_t *bytes, int count)
 {
   uint32_t crc = 0xffffffffu;

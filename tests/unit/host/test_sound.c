@@ -317,6 +317,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   NOT_NEGATIVE(filter.k.change_age);
   NOT_NEGATIVE(filter.k.agrees_for);
   ANY_SIGN(filter.k.agreement.smooth);
+  NOT_NEGATIVE(filter.k.agreement.since);
   HELD(filter.k.agreement.moved, TSE_R(0), MOST_SQUARE);
   WHOLE(filter.k.agreement.apart, 0, (1 << TSE_PAIRS) - 1);
   WHOLE(filter.k.agreement.off_scale, 0, 1);
@@ -348,8 +349,11 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   WHOLE(filter.k.ud.extras, TSE_EXTRAS, TSE_EXTRAS);
   WHOLE(filter.k.ud.extras, 0, 0);
   forged.filter.k.ud.extras = TSE_EXTRAS;
-  for (int c_ = 0; c_ < TSE_VELOCITIES; c_++)
-    held_to(of_filter(&forged.filter.k.velocity.noise[c_], sizeof(tse_real), "velocity.noise"), LEAST_OF_ALL, MOST_REAL, 1);
+  for (int c_ = 0; c_ < TSE_VELOCITIES; c_++) {
+    const place noise = of_filter(&forged.filter.k.velocity.noise[c_], sizeof(tse_real), "velocity.noise");
+    held_to(noise, LEAST_OF_ALL, MOST_REAL, 1);
+    expect(&noise, 0, TSE_R(0), TSE_E_STATE);
+  }
   ANY_SIGN(filter.k.velocity.innovation);
   ANY_SIGN(filter.k.velocity.last);
   NOT_NEGATIVE(filter.k.velocity.since);
@@ -442,6 +446,23 @@ static void test_a_simulation_is_held_to_its_ranges(void)
   SIMULATED(steer_logged, -MOST_REAL, MOST_REAL);
   SIMULATED(last.dt, TSE_R(0), MOST_REAL);
   whole_number(&other.effects.settled, 0, 1, look_at_simulation, "effects.settled");
+  whole_number(&other.effects.steered, 0, 1, look_at_simulation, "effects.steered");
+  SIMULATED(effects.lag, -MOST_REAL, MOST_REAL);
+  SIMULATED(effects.mode, -MOST_SQUARE, MOST_SQUARE);
+  SIMULATED(effects.steer_was, -MOST_REAL, MOST_REAL);
+  SIMULATED(effects.imu_was, -MOST_SQUARE, MOST_SQUARE);
+  SIMULATED(effects.formula_was, -MOST_REAL, MOST_REAL);
+  SIMULATED(effects.formula, -MOST_REAL, MOST_REAL);
+  SIMULATED(effects.formula_accel, -MOST_REAL, MOST_REAL);
+  SIMULATED(effects.steered_by, -MOST_REAL, MOST_REAL);
+  SIMULATED(effects.time, -MOST_REAL, MOST_REAL);
+  SIMULATED(effects.heading, -MOST_REAL, MOST_REAL);
+  tse_delay *const delays[] = { &other.effects.steer, &other.effects.imu, &other.effects.formula_late };
+  for (int k = 0; k < ROWS(delays); k++) {
+    held_to(of_simulation(delays[k]->age, sizeof delays[k]->age, "age"), TSE_R(0), MOST_REAL, delays[k]->count == 0);
+    for (int i = 0; i < TSE_DELAY_ROWS; i++) delays[k]->age[i] = r_from_int(i);
+    whole_number(&delays[k]->count, 0, TSE_DELAY_ROWS, look_at_simulation, "count");
+  }
   EACH_FIELD(row, TSE_STRUCT_SIM_INPUT)
   if (strcmp(row->name, "dt") != 0) held_to(of_simulation((char *)&other.last + row->offset, sizeof(tse_real), row->name), real(row->lo), real(row->hi), 1);
 }

@@ -336,6 +336,12 @@ static void test_what_is_no_number_is_nothing(void)
   c.formula_b = setting(-1);
   replay(&c, ROWS);
   expect_reference(sizeof(tse_real) == 4 ? 1e-5 : 1e-11, "0");
+  PROGRAM(&c, 4, NUMBER_A, NUMBER_A, MUL, NUMBER_A, MUL); /* -1e18, 1e18 */
+  for (int sign = -1; sign <= 1; sign += 2) {
+    c.formula_a = setting(sign * 1000000);
+    replay(&c, ROWS);
+    expect_reference(sizeof(tse_real) == 4 ? 1e-5 : 1e-11, "too large");
+  }
   PROGRAM(&c, 4, NUMBER_A, NUMBER_A, MUL, NUMBER_A, MUL, RATE, SOFT); /* 1e18 */
   c.formula_a = setting(1000000);
   replay(&c, ROWS);
