@@ -1,9 +1,9 @@
 """What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/proof.sh coverage
 
-Measured by clang (19 or later, -fcoverage-mcdc) in the double build: every test program is run, and what a function in a header
-does counts where any of them runs it. A condition in a macro is counted once for each place that the macro is used at. What is not
-covered must stand in coverage.toml: as unreachable, with the reason, or as open, which counts as not covered. What stands there in
-neither, or is covered by now, is a failure.
+Measured by clang (19 or later, -fcoverage-mcdc) in double, with all of the library and as TSE_SMALL: every test program is run, and
+what either build runs is covered, of a function in a header what any program runs. A condition in a macro is counted once for each
+place that the macro is used at. What is not covered must stand in coverage.toml: as unreachable, with the reason, or as open, which
+counts as not covered. What stands there in neither, or is covered by now, is a failure.
 """
 
 import argparse
@@ -20,7 +20,8 @@ import tomllib
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-BUILD = ROOT / "build" / "coverage"
+BUILD = ROOT / "build"
+BUILDS = {"coverage": [], "coverage-small": ["-DTSE_SMALL=ON", "-DTSE_PARTICLES=OFF", "-DTSE_VELOCITY=OFF"]}
 REPORT = ROOT / "scripts" / "results" / "coverage.md"
 REASONS = HERE / "coverage.toml"
 SHARE = ROOT / ".venv" / "share"
@@ -51,25 +52,42 @@ def run(*command: object, **more: object) -> subprocess.CompletedProcess:
     return done
 
 
-def measured(clang: str) -> tuple[dict, int, list[str]]:
-    """(what llvm-cov exports, number of test programs, decisions whose MC/DC this clang cannot measure)"""
-    run("cmake", "-S", ROOT, "-B", BUILD, f"-DCMAKE_C_COMPILER={clang}", "-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={FLAGS}",
-        "-DTSE_BUILD_TESTS=ON", "-DTSE_BUILD_FMU=OFF", "-DTSE_TEST_COMPILES=OFF", "-DTSE_TEST_EVERY_WAY=OFF",
+def lines_of(tracefile: str) -> dict[str, dict[int, bool]]:
+    """Return by file, by line whether it was run."""
+    lines: dict[str, dict[int, bool]] = defaultdict(dict)
+    file = None
+    for row in tracefile.splitlines():
+        what, _, rest = row.partition(":")
+        if what == "SF":
+            file = in_src(rest)
+        elif what == "DA" and file:
+            line, count = rest.split(",")[:2]
+            lines[file][int(line)] = int(count) > 0
+    return lines
+
+
+def measured(clang: str, name: str) -> tuple[list[dict], dict[str, dict[int, bool]], int, list[str]]:
+    """Of a build: (functions as llvm-cov exports them, lines_of(), how many programs, decisions whose MC/DC is not measured)"""
+    build = BUILD / name
+    run("cmake", "-S", ROOT, "-B", build, f"-DCMAKE_C_COMPILER={clang}", "-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={FLAGS}",
+        "-DTSE_BUILD_TESTS=ON", "-DTSE_BUILD_FMU=OFF", "-DTSE_TEST_COMPILES=OFF", "-DTSE_TEST_EVERY_WAY=OFF", *BUILDS[name],
         f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}", f"-DPython3_EXECUTABLE={sys.executable}")  # fmt: skip
-    said = run("cmake", "--build", BUILD, "--clean-first")  # warnings of what is not measured come with each object
+    said = run("cmake", "--build", build, "--clean-first")  # warnings of what is not measured come with each object
     unmeasured = set(re.findall(r"^(\S+:\d+):\d+: warning: unsupported MC/DC", said.stdout + said.stderr, re.M))
-    programs = sorted(p for p in (BUILD / "tests").glob("test_*") if p.is_file() and os.access(p, os.X_OK))
-    profiles = BUILD / "profiles"
+    programs = sorted(p for p in (build / "tests").glob("test_*") if p.is_file() and os.access(p, os.X_OK))
+    profiles = build / "profiles"
     shutil.rmtree(profiles, ignore_errors=True)
     profiles.mkdir()
     for program in programs:
         environment = os.environ | {"LLVM_PROFILE_FILE": str(profiles / f"{program.name}.profraw")}
         run(program, cwd=ROOT / "tests", env=environment)
-    merged = BUILD / "all.profdata"
+    merged = build / "all.profdata"
     run(tool(clang, "llvm-profdata"), "merge", "-o", merged, *sorted(profiles.glob("*.profraw")))
-    objects = [x for p in programs[1:] for x in ("-object", p)]
-    exported = run(tool(clang, "llvm-cov"), "export", programs[0], *objects, f"-instr-profile={merged}").stdout
-    return json.loads(exported)["data"][0], len(programs), sorted(u.removeprefix(f"{ROOT}/") for u in unmeasured)
+    export = [tool(clang, "llvm-cov"), "export", programs[0], f"-instr-profile={merged}"]
+    export += [x for p in programs[1:] for x in ("-object", p)]
+    functions = json.loads(run(*export).stdout)["data"][0]["functions"]
+    lines = lines_of(run(*export, "-format=lcov").stdout)
+    return functions, lines, len(programs), sorted(u.removeprefix(f"{ROOT}/") for u in unmeasured)
 
 
 class Source:
@@ -89,11 +107,11 @@ def in_src(name: str) -> str | None:
     return path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT / "src") else None
 
 
-def collected(data: dict) -> tuple[dict, dict]:
+def collected(functions: list[dict]) -> tuple[dict, dict]:
     """(branches, decisions): by file, function, place and use of it; whether each outcome, each condition's pair, was seen."""
     branches: dict[tuple, list[bool]] = {}
     decisions: dict[tuple, list[bool]] = {}
-    for function in data["functions"]:
+    for function in functions:
         names = function["filenames"]
         own = in_src(names[0])
         if not own:
@@ -147,7 +165,7 @@ def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
 def listed(table: str) -> dict[tuple, tuple[int, str]]:
     """(file, function, condition, what was never seen): at how many uses, why. `open`: neither a test yet nor a reason."""
     rows = tomllib.loads(REASONS.read_text()).get(table, [])
-    return {(r["file"], r["function"], r["condition"], what): (n, r.get("why", "")) for r in rows for what, n in r["never"].items()}
+    return {(r["file"], *at, what): (n, r.get("why", "")) for r in rows for at in r["at"] for what, n in r["never"].items()}
 
 
 def reasons() -> dict[tuple, str]:
@@ -155,21 +173,19 @@ def reasons() -> dict[tuple, str]:
 
 
 def page(
-    data: dict, branches: dict, decisions: dict, found: dict, known: dict, clang: str, programs: int, unmeasured: list[str]
+    lines: dict, branches: dict, decisions: dict, found: dict, known: dict, clang: str, programs: int, unmeasured: list[str]
 ) -> str:
-    files = {in_src(f["filename"]): f["summary"] for f in data["files"] if in_src(f["filename"])}
     rows, total = [], Counter()
 
     def share(part: int, of: int) -> str:
         return f"{100 * part / of:.1f} %" if of else "-"
 
-    for file in sorted(files):
-        lines = files[file]["lines"]
+    for file in sorted(lines):
         outcomes = [o for (f, *_), pair in branches.items() if f == file for o in pair]
         pairs = [o for (f, *_), seen in decisions.items() if f == file for o in seen]
         excused = [(k, n) for k, n in found.items() if k[0] == file and k in known]
-        row = Counter(lines=lines["count"], covered=lines["covered"], outcomes=len(outcomes), taken=sum(outcomes), pairs=len(pairs),
-                      independent=sum(pairs))  # fmt: skip
+        row = Counter(lines=len(lines[file]), covered=sum(lines[file].values()), outcomes=len(outcomes), taken=sum(outcomes),
+                      pairs=len(pairs), independent=sum(pairs))  # fmt: skip
         row["no_branch"] = sum(n for k, n in excused if k[3] != "never decides alone")
         row["no_pair"] = sum(n for k, n in excused if k[3] == "never decides alone")
         total.update(row)
@@ -179,7 +195,8 @@ def page(
     out = [
         "# What the unit tests run",
         "",
-        f"`scripts/proof.sh coverage --write`; {version}, `{FLAGS}`, double; {programs} test programs.",
+        f"`scripts/proof.sh coverage --write`; {version}, `{FLAGS}`, double, all of the library and",
+        f"as `TSE_SMALL`; {programs} test programs. A line, an outcome or a condition is covered where either build covers it.",
         "Branches: both outcomes of every condition. MC/DC: conditions of decisions with more than one that were seen to decide",
         "it alone. A condition in a macro counts once for each of its uses. *Reachable* leaves out what tests/proof/coverage.toml",
         "says cannot be reached, with the reason (below).",
@@ -217,23 +234,32 @@ def main() -> int:
     if not clang:
         print("coverage: skipped, no clang of 19 or later with its llvm-profdata is installed (scripts/setup.sh proof)")
         return 0
-    data, programs, unmeasured = measured(clang)
-    branches, decisions = collected(data)
+    functions: list[dict] = []
+    lines: dict[str, dict[int, bool]] = defaultdict(dict)
+    programs, not_measured = 0, set()
+    for name in BUILDS:
+        of_build, run_lines, count, without = measured(clang, name)
+        functions += of_build
+        programs += count
+        not_measured.update(without)
+        for file, rows in run_lines.items():
+            for line, covered in rows.items():
+                lines[file][line] = lines[file].get(line, False) or covered
+    unmeasured = sorted(not_measured)
+    branches, decisions = collected(functions)
     found, known = gaps(branches, decisions), reasons()
     expected = {k: n for table in ("unreachable", "open") for k, (n, _) in listed(table).items()}
     unlisted = sorted(k for k in found if found[k] > expected.get(k, 0))
     gone = sorted(k for k in expected if found.get(k, 0) < expected[k])
-    text = page(data, branches, decisions, found, known, clang, programs, unmeasured)
+    text = page(lines, branches, decisions, found, known, clang, programs, unmeasured)
     if given.write:
         REPORT.write_text(text)
     if given.toml:
-        rows: dict[tuple, list[str]] = defaultdict(list)
+        missing: dict[tuple, list[str]] = defaultdict(list)
         for key in unlisted:
-            rows[key[:3]].append(f"{json.dumps(key[3])} = {found[key]}")
-        for (file, function, condition), never in rows.items():
-            print("[[open]]")
-            for name, value in (("file", file), ("function", function), ("condition", condition)):
-                print(f"{name} = {json.dumps(value)}")
+            missing[key[:3]].append(f"{json.dumps(key[3])} = {found[key]}")
+        for (file, function, condition), never in missing.items():
+            print(f"[[open]]\nfile = {json.dumps(file)}\nat = [[{json.dumps(function)}, {json.dumps(condition)}]]")
             print(f"never = {{ {', '.join(never)} }}\n")
     else:
         print(next(line for line in text.splitlines() if line.startswith("| **all**")))
