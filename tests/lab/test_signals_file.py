@@ -83,7 +83,7 @@ def table(rows: int = 1000) -> pd.DataFrame:
     v = 20 + np.sin(0.5 * t)
     wheels = {n: 3.6 * (v + s * 0.75 * turn) for n, s in (("vl", -1), ("vr", 1), ("hl", -1), ("hr", 1))}
     return pd.DataFrame({"zeit": t, "lrw": np.degrees(15 * 2.7 * turn / v * 1.6),
-    **wheels, "aq": v * turn / 9.80665, "gier": np.degrees(turn),
+    **wheels, "aq": (v * turn + 0.3 * np.cos(3 * t)) / 9.80665, "gier": np.degrees(turn),
                          "q": 1.0, "bz": np.arange(rows) % 16})  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def test_the_file_that_these_were_made_from_is_right(tmp_path):
     log = read_log(tmp_path / "log.csv")
     v = 20 + np.sin(0.5 * log.time)
     np.testing.assert_allclose(log.data["wheel_speed_rear"], v / 0.3, rtol=1e-9)
-    np.testing.assert_allclose(log.data["accel_y"], v * 0.2 * np.sin(log.time), atol=1e-9)
+    np.testing.assert_allclose(log.data["accel_y"], v * 0.2 * np.sin(log.time) + 0.3 * np.cos(3 * log.time), atol=1e-9)
     np.testing.assert_allclose(log.data["steer_angle"], 2.7 * 1.6 * 0.2 * np.sin(log.time) / v, atol=1e-9)
     assert log.data["accel_x"].isna().all() and any("accel_x is not in the log" in n for n in log.notes)
     assert log.turn["wheel_speed_rear"] == pytest.approx(1.5 / 0.3, rel=1e-6)
