@@ -77,7 +77,7 @@ static int sound_kalman(const tse_kalman *k, int started)
              sound_int(k->slow_turn, 0, INT32_MAX - 1);
   fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL) && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
   fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_SQUARE);
-  fine = fine && (k->ud.extras == 0 || k->ud.extras == TSE_EXTRAS) && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
+  fine = fine && (k->ud.extras == 0 || k->ud.extras == MOST_EXTRAS) && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
   fine = fine && sound_reals(k->ud.e, TSE_EXTRAS, TSE_R(0), MOST_SQUARE) && sound_velocity(&k->velocity, k->ud.extras > 0);
   fine = fine && sound_shorts(k->consider[0], TSE_CONSIDERED * TSE_ALL);
   fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);

@@ -62,6 +62,15 @@ static void test_what_the_build_does_not_have_is_refused_or_not_known(void)
   expect_near(number(w.p.prior_sd[LATE]), number(y.lag_steer_sd), 1e-6, "lateness of the steering: as the setting has it", 0);
 }
 
+/* A row reads and writes as many states as the filter says are in use; of a measured velocity there are none. */
+static void test_states_of_a_velocity_that_a_file_claims_are_refused(void)
+{
+  start(1);
+  (void)drive(10);
+  f.k.ud.extras = TSE_EXTRAS;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_filter_check(&w.p, &f, sizeof f));
+}
+
 /* Whichever car it is, both cornering stiffnesses are within three of their sd, and surer than at the start. */
 static void test_cornering_stiffness_is_found(void)
 {
