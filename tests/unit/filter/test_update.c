@@ -127,9 +127,20 @@ static int used(const tse_kalman *k)
   return n;
 }
 
+/* Measure that the axle rolls freely, about the state as the sensors have left it; what is far off by a smaller gain. */
+static void use_rolling(schmidt *s, const tse_params *p, int32_t rolls)
+{
+  const int at = !HAS_SLIP ? 0 : rolls == ROLLS_REAR ? SR
+                                                     : SF;
+  double slope[ALL] = { 0 }, ph[ALL];
+  slope[at] = number(state_unit[at]);
+  const double e = -number(rolls == ROLLS_REAR ? p->car.free_rear : p->car.free_front) - slope[at] * s->x[at];
+  use_one(s, slope, e, fmax(pow(number(FREE_SLIP_SD), 2), e * e / number(TAIL) - spread_of(s, slope, ph)));
+}
+
 /* The order of the channels does not matter in exact numbers; in these it is the filter's. What is noise is read off the filter: the
  * variance of the innovation less what state and uncertain quantities make of it. */
-static void expect_schmidt(int told, uint32_t seed)
+static void expect_schmidt(int told, int32_t rolls, uint32_t seed)
 {
   static const int order[TSE_SENSORS] = { 3, 4, 2, 0, 1 };
   const double close = BY_NUMBER(1e-9, 1e-3, 1e-4); /* float: slopes of some hundred times covariances of ten */
@@ -139,6 +150,7 @@ static void expect_schmidt(int told, uint32_t seed)
     double ph[ALL];
     in_a_turn(&p, &k, &seed);
     a_row(&p, &k, turned(), &z, h, read, &seed);
+    z.rolls = rolls;
     schmidt s = schmidt_of(&k);
     double start[STATES];
     memcpy(start, s.x, sizeof start);
@@ -154,6 +166,7 @@ static void expect_schmidt(int told, uint32_t seed)
       TEST_ASSERT_TRUE(r > 0);
       use_one(&s, h[a], e, r);
     }
+    if (HAS_SLIP && rolls != ROLLS_UNKNOWN) use_rolling(&s, &p, rolls);
     for (int i = STIFFNESS; i <= LCR; i++) s.p[i][i] += pow(number(OWN_SHARE) * (s.x[i] - start[i]), 2); /* slopes were others */
     const schmidt found = schmidt_of(&k);
     for (int i = 0; i < STATES; i++) {
@@ -163,9 +176,15 @@ static void expect_schmidt(int told, uint32_t seed)
   }
 }
 
-static void test_a_row_is_that_of_a_kalman_filter_where_all_is_known(void) { expect_schmidt(1, 1); }
+static void test_a_row_is_that_of_a_kalman_filter_where_all_is_known(void) { expect_schmidt(1, ROLLS_UNKNOWN, 1); }
 
-static void test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain(void) { expect_schmidt(0, 2); }
+static void test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain(void) { expect_schmidt(0, ROLLS_UNKNOWN, 2); }
+
+static void test_the_axle_that_rolls_is_one_more_measurement_of_that_filter(void)
+{
+  expect_schmidt(1, ROLLS_FRONT, 3);
+  expect_schmidt(1, ROLLS_REAR, 4);
+}
 
 /* What is uncertain may make the state worse known than told exactly, never better. */
 static void test_doubt_never_makes_anything_surer(void)
