@@ -145,8 +145,8 @@ enum {
 #endif
 
 /* Known when it is compiled: whether roll, and longitudinal motion, have states. */
-enum { HAS_ROLL = (int)PHI < (int)STATES,
-       HAS_SLIP = (int)LCX < (int)STATES,
+enum { HAS_ROLL = (int)PHI < (int)STATES ? 1 : 0,
+       HAS_SLIP = (int)LCX < (int)STATES ? 1 : 0,
        STIFFNESS = HAS_SLIP ? (int)LCX : (int)LCF }; /* the first that is a state */
 
 /* Place of a stiffness or the grip (TSE_CX_FRONT .., 3), of a bias. */
