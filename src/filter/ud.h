@@ -27,10 +27,10 @@
 
 #if defined(TSE_NO_VELOCITY) /* known when it is compiled */
 #define EXTRAS_IN_USE(p) 0
-#define MOST_EXTRAS 0
+enum { MOST_EXTRAS = 0 };
 #else
 #define EXTRAS_IN_USE(p) ((p)->extras)
-#define MOST_EXTRAS TSE_EXTRAS
+enum { MOST_EXTRAS = (int)TSE_EXTRAS };
 #endif
 
 /* Place in u of column j. */
