@@ -98,7 +98,7 @@ static double late_share(int kind)
 
 static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
 {
-  const double truth[2] = { (double)s->true_cy_front, (double)s->true_cy_rear };
+  const double truth[2] = { tse_double_of_setting(s->true_cy_front), tse_double_of_setting(s->true_cy_rear) };
   for (int a = 0; a < 2; a++) {
     if (y->reason[TSE_CY_FRONT + a] != TSE_VALID) continue;
     const double off = number(y->stiffness[TSE_CY_FRONT + a]) / truth[a] - 1, half = 1.96 * number(y->stiffness_sd[TSE_CY_FRONT + a]) / truth[a];
