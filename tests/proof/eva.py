@@ -2,11 +2,13 @@
 
 What eva.c asks is proven but for the alarms that eva.toml explains, one by one; an alarm that it does not explain is a failure,
 and so is an explanation that no alarm needs. Infinite numbers and NaN are no alarm: what is asked is memory, shifts, whole numbers,
-and what a real becomes that is made a whole number.
+and what a real becomes that is made a whole number. What has been run before is not run again unless something that it reads has
+changed.
 """
 
 import argparse
 import csv
+import hashlib
 import re
 import shutil
 import subprocess
@@ -24,53 +26,92 @@ REPORT = ROOT / "scripts" / "results" / "proof.md"
 EXPLAINED = HERE / "eva.toml"
 SUFFIX = {"double": "f64", "float": "f32", "fixed": "fix"}
 TARGETS = {  # name: what it asks
-    "prepare": "tse_prepare, then tse_reset: any bits as settings",
+    "prepare": "tse_config_check: any bits as settings; tse_prepare, then tse_reset: any real settings",
     "learnt": "tse_learnt_load: any bytes, 0 .. 536 of them, any age, any form",
-    "step": "tse_step, default form: any row, filter and parameters with any reals",
+    "small": "tse_step, default form, built with TSE_SMALL: any row, filter and parameters with any reals",
+    "step": "the same, of a whole build, with no velocity measured yet",
+    "velocity": "the same, with a measured velocity",
     "particles": "tse_step, form 1, without effects: the same",
+    "numbers": "product, quotient, root: any sums of fifteen results; which are what every other row takes them to give",
+}
+BUILDS = {  # of another library than the default: definitions
+    "step": ["TSE_NO_EFFECTS", "TSE_NO_PARTICLES"],
+    "velocity": ["TSE_NO_EFFECTS", "TSE_NO_PARTICLES"],
+    "small": ["TSE_SMALL", "TSE_NO_EFFECTS", "TSE_NO_PARTICLES", "TSE_NO_VELOCITY"],
+}
+ASKED = {  # by default, of each format
+    "double": ["prepare", "learnt", "small", "step", "velocity"],
+    "float": ["prepare", "learnt", "small"],
+    "fixed": ["prepare", "learnt", "numbers"],
 }
 SHORT = ["learnt"]  # for the tests
 # What these refuse is told apart. Of what stands in a header with a suffix for its format, that is the star.
-REFUSE = ["tse_input_check_*", "tse_input_decode_*", "tse_align_row_*", "tse_config_check_*", "tse_prepare_*", "latencies_fit"]
+REFUSE = [
+    "tse_input_check_*", "tse_input_decode_*", "tse_row_decode_*", "tse_align_row_*", "tse_config_check_*", "first_outside",
+    "tse_prepare_*", "latencies_fit",
+]  # fmt: skip
 FOLLOWED = {  # functions in which so many cases are kept apart: refused or not, each early return
-    "tse_step_row_*": 8, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
-    "tse_config_check_*": 2000, "latencies_fit": 8, "tse_prepare_*": 8, "prove_prepare": 8,
+    "tse_step_row_*": 2, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
+    "tse_row_decode_*": 8, "first_outside": 400, "vehicle_fingerprint": 400, "mix_effect": 60,
+    "tse_config_check_*": 8, "latencies_fit": 8, "tse_prepare_*": 8, "prove_prepare": 8,
 }  # fmt: skip
 # TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same result.
-UNROLLED = 40  # loops of a fixed number of turns up to this are followed turn by turn
-APART = 8  # turns of any loop that are followed one by one: of events, so that each stays apart from the others
+# TSE_FIXED_CALLS: product, quotient and root are functions; those of eva.c, which give any result.
+UNROLLED = 60  # loops of a fixed number of turns up to this are followed turn by turn
+APART = 8  # turns of any loop that are followed one by one: of events, so that each stays apart from the others;
+APART_STEP = 32  # of the default form: of states, so that what a loop writes is known to be written
 
 
-def sources() -> list[str]:
+def sources(target: str) -> list[str]:
     listed = re.search(r"add_library\(tse\s([^)]*)\)", (ROOT / "src" / "CMakeLists.txt").read_text()).group(1)
     every = [x for x in re.sub(r"#.*", "", listed).split() if x.endswith(".c")]
-    return [f"src/{x}" for x in every if not x.startswith("host/") or x == "host/learnt.c"]
+    if target == "numbers":
+        return []
+    left_out = ("host/", "number/", *(("paper/", "model/integrator.c") if target in BUILDS else ()))
+    return [f"src/{x}" for x in every if not x.startswith(left_out) or (x == "host/learnt.c" and target == "learnt")]
+
+
+def what_it_reads(command: list[str], files: list[str]) -> str:
+    """The command, and a hash of all that it reads, as the preprocessor leaves it; of eva.c as it is, with its annotations."""
+    defined = next(word for word in command if word.startswith("-cpp-extra-args=")).removeprefix("-cpp-extra-args=").split()
+    seen = hashlib.sha256((HERE / "eva.c").read_bytes())
+    for header in sorted((ROOT / "src" / "number").glob("*.h")):
+        seen.update(header.read_bytes())
+    for file in files:
+        seen.update(subprocess.run(["cc", "-E", "-P", *defined, file], cwd=ROOT, capture_output=True, check=True).stdout)
+    return "\n".join([*command, seen.hexdigest()])
 
 
 def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, str]], float]:
     """(numbers of the run, alarms as (file, function, kind, property), seconds)"""
     WORK.mkdir(parents=True, exist_ok=True)
     name, end = f"{target}-{form}", SUFFIX[form]
-    csv_file, log = WORK / f"{name}.csv", WORK / f"{name}.log"
-    csv_file.unlink(missing_ok=True)
+    csv_file, log, started = WORK / f"{name}.csv", WORK / f"{name}.log", WORK / f"{name}.command"
     split = ",".join(f"{f.replace('*', end)}:0" for f in REFUSE)
     callers = ",".join(f"{f.replace('*', end)}:{n}" for f, n in FOLLOWED.items())
     apart = ["-eva-split-return-function", split, "-eva-slevel-function", callers]
-    if target == "learnt":  # small enough to keep every case apart
-        apart = ["-eva-slevel", "60", "-eva-split-return", "full"]
+    if target == "numbers":
+        apart = ["-eva-slevel", "200", "-eva-split-return", "auto"]
+    if target == "prepare":  # a loop over a table: where it stopped is one number behind it
+        apart += ["-eva-slevel-merge-after-loop", "first_outside"]
+    if target == "learnt":  # bytes that are refused, at each return; of loops over what is read each turn
+        callers = f"decode:60,implausible:200,tse_learnt_load_{end}:8"
+        apart = ["-eva-split-return-function", "decode:0,implausible:0", "-eva-slevel-function", callers]
+    numbers = "-DTSE_FIXED_HALVES" if target == "numbers" else "-DTSE_FIXED_CALLS=1"
+    defined = "".join(f" -D{name}=1" for name in BUILDS.get(target, []))
     command = [
         "frama-c",
         "-machdep",
         "gcc_x86_64",
-        f"-cpp-extra-args=-Iinclude -Isrc -DTSE_REAL_{form.upper()}=1 -DTSE_MAX_PARTICLES=512 -DTSE_FIXED_HALVES "
-        f"-DPROVE_{target.upper()}",
+        f"-cpp-extra-args=-Iinclude -Isrc -DTSE_REAL_{form.upper()}=1 -DTSE_MAX_PARTICLES=512 {numbers} "
+        f"-DPROVE_{target.upper()}{defined}",
         "tests/proof/eva.c",
-        *sources(),
+        *sources(target),
         "-eva",
         "-warn-special-float",
         "none",
         "-eva-min-loop-unroll",
-        str(APART),
+        str(APART_STEP if target in BUILDS else APART),
         "-eva-auto-loop-unroll",
         str(UNROLLED),
         *apart,
@@ -79,11 +120,16 @@ def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, s
         str(csv_file),
     ]
     began = time.monotonic()
-    with log.open("w") as out:
-        done = subprocess.run(command, cwd=ROOT, stdout=out, stderr=subprocess.STDOUT)
+    reads = what_it_reads(command, sources(target))
+    if not (csv_file.exists() and started.exists() and started.read_text() == reads):
+        csv_file.unlink(missing_ok=True)
+        started.write_text(reads)
+        with log.open("w") as out:
+            done = subprocess.run(command, cwd=ROOT, stdout=out, stderr=subprocess.STDOUT)
+        if done.returncode or not csv_file.exists():
+            csv_file.unlink(missing_ok=True)
+            raise SystemExit(f"eva: frama-c failed on {name}\n{log.read_text()[-3000:]}")
     said = log.read_text()
-    if done.returncode or not csv_file.exists():
-        raise SystemExit(f"eva: frama-c failed on {name}\n{said[-3000:]}")
     numbers = Counter()
     if m := re.search(r"(\d+) functions analyzed", said):
         numbers["functions"] = int(m.group(1))
@@ -113,12 +159,35 @@ def explanations() -> list[dict]:
     return tomllib.loads(EXPLAINED.read_text()).get("alarm", []) if EXPLAINED.exists() else []
 
 
-def explained(alarm: tuple[str, str, str, str], rows: list[dict]) -> int | None:
+def explained(target: str, alarm: tuple[str, str, str, str], rows: list[dict]) -> int | None:
+    """Which row does: of any target, or of the one that it names."""
     file, function, _, text = alarm
     for k, row in enumerate(rows):
-        if row["file"] == file and re.fullmatch(row["function"], function) and re.search(row["property"], text):
+        if (
+            row["file"] == file
+            and row.get("target", target) == target
+            and re.fullmatch(row["function"], function)
+            and re.search(row["property"], text)
+        ):
             return k
     return None
+
+
+def not_asked(results: list) -> list[str]:
+    """What the table leaves out: a target, and of which formats."""
+    left = {
+        target: [form for form in SUFFIX if (target, form) not in {r[:2] for r in results}]
+        for target in TARGETS
+        if target != "numbers"
+    }
+    names = {
+        "prepare": "tse_prepare",
+        "learnt": "tse_learnt_load",
+        "small": "tse_step with TSE_SMALL",
+        "step": "tse_step of a whole build",
+    }
+    names |= {"velocity": "the same with a measured velocity", "particles": "tse_step of form 1"}
+    return [f"{names[t]} ({', '.join(forms)})" for t, forms in left.items() if forms]
 
 
 def page(results: list, rows: list[dict], used: dict[int, set], targets: list[str]) -> str:
@@ -133,6 +202,8 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
         "operation gives (FIXED_MOST and below). No alarm: no access outside an object",
         "or of what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real",
         "made a whole number that cannot hold it.",
+        "",
+        f"Not asked: {'; '.join(not_asked(results))}; effects, simulator and replay.",
         "",
         "| asked | format | functions | statements reached | alarms | of them explained | still in range, proven |",
         "|---|---|---|---|---|---|---|",
@@ -159,18 +230,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     parser.add_argument("--format", action="append", choices=list(SUFFIX), help="default: all three")
-    parser.add_argument("target", nargs="*", help=f"default: {' '.join(TARGETS)}")
+    parser.add_argument("target", nargs="*", help=f"of {', '.join(TARGETS)}; default: those of the table")
     given = parser.parse_args()
     if not shutil.which("frama-c"):
         print("eva: skipped, frama-c is not installed (scripts/setup.sh proof)")
         return 0
     rows, used, results, wrong = explanations(), defaultdict(set), [], 0
     for form in given.format or SUFFIX:
-        for target in given.target or TARGETS:
+        for target in given.target or ASKED[form]:
             numbers, found, seconds = alarms(target, form)
             open_ = []
             for alarm in found:
-                k = explained(alarm, rows)
+                k = explained(target, alarm, rows)
                 if k is None:
                     open_.append(alarm)
                     print(f"eva: {target}, {form}: {' | '.join(alarm)}", file=sys.stderr)
@@ -179,7 +250,7 @@ def main() -> int:
             wrong += len(open_)
             results.append((target, form, numbers, found, open_))
             print(f"eva: {target}, {form}: {len(found)} alarms, {len(open_)} of them not explained; {seconds:.0f} s", flush=True)
-    if not given.target:
+    if not given.target and not given.format:
         for k, row in enumerate(rows):
             if not used[k]:
                 wrong += 1

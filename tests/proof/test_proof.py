@@ -93,4 +93,4 @@ def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
 def test_no_alarm_without_an_explanation(target):
     _, found, _ = eva.alarms(target, "double")
     rows = eva.explanations()
-    assert not [a for a in found if eva.explained(a, rows) is None]
+    assert not [a for a in found if eva.explained(target, a, rows) is None]
