@@ -41,7 +41,7 @@ BUILDS = {  # of another library than the default: definitions
 }
 ASKED = {  # by default, of each format
     "double": ["prepare", "learnt", "small", "step", "velocity"],
-    "float": ["prepare", "learnt", "small"],
+    "float": ["prepare", "learnt", "small", "step"],
     "fixed": ["prepare", "learnt", "numbers"],
 }
 SHORT = ["learnt"]  # for the tests
@@ -199,7 +199,11 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
         "Every real number of settings, parameters, filter and",
         "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter are in the ranges that tse_prepare()",
         "and tse_filter_check() hold them to, and are asserted to be there after the row; in fixed point a number is any that an",
-        "operation gives (FIXED_MOST and below). No alarm: no access outside an object",
+        "operation gives (FIXED_MOST and below); product, quotient and root give any such, and are asked by themselves.",
+        "Two steps are by hand: tse_prepare() is given whole numbers (in fixed point real ones, too) in the ranges that",
+        "tse_config_check() has just held them to by a loop over a table; and the row that brings a measured velocity into use is",
+        "followed from there on by itself: what comes then is that of a filter that has one.",
+        "No alarm: no access outside an object",
         "or of what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real",
         "made a whole number that cannot hold it.",
         "",
