@@ -12,6 +12,13 @@ ROOT = Path(__file__).resolve().parents[1]
 TSELAB = [sys.executable, "-m", "tselab"]
 PATHS = os.pathsep.join([str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")])
 ENV = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": PATHS}
+# The greatest memory of a process begins with that of who starts it: this one is small.
+LAUNCH = """
+import os, sys
+quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
+_, status, usage = os.wait4(os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=quiet), 0)
+print(status, usage.ru_utime + usage.ru_stime, usage.ru_maxrss)
+"""
 
 
 class Taken(NamedTuple):
@@ -26,10 +33,12 @@ class Taken(NamedTuple):
 def measured(*command: object, codes: Collection[int] = (0, 3), env: Mapping[str, str] = ENV) -> Taken:
     """Run a command. RuntimeError: it was stopped, or its exit code is none of `codes`."""
     start = time.perf_counter()
-    process = subprocess.Popen([str(c) for c in command], cwd=ROOT, env=env, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)  # of this one alone: getrusage() has the largest of all that ever ended
+    done = subprocess.run(
+        [sys.executable, "-c", LAUNCH, *map(str, command)], cwd=ROOT, env=env, stdout=subprocess.PIPE, text=True, check=True
+    )
     clock = time.perf_counter() - start
-    process.returncode = code = os.waitstatus_to_exitcode(status)
+    status, busy, memory = done.stdout.split()
+    code = os.waitstatus_to_exitcode(int(status))
     if code not in codes:
         raise RuntimeError(f"{' '.join(map(str, command))}: exit code {code}")
-    return Taken(code, clock, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024))
+    return Taken(code, clock, float(busy), float(memory) * (1 if sys.platform == "darwin" else 1024))
