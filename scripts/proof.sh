@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # What the tests reach, what is proven, what is deviated from:   scripts/proof.sh WHAT [--write] [...]      --write: its table anew
-#   coverage              lines, branches and MC/DC of src/; fails on what is neither covered nor in its list; about three minutes; needs
+#   coverage              lines, branches and MC/DC of src/; fails on what is neither covered nor in its list; about five minutes; needs
 #                         clang 19 or later
 #   python [ARGUMENTS]    statements and branches of the Python packages, by all tests or those of pytest ARGUMENTS; half an hour. Nothing is
 #                         refused for a figure; tests of a full disk fail, because what is measured cannot be written either

@@ -51,15 +51,15 @@ def test_its_numbers_are_those_of_scripts_results():
     us, kilobytes = int(time.split()[0]) / 1000, int(memory.split()[0].replace(",", "")) / 1000
     assert f"{us:.0f} us and {kilobytes:.0f} kB in double" in facts
     *_, front, valid = cells("real.md", "stanford_250lm_a | the log itself |")[:5]
-    assert f"a race car {front} kN/rad in front" in README and f"valid in {valid} % of\n" in README
-    assert "front 82 [78 92]" in (RESULTS / "real.md").read_text() and "measured sideslip: 82, 78 .. 92)" in README
+    assert f"front, kN/rad: a race car {front}, reference 82 (78 .. 92), valid in {valid} % of its bends" in README
+    assert "front 82 [78 92]" in (RESULTS / "real.md").read_text()
     whole = cells("real.md", "genesis_cpg_fast | the log itself |")[3]
-    assert f"a series car on two drives {whole}, never valid: limit is +- 20 %" in README
+    assert f"a series car\n  {whole} on two drives, never valid, because valid means within +- 20 %" in README
     genesis = re.findall(r"^\| genesis_\w+ \|.*", (RESULTS / "real.md").read_text(), re.M)
     assert {tuple(line.split("|")[i].strip() for i in (7, 9)) for line in genesis} == {("0", "0")}
     cost = cells("budgets.md", "Cortex-M4F, float |")
     row, flash, ram = (int(cost[i].split()[0].replace(",", "")) for i in (0, 3, 5))
-    assert f"an M4F in float {row:,} instructions a row, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM" in README
+    assert f"an M4F in float {row:,} instructions a step, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM" in README
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
     loop = lines[2:]
     over = sorted(line.split("|")[4].strip() for line in loop)
