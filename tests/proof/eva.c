@@ -58,12 +58,6 @@ tse_real r_sqrt(tse_real x) { return (void)x, Frama_C_long_long_interval(0, FIXE
 #endif
 #define ANY_BYTES(object) Frama_C_make_unknown((char *)&(object), sizeof(object))
 
-#if defined(TSE_NO_VELOCITY)
-#define MOST_EXTRAS 0
-#else
-#define MOST_EXTRAS TSE_EXTRAS
-#endif
-
 static tse_params p;
 static tse_filter_paper all;
 static tse_filter *const f = &all.filter;
