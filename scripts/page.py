@@ -148,7 +148,7 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tse.impl import config, rows, simulate, units, vehicle, verdict
+    from tse.impl import config, estimate, rows, simulate, units, vehicle, verdict
     from tse.impl.logs import agree, physics, scales, vocabulary
     from tse.impl.logs.table import _AT_END
 
@@ -166,6 +166,7 @@ def known() -> dict[str, Any]:
             "holdTorque": simulate.HOLD_TORQUE, "rolling": config.ROLLING, "many": config.MANY, "sameRatio": config.SAME_RATIO,
             "oneSpeed": config.ONE_SPEED,
         },
+        "double": estimate.DOUBLE,
         "check": {
             "causes": agree.CAUSES, "wheelCauses": agree.WHEEL_CAUSES, "figures": agree.FIGURES, "sd": agree.SD,
             "unknownTrack": agree.UNKNOWN_TRACK, "unknownTrackSd": agree.UNKNOWN_TRACK_SD, "price": agree.PRICE,
@@ -173,6 +174,7 @@ def known() -> dict[str, Any]:
             "odd": agree.ODD,
             "well": agree.WELL, "far": agree.FAR, "handling": agree.HANDLING, "usualRatio": agree.USUAL_RATIO,
             "unsaid": scales.UNSAID,
+            "turned": agree.TURNED, "aside": agree.ASIDE, "asideShare": agree.ASIDE_SHARE,
             "rate": physics.RATE, "smooth": physics.SMOOTH, "moving": physics.MOVING, "fewest": physics.FEWEST,
             "mostRows": MOST_CHECKED,
             "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.TURN_SHOWN,

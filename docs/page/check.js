@@ -198,6 +198,40 @@ function ofAnyFactor(figures) {
   return PAGE.check.odd + least;
 }
 
+// Least squares of y on two columns and a constant: {by, left: the variance of what is left, spread: that of the first column}; null
+// where there are too few rows.
+function regression(y, a, b, keep) {
+  const rows = [...y.keys()].filter((i) => keep(i) && [y, a, b].every((x) => Number.isFinite(x[i])));
+  if (rows.length < PAGE.check.fewest) return null;
+  const [p, q, z] = [a, b, y].map((x) => { const own = rows.map((i) => x[i]), mean = meanOf(own); return own.map((v) => v - mean); });
+  const dot = (u, v) => u.reduce((sum, value, i) => sum + value * v[i], 0);
+  const pp = dot(p, p), qq = dot(q, q), pq = dot(p, q), pz = dot(p, z), qz = dot(q, z), det = pp * qq - pq * pq;
+  if (!(det > 1e-12 * pp * qq)) return null;
+  const by = [(pz * qq - qz * pq) / det, (qz * pp - pz * pq) / det];
+  return { by, left: deviation(z.map((v, i) => v - by[0] * p[i] - by[1] * q[i])) ** 2, spread: pp / rows.length };
+}
+
+// Each accelerometer reads what belongs to the other, in opposite ways; the wheels of one axle are those of one side, or one is left
+// and the other right (agree._turned(), _aside()).
+function misplaced(d, front, rear) {
+  const P = PAGE.check, v = front.map((x, i) => 0.5 * (x + rear[i])), turn = v.map((x, i) => x * d.yaw_rate[i]), short = (x) => brief(x, 2);
+  const moving = (i) => Math.abs(v[i]) > P.moving, out = [];
+  const x = regression(d.accel_x, slopeOf(v), turn, moving), y = regression(d.accel_y, slopeOf(v), turn, moving);
+  if (x && y && Math.min(Math.abs(x.by[1]), Math.abs(y.by[0])) >= P.turned && x.by[1] * y.by[0] <= 0) {
+    const degrees = ((Math.atan((x.by[1] - y.by[0]) / 2) * 180) / Math.PI).toFixed(0);
+    out.push(`check the axes: accel_x has ${short(x.by[1])} of speed x yaw_rate in it and accel_y ${short(y.by[0])} of the change of the speed: the IMU is turned about the vertical by ${degrees} degrees`);
+  }
+  const slip = slopeOf(rear).map((s, i) => s * rear[i]);
+  const side = regression(front.map((s, i) => s - rear[i]), d.yaw_rate, slip, (i) => Math.abs(front[i]) > P.moving);
+  if (side) {
+    const by = side.by[0] ** 2 * side.spread, share = by / (by + side.left + 1e-12);
+    if (share >= P.asideShare && Math.abs(side.by[0]) > P.aside[0] && Math.abs(side.by[0]) < P.aside[1]) {
+      out.push(`check the wheels: front less rear wheel speed is ${short(side.by[0])} m times yaw_rate, as left less right is: wheel_speed_front or _rear is of one side, or a left and a right wheel are one signal`);
+    }
+  }
+  return out;
+}
+
 // In what the channels contradict each other, in words; [] when they agree or move too little to tell (units.check_units()).
 function contradictions(rows, car, { ratio, tracks } = {}) {
   const P = PAGE.check;
@@ -211,6 +245,7 @@ function contradictions(rows, car, { ratio, tracks } = {}) {
   if (Math.abs(x.corr) > P.enough.accel_y && Math.abs(y.corr) < 0.5 && (Math.abs(along.corr) > 0.5 || !y.rows || Math.abs(y.corr) < 0.2)) {
     out.push(`check the axes: accel_x goes with speed x yaw_rate (correlation ${x.corr.toFixed(2)}, factor ${short(x.slope)}) and accel_y does not (${y.corr.toFixed(2)}): accel_x and accel_y are swapped`);
   }
+  if (!out.length) out.push(...misplaced(d, found.front, found.rear));
   if (out.length) return out;
   if (found.causes.length && found.cost < ofAnyFactor(found.plain)) {
     const after = leftOf(found.figures, found.causes), names = Object.keys(found.plain).filter((n) => n in after && (Math.abs(Math.log(Math.abs(found.plain[n].value / after[n]))) > 0.02 || found.plain[n].value * after[n] < 0));

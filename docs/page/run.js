@@ -128,7 +128,8 @@ async function csvOf(table, breathe) {
   const cell = names.map((name) => {
     const column = name === "time" ? table.time : table.columns[name];
     if (name.endsWith("_reason")) return (i) => table.reasonText(column[i]);
-    return column instanceof Float64Array ? (i) => shortest(column[i]) : (i) => String(column[i]);
+    const text = PAGE.double.includes(name) ? shortest : shortestSingle;
+    return column instanceof Float64Array ? (i) => text(column[i]) : (i) => String(column[i]);
   });
   for (let i = 0; i < table.rows; i++) {
     parts.push(`${cell.map((c) => c(i)).join(",")}\n`);

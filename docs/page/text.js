@@ -8,6 +8,18 @@ function shortest(x) {
   return Math.abs(x) >= 1e10 ? x.toExponential() : String(x);
 }
 
+// The same of the nearest number in single precision, as the files of estimates have them; of two that are as near the even one.
+function shortestSingle(x) {
+  const single = Math.fround(x);
+  if (!Number.isFinite(single) || single === 0) return shortest(single);
+  for (let digits = 1; digits < 9; digits++) {
+    const [more, power] = single.toExponential(digits).split("e"), half = more.endsWith("5") && Number(`${more}e${power}`) === single;
+    const text = half && "02468".includes(more.at(-2)) ? `${more.slice(0, -1)}e${power}` : single.toExponential(digits - 1);
+    if (Math.fround(Number(text)) === single) return shortest(Number(text));
+  }
+  return shortest(Number(single.toPrecision(9)));
+}
+
 // A cell as a number, NaN where it is none; the nearest double, as pandas 3 reads it, so that a file has the same rows here and there.
 function numberOf(text, comma) {
   const plain = comma ? text.replace(",", ".") : text;

@@ -140,6 +140,13 @@ def wrong_ones():
         "wheels rpm": wheels(60 / (2 * np.pi)),
         "g and sign": of(accel_y=-1 / g),
         "swapped": lambda log: log.assign(accel_x=log["accel_y"], accel_y=log["accel_x"]),
+        "turned imu": lambda log: log.assign(
+            accel_x=0.866 * log["accel_x"] + 0.5 * log["accel_y"], accel_y=0.866 * log["accel_y"] - 0.5 * log["accel_x"]
+        ),
+        "one side": lambda log: log.assign(
+            wheel_speed_front=log["wheel_speed_front"] - 0.75 * log["yaw_rate"] / radius,
+            wheel_speed_rear=log["wheel_speed_rear"] + 0.75 * log["yaw_rate"] / radius,
+        ),
         "rear rpm": of(wheel_speed_rear=60 / (2 * np.pi)),
         "half": of(accel_y=0.5),
         "few": lambda log: log.head(300),
