@@ -89,7 +89,7 @@ def test_held_out_logs_count_as_much_as_those_that_were_fitted(monkeypatch):
     """A formula that does nothing for other logs is worth half the nats."""
     other = problem()
     other.residuals = lambda values: values["rms"] * np.random.default_rng(2).standard_normal(ROWS)
-    monkeypatch.setattr(rivals.show, "of_the_car", lambda held, values: values)
+    monkeypatch.setattr(rivals, "on_others", lambda held, values: values)
     base = fit(1.3)
     base.values = {"rms": 1.3}
     nothing = naming(1.3)
