@@ -218,7 +218,7 @@ function misplaced(d, front, rear) {
   const moving = (i) => Math.abs(v[i]) > P.moving, out = [];
   const x = regression(d.accel_x, slopeOf(v), turn, moving), y = regression(d.accel_y, slopeOf(v), turn, moving);
   if (x && y && Math.min(Math.abs(x.by[1]), Math.abs(y.by[0])) >= P.turned && x.by[1] * y.by[0] <= 0) {
-    const degrees = ((Math.atan((x.by[1] - y.by[0]) / 2) * 180) / Math.PI).toFixed(0);
+    const degrees = ((Math.asin(Math.min(Math.max((x.by[1] - y.by[0]) / 2, -1), 1)) * 180) / Math.PI).toFixed(0);
     out.push(`check the axes: accel_x has ${short(x.by[1])} of speed x yaw_rate in it and accel_y ${short(y.by[0])} of the change of the speed: the IMU is turned about the vertical by ${degrees} degrees`);
   }
   const slip = slopeOf(rear).map((s, i) => s * rear[i]);

@@ -357,7 +357,7 @@ def _turned(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
         return []
     return [
         f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change of the speed: the IMU is "
-        f"turned about the vertical by {np.degrees(np.arctan((x - y) / 2)):.0f} degrees"
+        f"turned about the vertical by {np.degrees(np.arcsin(np.clip((x - y) / 2, -1, 1))):.0f} degrees"
     ]
 
 
