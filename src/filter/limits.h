@@ -36,7 +36,7 @@
 #define MOST_MOVED TSE_R(1000)        /* m/s, rad/s, rad: motion that is kept */
 #define MOST_USUAL TSE_R(1000)        /* 1: slow innovations over their variance */
 #define MOST_FROZEN TSE_R(1000)       /* log2: of how unlikely it is that a channel repeats itself */
-#define MOST_INFO TSE_R(1e6)          /* 1: information and score of an event */
+#define MOST_INFO TSE_R(1e6)          /* 1: information and score of an event, squared innovation over its variance */
 #define LEAST_LOG2 TSE_R(-100)        /* log2: nothing is less likely */
 #define LEAST_WEIGHT TSE_R(1e-6)      /* 1: an event less likely moves no digit */
 #define LEAST_ALONG TSE_R(1e-6)       /* 1: variance of a slip stiffness that is known */

@@ -122,6 +122,15 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
+/* Return whether the motion is known to within what a car can do. Settings of no car, whose motion swings itself up within a substep,
+ * and an unstable one that nothing measures leave it unknown long before a number overflows. */
+static int is_motion_known(const tse_kalman *k)
+{
+  int known = 1;
+  for (int i = 0; i < MOTION; i++) known = known && r_mul(r_mul(ud_variance(&k->ud, i), state_unit[i]), state_unit[i]) < r_sqr(state_most[i]);
+  return known;
+}
+
 /* Predict, measure, and decide on events; count the seconds that are seen. Without a steering angle nothing is measured: a
  * stiffness would make up for it. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
@@ -185,9 +194,13 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW)) || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);
   advance_timers(p, f, &z, speed);
-  const row_class w = classify(p, f, &z, speed, gap);
+  row_class w = classify(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
-  else follow_row(p, &f->k, &z);
+  else {
+    follow_row(p, &f->k, &z);
+    w.gap = !is_motion_known(&f->k);
+    if (w.gap) start_motion(p, &f->k, &z);
+  }
   if (!fine || !all_finite(&f->k)) { /* a fault of the memory, or an overflow, to which what was loaded may have led */
     f->start.loaded = 0;
     recover(p, f, &z);

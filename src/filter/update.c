@@ -259,7 +259,7 @@ static void use_channel(const tse_params *p, tse_kalman *k, int channel, const s
   k->last_innovation[channel] = m->e;
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = state + m->r;
-  k->nis += r_div(r_sqr(m->e), state + m->r);
+  k->nis += r_min(r_div(r_sqr(m->e), state + m->r), MOST_INFO);
   k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m->e), s) + r_mul(LN_2, r_log2(s)) + LN_TWO_PI);
 }
 

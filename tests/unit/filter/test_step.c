@@ -499,6 +499,43 @@ static void test_a_refused_row_changes_nothing(void)
   }
 }
 
+/* The motion of 50 kg on the tyres of a car swings itself up within a substep: without a measured speed and yaw rate nothing
+ * is known of it within some rows. It is placed anew, as after a gap; nothing else is lost. */
+static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
+{
+  tse_output y;
+  tse_config c = config_by(tse_config_default);
+  c.mass = setting(50), c.yaw_inertia = setting(10), c.steering_compliance_angle_per_moment = setting(0.0008);
+  start(c, 6, 0, 1);
+  int placed = 0;
+  for (int n = 0; n < 100; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    u.missing = n ? (1u << TSE_CHANNELS) - 1 - TSE_MISSING_steer_angle : 0;
+    u.steer_angle = real(0.01 * (n % 2));
+    step(&w.p, u, &y);
+    placed += y.status == TSE_W_GAP || y.status == TSE_W_RANGE; /* fixed point: short of that where a row of the filter ends */
+    TEST_ASSERT_TRUE(y.change_kind != TSE_CHANGE_RESTART);
+  }
+  TEST_ASSERT_TRUE(!HAS_SLIP || placed >= BY_NUMBER(5, 5, 1)); /* in fewer substeps, in fixed point, it stays within what a car can do */
+}
+
+/* An innovation over hardly any noise, squared: 4e11 of a yaw rate, which no format need hold. */
+static void test_a_sensor_of_hardly_any_noise_that_is_far_off_leaves_a_sound_state(void)
+{
+  tse_output y;
+  tse_config c = a_car();
+  c.yaw_rate_sd = setting(1e-5), c.yaw_rate_bias_sd = setting(0), c.model_sd = setting(0);
+  start(c, 20, 0, 1);
+  double most = 0;
+  for (int n = 0; n < 60; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    if (n > 40) u.yaw_rate = real(n % 2 ? -6 : 6);
+    step(&w.p, u, &y);
+    most = fmax(most, number(y.nis));
+  }
+  TEST_ASSERT_TRUE(most >= 1e6);
+}
+
 /* What some importers hand on at first, and loggers that lose a row: wheels at rest between rows at 20 m/s. */
 static void test_a_row_of_zeros_leaves_the_stiffness(void)
 {
