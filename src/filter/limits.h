@@ -60,6 +60,8 @@
 #define BETWEEN TSE_R(0.035)          /* s: kept motion is so far apart; 8 of them reach back 0.28 s, to which latencies are limited */
 #define LARGEST_CORRELATION TSE_R(0.999) /* 1: of two states that a file gives: what remains of a variance stays positive */
 
+#define MOST_D TSE_R(1e6)             /* unit^2: element of D of the motion; no car goes beyond a thousand units of any state in motion */
+
 /* Whether channels agree: plausible.c. No filter is tuned by them: what is apart is so by a unit, a sign, an axle. */
 #define SMOOTH_TIME TSE_R(0.25)   /* s: noise and vibration go, what a driver does stays */
 #define FASTEST_DT TSE_R(1)       /* s: after a longer row nothing is smooth: all starts there */

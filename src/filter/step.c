@@ -31,8 +31,9 @@ static tse_real speed_of(const tse_filter *f, const decoded *z)
 }
 
 /* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for since one had a wheel speed, still_for since
- * the wheels have stood, two_for until wheel speeds that have differed may be one signal again. The motion is lost where the car has rolled, or its angle been held, for too long, and is found again by a row
- * that has both. Keep the wheel speeds for the next row. */
+ * the wheels have stood, two_for until wheel speeds that have differed may be one signal again. The motion is lost where the car has
+ * rolled, or its angle been held, for too long, or is not known, and is found again by a row that has both. Keep the wheel speeds for the
+ * next row. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
@@ -122,12 +123,13 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Return whether the motion is known to within what a car can do. Settings of no car, whose motion swings itself up within a substep,
- * and an unstable one that nothing measures leave it unknown long before a number overflows. */
+/* Return whether the motion is known at all. Settings of no car, whose motion swings itself up within a substep,
+ * and an unstable one that nothing measures leave it unknown long before a number overflows. No variance is less than its element of D. */
 static int is_motion_known(const tse_kalman *k)
 {
   int known = 1;
-  for (int i = 0; i < MOTION; i++) known = known && r_mul(r_mul(ud_variance(&k->ud, i), state_unit[i]), state_unit[i]) < r_sqr(state_most[i]);
+  for (int i = 0; i < MOTION; i++)
+    if (!(k->ud.d[i] < MOST_D)) known = 0;
   return known;
 }
 
@@ -194,13 +196,10 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW)) || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);
   advance_timers(p, f, &z, speed);
-  row_class w = classify(p, f, &z, speed, gap);
+  const row_class w = classify(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
-  else {
-    follow_row(p, &f->k, &z);
-    w.gap = !is_motion_known(&f->k);
-    if (w.gap) start_motion(p, &f->k, &z);
-  }
+  else follow_row(p, &f->k, &z);
+  if (!is_motion_known(&f->k)) f->lost = 1;
   if (!fine || !all_finite(&f->k)) { /* a fault of the memory, or an overflow, to which what was loaded may have led */
     f->start.loaded = 0;
     recover(p, f, &z);

@@ -11,7 +11,7 @@ static int sound_start(const tse_start *s)
   int fine = sound_int(s->loaded, 0, 1);
   fine = fine && sound_reals(s->mu, 3, -MOST_REAL, MOST_REAL) && sound_reals(s->mu_sd, 3, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(s->mean_var, 3, TSE_R(0), MOST_REAL) && sound_reals(s->lam, 6, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(s->bias, 3, -MOST_REAL, MOST_REAL) && sound_reals(s->bias_var, 3, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(s->bias, 3, -MOST_REAL, MOST_REAL) && sound_reals(s->bias_var, 3, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(s->kept, TSE_KEPT, -MOST_REAL, MOST_REAL) && sound_reals(s->kept_cov[0], TSE_KEPT * TSE_KEPT, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(s->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(&s->gamma, 1, TSE_R(0), MOST_REAL);
   for (int c = 0; fine && s->loaded && c < TSE_SENSORS; c++) fine = s->noise[c] > TSE_R(0);
