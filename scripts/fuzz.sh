@@ -73,7 +73,8 @@ fuzz() {                                      # one C target of a preset
   mkdir -p "$found" "$grown"
   [ -n "$runs" ] && limits+=("-runs=$runs")
   [ -n "$seconds" ] && limits+=("-max_total_time=$seconds")
-  [ -n "$seed" ] && limits+=("-seed=$seed")
+  # what it learns from comparisons are addresses, too, and its choice of inputs is by time, else: neither is the same again
+  [ -n "$seed" ] && limits+=("-seed=$seed" -use_cmp=0 -entropic=0)
   rm -rf "$given"
   python3 tests/fuzz/inputs.py unpack "$target" "$given"
   if "$program" "${limits[@]}" -max_len=$longest -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
