@@ -269,7 +269,7 @@ static void test_where_a_filter_starts_is_held_to_its_range(void)
   NOT_NEGATIVE(filter.start.gamma);
   NOT_NEGATIVE(filter.start.nu);
   ANY_SIGN(filter.start.bias);
-  NOT_NEGATIVE(filter.start.bias_var);
+  HELD(filter.start.bias_var, TSE_R(0), MOST_SQUARE);
   ANY_SIGN(filter.start.kept);
   HELD(filter.start.kept_cov, -MOST_SQUARE, MOST_SQUARE);
   NOT_NEGATIVE(filter.start.noise);
