@@ -7,7 +7,7 @@
 static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt)
 {
   const int same = !(z < k->reading[c] || z > k->reading[c]), again = k->frozen[c] > TSE_R(0);
-  const tse_real g = r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), now = same ? TSE_R(1) : TSE_R(0);
+  const tse_real g = r_min(r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), MOST_FORGOTTEN), now = same ? TSE_R(1) : TSE_R(0);
   const tse_real likely = r_max(r_max(k->repeats[c], k->repeats_again[c]), least);
   k->reading[c] = z;
   k->frozen[c] = same ? r_min(k->frozen[c] - r_mul(r_min(nis, TSE_R(1)), r_log2(r_min(likely, MOST_REPEATS))), MOST_FROZEN) : TSE_R(0);

@@ -85,6 +85,9 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && sound_reals(k->pitch, 2, -MOST_REAL, MOST_REAL) && sound_reals(k->steer, 3, TSE_R(-2), TSE_R(2));
   fine = fine && sound_reals(k->innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->innovation_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->last_innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->slow, TSE_SENSORS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->slow_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE) && sound_reals(&k->unusual, 1, TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(k->reading, TSE_SENSORS + 1, -MOST_REAL, MOST_REAL) && sound_reals(k->repeats, TSE_SENSORS + 1, TSE_R(0), TSE_R(1));
+  fine = fine && sound_reals(k->repeats_again, TSE_SENSORS + 1, TSE_R(0), TSE_R(1)) && sound_reals(k->frozen, TSE_SENSORS + 1, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(&k->log_likelihood, 1, -MOST_REAL, MOST_REAL) && sound_reals(k->change_from, 4, TSE_R(-10), TSE_R(10)) &&
          sound_reals(k->change_from_var, 4, TSE_R(0), MOST_REAL) && sound_along(&k->along) && sound_along(&k->along_from);
   for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++) fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);

@@ -331,6 +331,12 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   HELD(filter.k.innovation_var, TSE_R(0), MOST_SQUARE);
   ANY_SIGN(filter.k.last_innovation);
   ANY_SIGN(filter.k.slow);
+  HELD(filter.k.slow_var, TSE_R(0), MOST_SQUARE);
+  HELD(filter.k.unusual, TSE_R(0), MOST_SQUARE);
+  ANY_SIGN(filter.k.reading);
+  HELD(filter.k.repeats, TSE_R(0), TSE_R(1));
+  HELD(filter.k.repeats_again, TSE_R(0), TSE_R(1));
+  NOT_NEGATIVE(filter.k.frozen);
   ANY_SIGN(filter.k.log_likelihood);
   HELD(filter.k.weight, TSE_R(0), TSE_R(1));
   HELD(filter.k.none, TSE_R(0), TSE_R(1));
