@@ -241,7 +241,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
 static void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];
-  const tse_real s = ud_measure(&k->ud, m->h, f, v) + m->r;
+  const tse_real s = r_add_sat(ud_measure(&k->ud, m->h, f, v), m->r);
   const int agrees = r_sqr(m->e) < r_mul(TAIL, s) && !is_frozen(k, channel);
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = s;
@@ -258,7 +258,7 @@ static void use_channel(const tse_params *p, tse_kalman *k, int channel, const s
   learn_noise(p, &k->noise[channel], m->e - k->last_innovation[channel], r_sqr(sd), share);
   k->last_innovation[channel] = m->e;
   k->innovation[channel] = m->e;
-  k->innovation_var[channel] = state + m->r;
+  k->innovation_var[channel] = r_add_sat(state, m->r);
   k->nis += r_min(r_div(r_sqr(m->e), state + m->r), MOST_INFO);
   k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m->e), s) + r_mul(LN_2, r_log2(s)) + LN_TWO_PI);
 }
