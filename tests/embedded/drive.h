@@ -41,6 +41,7 @@ static void drive_at(int i, tse_input *u)
   const int is_integer = (tse_real)0.5 == 0;
   tse_real channel[7];
   for (int k = 0; k < 7; k++) channel[k] = drive_real(from->of[k]);
+  tse_input_default(u); /* no velocity, no pedals */
   u->missing = is_integer ? from->missing : 0;
   if (!is_integer)
     for (int k = 0; k < 6; k++)
