@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Looks for inputs that break something: the C targets of tests/fuzz with libFuzzer, address and undefined-behaviour sanitizers, in
-# double and in fixed point, and the readers of files (tests/fuzz/readers.py). A table at the end; fails when anything was found, which
+# double, float and fixed point, and the readers of files (tests/fuzz/readers.py). A table at the end; fails when anything was found, which
 # is then in build/fuzz/found/TARGET.
 #   scripts/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise] [--table FILE]
-#     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...; fixed_step ...; reader_log, reader_vehicle ...;
+#     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...; float_step, fixed_step ...; reader_log, reader_vehicle ...;
 #                   default: all
 #     --runs N      inputs of each target, for instance 1000000; with --seconds whichever comes first; default: --seconds 3, about
 #                   a minute in all
@@ -19,7 +19,8 @@ longest=600                                   # bytes of an input: some 160 rows
 kept=40                                       # inputs of a corpus in the repository: all targets together some 100 kB
 readers=(log vehicle filter formula learnt runs)
 core_targets=(step settings learnt replay state)
-c_targets=("${core_targets[@]}" fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle "${core_targets[@]/#/fixed_}")
+c_targets=("${core_targets[@]}" fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle
+           "${core_targets[@]/#/float_}" "${core_targets[@]/#/fixed_}")
 chosen=() runs="" seconds="" seed="" minimise="" page=""
 while [ $# -gt 0 ]; do
   case $1 in
@@ -66,8 +67,8 @@ build() {                                     # once of each preset, when its fi
   fi
 }
 
-fuzz() {                                      # one C target of a preset
-  local name=$1 preset=$2 target=${1#fixed_} limits=()
+fuzz() {                                      # fuzz NAME PRESET TARGET: one C target
+  local name=$1 preset=$2 target=$3 limits=()
   local found=build/fuzz/found/$name grown=build/fuzz/corpus/$name given=build/fuzz/given/$target log=build/fuzz/$name.log
   local program=build/$preset/tests/fuzz/fuzz_$target
   mkdir -p "$found" "$grown"
@@ -122,11 +123,11 @@ for name in "${chosen[@]}"; do
     ran=1
     continue
   fi
-  preset=fuzz
-  [[ $name == fixed_* ]] && preset=fuzz-fixed
+  preset=fuzz target=$name
+  case $name in float_* | fixed_*) preset=fuzz-${name%%_*} target=${name#*_} ;; esac
   [ -n "${built[$preset]:-}" ] || build $preset
   case ${built[$preset]} in
-    yes) fuzz "$name" $preset; ran=1 ;;
+    yes) fuzz "$name" $preset "$target"; ran=1 ;;
     no) row "$name" "-" "-" "-" "-" "skipped: clang with libFuzzer and sanitizers is not installed" ;;
     *) row "$name" "-" "-" "-" "-" "FAILED to build"; failed=1 ;;
   esac
