@@ -42,7 +42,7 @@
 #define LEAST_ALONG TSE_R(1e-6)       /* 1: variance of a slip stiffness that is known */
 #define RECALL_VAR TSE_R(1e-4)        /* unit^2: least variance that is recalled */
 #define LEAST_FORCE TSE_R(0.2)        /* 1: of a tyre force that a change leaves, where its logarithm is taken of a first-order share */
-#define STEEPEST TSE_R(1e4)           /* unit: no car has such a slope; one that swings itself up in a long row must not leave the range of numbers */
+#define STEEPEST TSE_R(100)           /* unit: no car has such a slope; a variance grows by less than 1e7 in a row, so that one below MOST_D stays in range */
 #define LEAST_ERROR TSE_R(1e-6)       /* unit^2: an error of nothing leaves a slip of nothing a share of nothing */
 #define WALK_TIME TSE_R(1)            /* s: what walks slowly is due once in that time at least */
 #define MOST_FORGOTTEN TSE_R(0.1)     /* 1: a noise or a ratio that is found as a mean forgets no more in one row, however long that is */
