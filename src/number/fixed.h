@@ -2,11 +2,11 @@
  *
  * Room for sums. `+` and `-` are native and cannot say that they overflow, so results of everything else stop at FIXED_MOST, a
  * sixteenth of what the type holds: fifteen of them, of any sign, may be added before the sum leaves the type. The longest sums, over
- * the states of the filter, have 23 terms: those are kept far below it (STEEPEST in filter/predict.c, state_most in filter/start.c).
+ * the states of the filter, have 23 terms: those are kept far below it (STEEPEST in filter/limits.h, state_most in filter/start.c).
  * A result that has stopped is what an infinity is in the other formats: r_is_finite() says no, and the filter starts over.
  *
  * Portable C: four products of 32-bit halves, no type wider than 64 bits. Where the compiler has one, 128 bits give the same result
- * sooner. Right shifts of negative numbers must be arithmetic, and conversion to a signed type must keep the bits; both are checked. */
+ * sooner, and on a Cortex-M0 products of 16 bits. Right shifts of negative numbers must be arithmetic, and conversion to a signed type must keep the bits; both are checked. */
 #ifndef TSE_FIXED_H
 #define TSE_FIXED_H
 
@@ -35,33 +35,130 @@ static inline int64_t fixed_signed(uint64_t magnitude, int negative)
 
 static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x); }
 
-/* a b, exact. A processor without such a product makes it of four of 16 bits, sooner than libgcc one of 64 bits. */
-static inline int64_t fixed_product(int32_t a, int32_t b)
-{
-#if defined(__ARM_ARCH_6M__) || defined(TSE_FIXED_QUARTERS)
-  const int32_t ah = a >> 16, bh = b >> 16;
-  const uint32_t al = (uint32_t)a & 0xffffu, bl = (uint32_t)b & 0xffffu, low = al * bl;
-  const int32_t across = (int32_t)al * bh + (int32_t)(low >> 16);
-  const int32_t middle = ah * (int32_t)bl + (int32_t)((uint32_t)across & 0xffffu);
-  const int32_t hi = ah * bh + (across >> 16) + (middle >> 16);
-  return (int64_t)(((uint64_t)(uint32_t)hi << 32) | ((uint32_t)middle << 16) | (low & 0xffffu));
-#else
-  return (int64_t)a * b;
+/* A processor without products of 64 bits and without a divider makes both of products of 16 bits, sooner than libgcc does; all with the
+ * same result. -DTSE_FIXED_QUARTERS: here too. */
+#if defined(__ARM_ARCH_6M__) && !defined(TSE_FIXED_QUARTERS)
+#define TSE_FIXED_QUARTERS
 #endif
+
+#if defined(TSE_FIXED_QUARTERS)
+#define FIXED_LOW(x) ((int32_t)((uint32_t)(x) & 0xffffu))
+#if defined(__GNUC__)
+#define FIXED_APART __attribute__((noinline, unused))       /* what is rare costs no registers */
+#endif
+
+/* a b: its upper half, and in `middle` 2^-16 of the lower one, in its last digits 2^-16 of what is above. */
+static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
+{
+  const int32_t ah = a >> 16, bh = b >> 16, al = FIXED_LOW(a), bl = FIXED_LOW(b);
+  const int32_t across = al * bh + (int32_t)(((uint32_t)al * (uint32_t)bl) >> 16);
+  *middle = ah * bl + FIXED_LOW(across);
+  return ah * bh + (across >> 16) + (*middle >> 16);
 }
 
-/* a b from halves, nearest, ties towards +infinity: of lower halves with a sign all products have one.   Given: a, b  of up to fifteen results */
-static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
+/* a b, exact. */
+static inline int64_t fixed_product(int32_t a, int32_t b)
 {
-  const int32_t al = (int32_t)(uint32_t)a, bl = (int32_t)(uint32_t)b;
-  const int32_t ah = (int32_t)(uint32_t)(((uint64_t)a - (uint64_t)(int64_t)al) >> 32), bh = (int32_t)(uint32_t)(((uint64_t)b - (uint64_t)(int64_t)bl) >> 32);
-  const int64_t low = (fixed_product(al, bl) + ((int64_t)1 << 31)) >> 32;
-  const int64_t middle = (int64_t)((uint64_t)low + (uint64_t)fixed_product(ah, bl) + (uint64_t)fixed_product(al, bh));
-  const int64_t hi = fixed_product(ah, bh) + (middle >> 32), most = (int64_t)1 << (FIXED_BITS - 1 - FIXED_ROOM);
+  int32_t middle;
+  const int32_t hi = fixed_upper(a, b, &middle);
+  return (int64_t)(((uint64_t)(uint32_t)hi << 32) | ((uint32_t)middle << 16) | (((uint32_t)a * (uint32_t)b) & 0xffffu));
+}
+
+/* a b 2^-32, nearest, ties towards +infinity. */
+static inline int32_t fixed_product_upper(int32_t a, int32_t b)
+{
+  int32_t middle;
+  const int32_t hi = fixed_upper(a, b, &middle);
+  return hi + (middle >> 15 & 1);
+}
+
+static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
+{
+  const uint32_t ah = a >> 16, bh = b >> 16, al = a & 0xffffu, bl = b & 0xffffu, low = al * bl;
+  const uint32_t across = al * bh + (low >> 16), middle = ah * bl + (across & 0xffffu);
+  return ((uint64_t)(ah * bh + (across >> 16) + (middle >> 16)) << 32) | ((middle << 16) | (low & 0xffffu));
+}
+
+/* 2^31/d less 0 .. 2, d from 2^15 to 2^16: a line, and Newton's steps. */
+static inline uint32_t fixed_over(uint32_t d)
+{
+  uint32_t over = 95900u - d;
+  for (int k = 0; k < 3; k++) over = (over * (131072u - ((over * d) >> 15))) >> 16;
+  return over - 1;
+}
+
+/* n/d rounded down, n/2^16 up to d: by upper digits of n, which is at most 6 too few. */
+static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over)
+{
+  uint32_t q = ((n >> 16) * over) >> 15, rest = n - q * d;
+  for (int k = 0; k < 6 && rest >= d; k++) {
+    rest -= d;
+    q++;
+  }
+  return q;
+}
+#else
+static inline int64_t fixed_product(int32_t a, int32_t b) { return (int64_t)a * b; }
+static inline int32_t fixed_product_upper(int32_t a, int32_t b) { return (int32_t)(((int64_t)a * b + ((int64_t)1 << 31)) >> 32); }
+static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b) { return (uint64_t)a * b; }
+static inline uint32_t fixed_over(uint32_t d) { return d; }
+static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over) { return (void)over, n / d; }
+#endif
+
+#if !defined(FIXED_APART)
+#define FIXED_APART inline
+#endif
+
+/* x as hi 2^32 + lo with a lower half that has a sign: of such all products have one. */
+typedef struct fixed_halves {
+  int32_t hi, lo;
+} fixed_halves;
+static inline fixed_halves fixed_halves_of(int64_t x)
+{
+  const uint32_t lo = (uint32_t)x;
+  const fixed_halves h = { (int32_t)((uint32_t)((uint64_t)x >> 32) + (lo >> 31)), (int32_t)lo };
+  return h;
+}
+
+/* a b from halves, nearest, ties towards +infinity. */
+static FIXED_APART int64_t fixed_mul_any(fixed_halves a, fixed_halves b)
+{
+  const int64_t middle = (int64_t)((uint64_t)(int64_t)fixed_product_upper(a.lo, b.lo) + (uint64_t)fixed_product(a.hi, b.lo) + (uint64_t)fixed_product(a.lo, b.hi));
+  const int64_t hi = fixed_product(a.hi, b.hi) + (middle >> 32), most = (int64_t)1 << (31 - FIXED_ROOM);
   if (hi >= most) return FIXED_MOST;
   if (hi < -most) return -FIXED_MOST;
   return (int64_t)(((uint64_t)hi << 32) | (uint32_t)middle);
 }
+
+#if defined(TSE_FIXED_QUARTERS)
+/* hi 2^32 + lo, within what a result may be. */
+static inline int64_t fixed_joint(int32_t hi, uint32_t lo)
+{
+  const int32_t most = (int32_t)1 << (31 - FIXED_ROOM);
+  if (hi >= most) return FIXED_MOST;
+  if (hi < -most) return -FIXED_MOST;
+  return (int64_t)(((uint64_t)(uint32_t)hi << 32) | lo);
+}
+
+static inline int fixed_is_short(int32_t x) { return x > -32768 && x < 32768; }
+
+/* The same, most of them sooner: where the upper halves have 16 bits no product has more than 32, nor has their sum. */
+static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b)
+{
+  if (!fixed_is_short(a.hi) || !fixed_is_short(b.hi)) return fixed_mul_any(a, b);
+  const int32_t low = fixed_product_upper(a.lo, b.lo);
+  if ((a.hi | b.hi) == 0) return low;
+  const int32_t u = a.hi * FIXED_LOW(b.lo), v = b.hi * FIXED_LOW(a.lo), digits = FIXED_LOW(u) + FIXED_LOW(v);
+  const int32_t sum = a.hi * (b.lo >> 16) + b.hi * (a.lo >> 16) + (u >> 16) + (v >> 16) + (digits >> 16);
+  const uint32_t from = ((uint32_t)sum << 16) | (uint32_t)FIXED_LOW(digits), lo = from + (uint32_t)low;
+  return fixed_joint(a.hi * b.hi + (sum >> 16) + (low >> 31) + (lo < from ? 1 : 0), lo);
+}
+#else
+static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b) { return fixed_mul_any(a, b); }
+#endif
+
+/* a b.   Given: a, b  of up to fifteen results */
+static inline int64_t fixed_mul_halves(int64_t a, int64_t b) { return fixed_mul_quick(fixed_halves_of(a), fixed_halves_of(b)); }
 
 /* Leading zeros of x > 0. */
 static inline int fixed_zeros(uint64_t x)
@@ -86,11 +183,11 @@ static inline int fixed_zeros(uint64_t x)
  * (Knuth, The Art of Computer Programming 2, 4.3.1 D). */
 static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
 {
-  const uint32_t base = (uint32_t)1 << 16, d1 = d >> 16, d0 = d & 0xffffu;
+  const uint32_t base = (uint32_t)1 << 16, d1 = d >> 16, d0 = d & 0xffffu, over = fixed_over(d1);
   uint32_t quotient = 0;
   for (int digit = 0; digit < 2; digit++) {
     const uint32_t next = digit == 0 ? lo >> 16 : lo & 0xffffu;
-    uint32_t q = hi / d1, r = hi - q * d1;
+    uint32_t q = fixed_digit(hi, d1, over), r = hi - q * d1;
     for (int k = 0; k < 2 && r < base && (q >= base || q * d0 > (r << 16) + next); k++) {
       q--;
       r += d1;
@@ -117,7 +214,7 @@ static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64
       quotient <<= 32;
       continue;
     }
-    const uint64_t guess = (uint64_t)over * n1 + hi;
+    const uint64_t guess = fixed_product_unsigned(over, n1) + hi;
     uint32_t q = (uint32_t)(guess >> 32) + 1, part = n0 - q * d1;
     if (part > (uint32_t)guess) {
       q--;
@@ -132,11 +229,11 @@ static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64
       q = UINT32_MAX;
       r = (uint64_t)n0 + d1;
     }
-    for (int k = 0; k < 2 && r <= UINT32_MAX && (uint64_t)q * d0 > (r << 32) + next; k++) {
+    for (int k = 0; k < 2 && r <= UINT32_MAX && fixed_product_unsigned(q, d0) > (r << 32) + next; k++) {
       q--;
       r += d1;
     }
-    hi = (hi << 32) + next - q * d;
+    hi = (hi << 32) + next - fixed_product_unsigned(q, d0) - ((uint64_t)(q * d1) << 32);
     quotient = (quotient << 32) + q;
   }
   *rest = hi >> shift;
@@ -158,8 +255,8 @@ static inline int64_t fixed_div_halves(int64_t a, int64_t b)
 /* Square root of 32 bits that begin with 1 or 01: a line, and Newton's steps, from above. */
 static inline uint32_t fixed_sqrt_half(uint32_t x)
 {
-  uint32_t s = (x >> 1) / 49152 + 21846;
-  for (int k = 0; k < 3; k++) s = (s + x / s) >> 1;
+  uint32_t s = (((x >> 16) * 43691u) >> 16) + 21847u;
+  for (int k = 0; k < 3; k++) s = (s + fixed_digit(x, s, fixed_over(s))) >> 1;
   if (s > 65535) s = 65535;
   return s * s > x ? s - 1 : s;
 }
@@ -172,9 +269,9 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
   const int half = FIXED_BITS / 2, zeros = fixed_zeros((uint64_t)x) & ~1;
   const uint64_t n = (uint64_t)x << zeros;
   const uint32_t top = (uint32_t)(n >> 32), low = (uint32_t)n;
-  const uint32_t s16 = fixed_sqrt_half(top), over = ((top - s16 * s16) << 15) + (low >> 17), q16 = over / s16;
+  const uint32_t s16 = fixed_sqrt_half(top), over = ((top - s16 * s16) << 15) + (low >> 17), q16 = fixed_digit(over, s16, fixed_over(s16));
   uint64_t root = ((uint64_t)s16 << 16) + q16;
-  int64_t rest = (int64_t)((((uint64_t)(over - q16 * s16) << 1 | (low >> 16 & 1u)) << 16) + (low & 0xffffu)) - (int64_t)((uint64_t)q16 * q16);
+  int64_t rest = (int64_t)((((uint64_t)(over - q16 * s16) << 1 | (low >> 16 & 1u)) << 16) + (low & 0xffffu)) - (int64_t)fixed_product_unsigned(q16, q16);
   if (rest < 0) {
     root--;
     rest += (int64_t)(2 * root + 1);
@@ -182,7 +279,7 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
   const uint64_t next = (uint64_t)rest << (half - 1);
   const uint32_t s32 = (uint32_t)root, q = fixed_divide_word((uint32_t)(next >> 32), (uint32_t)next, s32);
   root = (root << half) + q;
-  rest = (int64_t)((next - (uint64_t)q * s32) << (half + 1)) - (int64_t)((uint64_t)q * q);
+  rest = (int64_t)((next - fixed_product_unsigned(q, s32)) << (half + 1)) - (int64_t)fixed_product_unsigned(q, q);
   if (rest < 0) {
     root--;
     rest += (int64_t)(2 * root + 1);

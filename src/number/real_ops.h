@@ -357,7 +357,7 @@ static inline tse_real r_log2(tse_real x)
   p = q30_step(516359561, p, f);
   p = q30_step(-774540990, p, f);
   p = q30_step(1549082010, p, f);
-  return k * FIXED_ONE + (((int64_t)p * f + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
+  return k * FIXED_ONE + ((fixed_product(p, f) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
 }
 
 /* x = k + f, 0 <= f < 1;  2^f = 1 + f P(f). 0 far below, the largest number far above. */
@@ -376,7 +376,7 @@ static inline tse_real r_exp2(tse_real x)
   p = q30_step(59598065, p, f);
   p = q30_step(257941138, p, f);
   p = q30_step(744261122, p, f);
-  y = (int64_t)1073741824 + (((int64_t)p * f + (1 << 29)) >> 30); /* Q30 in [1, 2] */
+  y = (int64_t)1073741824 + ((fixed_product(p, f) + (1 << 29)) >> 30); /* Q30 in [1, 2] */
   return k + up >= 0 ? y * ((int64_t)1 << (k + up)) : (y + ((int64_t)1 << (-k - up - 1))) >> (-k - up);
 }
 
@@ -396,8 +396,8 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
   q = q30_step(-349978, q, w);
   q = q30_step(17023455, q, w);
   q = q30_step(-331168968, q, w);
-  const int64_t sine = ((int64_t)p * x + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS);
-  const int64_t cosine = FIXED_ONE + (((int64_t)q * w + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
+  const int64_t sine = (fixed_product(p, x) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS);
+  const int64_t cosine = FIXED_ONE + ((fixed_product(q, w) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
   *s = (quarter & 1) != 0 ? cosine : sine;
   *c = (quarter & 1) != 0 ? sine : cosine;
   if ((quarter & 2) != 0) { *s = -*s; }

@@ -232,9 +232,9 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
   const int zeros = 64 - FIXED_BITS - d.right; /* of d */
-  const uint32_t digits = (uint32_t)(((uint64_t)more << (zeros - 1)) >> 32), share = (uint32_t)(((uint64_t)digits * (uint32_t)d.m) >> 29); /* below 1 */
-  const uint64_t low = (uint64_t)(uint32_t)x * share + 0x80000000u;
-  return (void)was, x - (tse_real)((uint64_t)(uint32_t)((uint64_t)x >> 32) * share + (low >> 32));
+  const uint32_t digits = (uint32_t)(((uint64_t)more << (zeros - 1)) >> 32), share = (uint32_t)(fixed_product_unsigned(digits, (uint32_t)d.m) >> 29); /* below 1 */
+  const uint64_t low = fixed_product_unsigned((uint32_t)x, share) + 0x80000000u;
+  return (void)was, x - (tse_real)(fixed_product_unsigned((uint32_t)((uint64_t)x >> 32), share) + (low >> 32));
 }
 
 /* 2^up, which brings numbers of that size to an eighth of what a row holds, and the square root of a variance to a tenth or more. */
@@ -326,14 +326,13 @@ static inline int32_t factor_below_half(r_factored a) { return a.right > 0 ? ((a
 /* y + m x/2^32, nearest: y is the upper half of what the product is added to. */
 static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
 {
-  const uint64_t from = ((uint64_t)(uint32_t)y << 32) | 0x80000000u;
-  return short_stop((int32_t)(uint32_t)((from + (uint64_t)fixed_product(x, m)) >> 32));
+  return short_stop((int32_t)((uint32_t)y + (uint32_t)fixed_product_upper(x, m)));
 }
 
 static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 {
   if (a.right >= 0) return short_plus(y, x, factor_below_half(a));
-  const int32_t product = (int32_t)((fixed_product(x, a.m) + ((int64_t)1 << 31)) >> 32), most = SHORT_MOST >> -a.right;
+  const int32_t product = fixed_product_upper(x, a.m), most = SHORT_MOST >> -a.right;
   const int32_t more = product > most ? SHORT_MOST - 1 : (product < -most ? -SHORT_MOST : (int32_t)((uint32_t)product << -a.right));
   return short_stop(y + more);
 }
