@@ -353,12 +353,12 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--real", choices=FORMATS, help="number format where no macro says another (double)")
     parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
-    parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32)")
+    parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32), or 0: no channel is late")
     parser.add_argument("--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay")
     a = parser.parse_args()
     for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024)):
         value = getattr(a, name)
-        if value is not None and not lo <= value <= hi:
+        if value is not None and not lo <= value <= hi and not (name == "latency_rows" and value == 0):
             parser.error(f"--{name.replace('_', '-')} must lie in {lo} .. {hi}")
     capacities = {"TSE_MAX_PARTICLES": a.max_particles, "TSE_LATENCY_ROWS": a.latency_rows}
     defaults = {"real": a.real, **capacities}

@@ -143,6 +143,28 @@ def deepest(folder: Path, name: str) -> int:
     return of(start[0])
 
 
+@dataclass
+class Flash:
+    """What the library takes where some of its options are left out: bytes of a Cortex-M4F in float at -Os; 0: no compiler."""
+
+    row: dict[str, Any]
+    size: int = 0
+
+    def passed(self) -> list[str]:
+        over = self.size > self.row["limit"]
+        return [f"flash {self.row['name']}: {self.size:,}, the limit is {self.row['limit']:,}"] if over else []
+
+
+def flash_by_option(work: m.Work, row: dict[str, Any]) -> Flash:
+    machine = next(x for x in m.machines() if x.name == "Cortex-M4F")
+    if machine.missing():
+        return Flash(row)
+    flags = ["-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", *(f"-D{x}" for x in row.get("define", []))]
+    return Flash(
+        row, flash_of(m.build(work, at_level(machine, "-Os"), "float", "smallest.c", f"flash-{row['name']}", *flags, stack=1024))
+    )
+
+
 # ---- where instructions go
 
 
@@ -181,10 +203,13 @@ without, or with, the form with particles, RAM, stack. Limits: tests/budgets.tom
 KINDS = """\
 Instructions by kind of row, mean / longest: the drive; 0.1 s to a row at 2.2 m/s and 9 m/s; 2.2 m/s at 10 ms; channels that lie;
 pauses of 0.11 s and 100 s; channels missing at random; the drive with steering and accel_x logged late."""
+FLASH = """\
+Flash of a Cortex-M4F in float at -Os by what is left out: settings, `tse_config_uncalibrated()` where there are effects, step,
+learnt state, with what they need of libc."""
 STACKS = "Stack below `tse_step`: written on these rows, and along the deepest path of calls; of `tse_prepare`: written."
 
 
-def table(measured: list[Measured]) -> str:
+def table(measured: list[Measured], flash: list[Flash]) -> str:
     lines = ["| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |", f"|---|{7 * '---:|'}"]
     for x in measured:
         cells = []
@@ -213,6 +238,11 @@ def table(measured: list[Measured]) -> str:
     for x in measured:
         if x.stacks:
             lines.append(f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} | {x.stacks['prepare']:,} |")
+    lines += ["", FLASH, "", "| | flash [B] |", "|---|---:|"]
+    for x in flash:
+        said = ", ".join(f"{name} {x.row[name]:,}" for name in ("goal", "limit") if name in x.row)
+        bold = "**" if x.size > x.row.get("goal", math.inf) else ""
+        lines.append(f"| {x.row['name']} | {bold}{f'{x.size:,}' if x.size else '-'}{bold} ({said}) |")
     return "\n".join(lines) + "\n"
 
 
@@ -222,7 +252,8 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="TEXT", help="targets with this in their name; no table is written")
     parser.add_argument("--profile", nargs=2, type=int, metavar=("FROM", "TO"), help="instructions by function over these rows")
     args = parser.parse_args()
-    targets = tomllib.loads(LIMITS.read_text())["target"]
+    limits = tomllib.loads(LIMITS.read_text())
+    targets = limits["target"]
     targets = [t for t in targets if args.only in t["name"] and (t.get("short") or not args.short)]
     with tempfile.TemporaryDirectory() as folder:
         work = m.Work(Path(folder))
@@ -230,12 +261,13 @@ def main() -> int:
             profile(work, targets[0], *args.profile)
             return 0
         measured = [measure(work, t) for t in targets]
-    text = HEAD.format(compiler=f"arm-none-eabi-gcc {m.version_of(('arm-none-eabi-gcc',))}") + table(measured)
+        flash = [flash_by_option(work, row) for row in limits["flash"] if not args.short and not args.only]
+    text = HEAD.format(compiler=f"arm-none-eabi-gcc {m.version_of(('arm-none-eabi-gcc',))}") + table(measured, flash)
     print(text)
     if not args.short and not args.only:
         RESULTS.write_text(text)
         print(f"written: {RESULTS.relative_to(m.ROOT)}")
-    passed = [line for x in measured for line in x.passed()]
+    passed = [line for x in [*measured, *flash] for line in x.passed()]
     for line in passed:
         print(f"FAILED: {line}")
     return 1 if passed else 0

@@ -13,12 +13,13 @@
 #endif
 
 /* Rows that a filter keeps while it waits for channels that come later (settings ..._latency): from the earliest to the latest channel
- * there may lie TSE_LATENCY_ROWS - 4 sample times. A row is 6 tse_real, 1 more and a byte. */
+ * there may lie TSE_LATENCY_ROWS - 4 sample times. A row is 6 tse_real, 1 more and a byte. 0: none comes later, such settings are refused. */
 #ifndef TSE_LATENCY_ROWS
 #define TSE_LATENCY_ROWS 32
 #endif
-#if TSE_LATENCY_ROWS < 8 || TSE_LATENCY_ROWS > 1024
-#error "TSE_LATENCY_ROWS must lie in 8 .. 1024"
+#if (TSE_LATENCY_ROWS < 8 && TSE_LATENCY_ROWS != 0) || TSE_LATENCY_ROWS > 1024
+#error "TSE_LATENCY_ROWS must be 0, or lie in 8 .. 1024"
 #endif
+#define TSE_LATENCY_KEPT (TSE_LATENCY_ROWS + (TSE_LATENCY_ROWS == 0)) /* C knows no empty array */
 
 #endif

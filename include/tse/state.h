@@ -16,17 +16,17 @@
 /* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
-#define TSE_FILTER_NUMBERS (323 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_NUMBERS (323 + 7 * TSE_LATENCY_KEPT)
 #define TSE_FILTER_WHOLE 100
 #define TSE_FILTER_PADDED (9 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
 #define TSE_CONSTANT_NUMBERS 210
 #elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
-#define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_KEPT)
 #define TSE_CONSTANT_NUMBERS 189
 #else
 #define TSE_FILTER_SHORTS 1243
-#define TSE_FILTER_NUMBERS (515 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_NUMBERS (515 + 7 * TSE_LATENCY_KEPT)
 #define TSE_CONSTANT_NUMBERS 201
 #endif
 #if !defined(TSE_SMALL)
@@ -51,7 +51,7 @@ struct tse_aligned {
   tse_real number;
 };
 #define TSE_PADDING (sizeof(struct tse_aligned) - sizeof(tse_real) - sizeof(int32_t))
-#define TSE_LATENCY_BYTES ((TSE_LATENCY_ROWS + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
+#define TSE_LATENCY_BYTES ((TSE_LATENCY_KEPT + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
 
 /* What the structs hold, to the byte: src/model/state.h does not compile where the members have another size. */
 typedef struct tse_params_bytes {

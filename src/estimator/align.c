@@ -12,6 +12,8 @@
 #include "estimator/stages.h"
 #include "tables/input.h"
 
+#if TSE_LATENCY_ROWS > 0
+
 #define SAME_TIME TSE_R(2e-5) /* s: rows so near to the time looked for are of that time: sums of dt are rounded, clocks too; at
                                  50 m/s3, the jerk of an emergency manoeuvre, a channel moves by 0.001 m/s2 in it */
 
@@ -147,3 +149,5 @@ tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse
   m->since = TSE_R(0);
   return TSE_OK;
 }
+
+#endif

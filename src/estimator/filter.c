@@ -28,6 +28,7 @@ static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input 
   return step_row(p, f, u, out);
 }
 
+#if TSE_LATENCY_ROWS > 0
 /* Report the estimates of the last step, or of the start, for a row that makes no step. */
 static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
 {
@@ -67,6 +68,7 @@ static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input 
   if (out) *out = now;
   return status;
 }
+#endif
 
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
@@ -76,7 +78,10 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 #if defined(TSE_NO_VELOCITY)
   if (u->given & TSE_GIVEN_VELOCITIES) return TSE_E_INPUT;
 #endif
-  return p->latency_span > TSE_R(0) ? step_late(p, f, u, out) : step_form(p, f, u, out);
+#if TSE_LATENCY_ROWS > 0
+  if (p->latency_span > TSE_R(0)) return step_late(p, f, u, out);
+#endif
+  return step_form(p, f, u, out);
 }
 
 #define TEXT(name, word, text) case name: return text;

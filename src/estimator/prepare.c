@@ -125,6 +125,21 @@ static int formula_fits(const tse_config *c)
 }
 #endif
 
+#if TSE_LATENCY_ROWS == 0
+/* Return whether no channel is late. *wrong: the first that is. */
+static tse_status latencies_fit(const tse_config *c, const char **wrong)
+{
+  for (int k = 0; k < COUNT_LATENCY; k++) {
+    const tse_setting late = real_at(c, &reals[FIRST_LATENCY + k]);
+    if (!(late > 0 || late < 0)) continue;
+    if (wrong) *wrong = reals[FIRST_LATENCY + k].name;
+    return TSE_E_CONFIG;
+  }
+  return TSE_OK;
+}
+
+static void prepare_latencies(const tse_config *c, tse_params *p) { p->velocity_late = real_of(c->velocity_latency); }
+#else
 /* Latency of each channel: of all but the last, the yaw rate, which is the clock. */
 static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 {
@@ -183,6 +198,7 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
+#endif
 
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {

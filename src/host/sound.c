@@ -23,10 +23,10 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
 {
   const tse_real most = p->max_gap + p->latency_least;
   const int32_t rows = p->latency_span > TSE_R(0) ? TSE_LATENCY_ROWS : 0;
-  int fine = sound_int(m->count, 0, rows) && sound_int(m->newest, 0, TSE_LATENCY_ROWS - 1);
+  int fine = sound_int(m->count, 0, rows) && sound_int(m->newest, 0, TSE_LATENCY_KEPT - 1);
   fine = fine && sound_reals(&m->since, 1, TSE_R(0), LONGEST_DT) && sound_reals(&m->unkept, 1, TSE_R(0), LONGEST_DT);
-  fine = fine && sound_reals(m->before, TSE_LATENCY_ROWS, TSE_R(0), most);
-  for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
+  fine = fine && sound_reals(m->before, TSE_LATENCY_KEPT, TSE_R(0), most);
+  for (int i = 0; i < TSE_LATENCY_KEPT; i++) {
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
     for (int k = 0; k < (int)TSE_CHANNELS; k++) fine = fine && channel_holds(&channel_rows[k], m->value[i][k]);
   }
@@ -94,7 +94,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   for (int i = 0; i < TSE_EVENTS; i++) fine = fine && sound_event(&k->event[i]);
   fine = fine && sound_agreement(&k->agreement);
   fine = fine && sound_reals(k->weight, TSE_EVENTS, TSE_R(0), TSE_R(1)) && sound_reals(k->none, TSE_GROUPS, TSE_R(0), TSE_R(1));
-  for (int c = 0; started && c < TSE_SENSORS; c++) fine = fine && k->noise[c] > TSE_R(0) && k->usual[c] > TSE_R(0);
+  for (int c = 0; started && c < TSE_SENSORS; c++) fine = fine && k->noise[c] > TSE_R(0) && k->usual[c] >= TSE_R(1);
   return fine;
 }
 

@@ -242,9 +242,9 @@ typedef struct tse_kalman {
 typedef struct tse_alignment {
   int32_t count, newest;                    /* rows kept; place of the newest                             */
   tse_real since, unkept;                   /* [s] from the last step's row, from the newest row kept, to the last one given */
-  tse_real before[TSE_LATENCY_ROWS];        /* [s] since the row kept before it; 0 where there is none      */
-  tse_real value[TSE_LATENCY_ROWS][6];      /* channels as logged; 0 where missing                        */
-  uint8_t missing[TSE_LATENCY_ROWS];        /* bits of tse_input.missing                                  */
+  tse_real before[TSE_LATENCY_KEPT];        /* [s] since the row kept before it; 0 where there is none      */
+  tse_real value[TSE_LATENCY_KEPT][6];      /* channels as logged; 0 where missing                        */
+  uint8_t missing[TSE_LATENCY_KEPT];        /* bits of tse_input.missing                                  */
   tse_real lost[3];                         /* [1] what interpolation took of the noise variance of accel_x, accel_y, yaw rate */
   int32_t reason[3];                        /* of the last step, while rows wait                          */
 } tse_alignment;

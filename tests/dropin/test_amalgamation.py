@@ -135,6 +135,23 @@ def test_options_are_defaults_that_a_macro_overrides(tmp_path: Path) -> None:
         assert run(tmp_path / "say") == expected
 
 
+def test_without_rows_for_late_channels_the_rest_is_the_same(two: Path, tmp_path: Path) -> None:
+    """The numbers of a drive; a late channel is refused by its name; a filter is sound."""
+    folder = amalgamated(tmp_path / "none", "--latency-rows", "0")
+    said, usual = (numbers(tmp_path, "double", "-DONE_FILE", "-I", x, x / "tse.c").splitlines() for x in (folder, two))
+    assert said[1:] == usual[1:]  # but the first, the sizes
+    assert len(said) > 30
+    (tmp_path / "late.c").write_text(
+        '#include <stdio.h>\n#include "tse.h"\nstatic tse_filter f;\nstatic tse_params p;\nint main(void)\n{\n'
+        'tse_config c;\nconst char *wrong = "";\ntse_config_default(&c);\n'
+        "int reset = tse_prepare(&c, &p, &wrong) || tse_reset(&p, &f, sizeof f);\nint sound = tse_filter_check(&p, &f, sizeof f);\n"
+        "c.steer_angle_latency = -0.01;\nint refused = tse_prepare(&c, &p, &wrong);\n"
+        'printf("%d %d %d %s", reset, sound, refused == TSE_E_CONFIG, wrong);\nreturn 0;\n}\n'
+    )
+    run(tool("cc"), *WARNINGS, "-I", folder, tmp_path / "late.c", folder / "tse.c", "-o", tmp_path / "late", "-lm")
+    assert run(tmp_path / "late") == "0 0 1 steer_angle_latency"
+
+
 def test_a_formula_is_compiled_in(two: Path, tmp_path: Path) -> None:
     formula = parse("offset", "an offset of the angle", "front_angle", "k*steer_angle", [Number("k", 0.1, "1")])
     (tmp_path / "tse_formula.h").write_text(c_header(formula))
