@@ -370,6 +370,13 @@ def controller() -> str:
     return table([*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9)))
 
 
+def flash() -> str:
+    """Return the flash of the library without some of its options, from scripts/results/budgets.md."""
+    text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
+    return table(["", "flash [kB]"], [[name, f"{int(size.replace(',', '')) / 1e3:.1f}"] for name, size in rows], right=(1,))
+
+
 def results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     """Return rows of a table of scripts/results: the first that begins with each of these cells, of it the columns `keep`."""
     lines = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8").splitlines()
