@@ -294,6 +294,24 @@ static void test_a_value_that_repeats_itself_does_so_when_interpolated(void)
 
 /* ------------------------------------------------------------------------------------------- odd rows */
 
+/* An initial stiffness outside of what the filter may find is reported where it starts: at the bound. */
+static void test_a_start_beyond_a_bound_is_reported_at_it(void)
+{
+  static const double late[5] = { 0.04, 0.04, 0, 0, -0.02 };
+  for (int32_t form = 0; form <= MOST_FORM; form++) {
+    tse_config c = settings(form);
+    tse_output y;
+    c.initial_cy_front = setting(1.5), c.initial_cy_rear = setting(0.5), c.stiffness_min = setting(0.75), c.stiffness_max = setting(1.25);
+    start_late(c, late);
+    for (int k = 0; k < 6; k++) {
+      const tse_input u = noisy_row(k);
+      (void)tse_step(&p, &late_one.filter, &u, &y);
+      expect_near(1.25, number(y.stiffness[TSE_CY_FRONT]), 0.01, "at the upper bound", k);
+      expect_near(0.75, number(y.stiffness[TSE_CY_REAR]), 0.01, "at the lower bound", k);
+    }
+  }
+}
+
 static void test_until_all_channels_are_known_the_start_is_reported(void)
 {
   static const double late[5] = { 0.04, 0.04, 0, 0, -0.02 };
