@@ -76,9 +76,9 @@ static int sound_kalman(const tse_kalman *k, int started)
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
              sound_int(k->slow_turn, 0, INT32_MAX - 1);
   fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL) && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
-  fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_VARIANCE);
   fine = fine && (k->ud.extras == 0 || k->ud.extras == MOST_EXTRAS) && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
-  fine = fine && sound_reals(k->ud.e, TSE_EXTRAS, TSE_R(0), MOST_SQUARE) && sound_velocity(&k->velocity, k->ud.extras > 0);
+  fine = fine && sound_reals(k->ud.e, TSE_EXTRAS, TSE_R(0), MOST_VARIANCE) && sound_velocity(&k->velocity, k->ud.extras > 0);
   fine = fine && sound_shorts(k->consider[0], TSE_CONSIDERED * TSE_ALL);
   fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(k->activity, 3, TSE_R(0), MOST_SQUARE) && sound_reals(k->before, 3, -MOST_REAL, MOST_REAL);

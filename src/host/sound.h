@@ -11,9 +11,11 @@
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
+#define MOST_VARIANCE MOST_REAL
 #else
 #define MOST_REAL TSE_R(1e9)
 #define MOST_SQUARE TSE_R(1e18)
+#define MOST_VARIANCE TSE_R(1e13) /* unit^2: a motion that is lost has no more; times the square of MOST_REAL a float holds it */
 #endif
 
 static inline int sound_int(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }

@@ -4,6 +4,7 @@
 
 #define REVERSE_SPEED TSE_R(-0.1)   /* m/s, physics: a wheel that turns back by less stands */
 #define EXCITATION_TIME TSE_R(0.1)  /* s: regressors are smoothed over it */
+#define MOST_EXCITED TSE_R(1e6)     /* 1, numerics: of a regressor, in sd of its sensor: squares stay in the range of a float */
 
 /* What a row is good for. */
 typedef struct row_kind {
@@ -32,7 +33,7 @@ void paper_excitation(const tse_params *p, tse_filter_paper *f, const sample *y,
   const tse_real smooth = r_div(y->dt, y->dt + EXCITATION_TIME);
   const tse_real gain = r_div(TSE_R(1), r_min(window, seen + TSE_R(1)));
   for (int a = 0; a < 3; a++) {
-    f->excite[a] += r_mul(smooth, phi[a] - f->excite[a]);
+    f->excite[a] += r_mul(smooth, r_clamp(phi[a], -MOST_EXCITED, MOST_EXCITED) - f->excite[a]);
     f->excite_mean[a] += r_mul(gain, f->excite[a] - f->excite_mean[a]);
     f->excite_sq[a] += r_mul(gain, r_mul(f->excite[a], f->excite[a]) - f->excite_sq[a]);
     const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);

@@ -301,7 +301,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   drive(0, 1);
   ANY_SIGN(filter.k.x);
   ROW_HELD(filter.k.ud.u);
-  HELD(filter.k.ud.d, TSE_R(0), MOST_SQUARE);
+  HELD(filter.k.ud.d, TSE_R(0), MOST_VARIANCE);
   ROW_HELD(filter.k.consider);
   for (int c_ = 0; c_ < TSE_SENSORS; c_++) {
     held_to(of_filter(&forged.filter.k.noise[c_], sizeof(tse_real), "noise"), LEAST_OF_ALL, MOST_REAL, 1);
@@ -350,7 +350,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   WHOLE(filter.k.fault, 0, TSE_CHANNELS);
   WHOLE(filter.k.slow_turn, 0, INT32_MAX - 1);
   ROW_HELD(filter.k.ud.w);
-  HELD(filter.k.ud.e, TSE_R(0), MOST_SQUARE);
+  HELD(filter.k.ud.e, TSE_R(0), MOST_VARIANCE);
   for (int c_ = 0; c_ < TSE_VELOCITIES; c_++) forged.filter.k.velocity.noise[c_] = TSE_R(1);
   WHOLE(filter.k.ud.extras, TSE_EXTRAS, TSE_EXTRAS);
   WHOLE(filter.k.ud.extras, 0, 0);
