@@ -26,6 +26,27 @@ static void test_a_diagonal_is_its_variances(void)
   TEST_ASSERT_TRUE(p.d[5] > TSE_R(0));
 }
 
+#if !defined(TSE_NO_VELOCITY)
+/* One that had extra states has none: it measures as one that never had any, whatever stands where they were. */
+static void test_a_diagonal_has_no_extra_states(void)
+{
+  tse_ud used, fresh;
+  tse_real variance[STATES], more[TSE_EXTRAS], h[TSE_ALL], f[TSE_ALL], v[TSE_ALL];
+  for (int i = 0; i < STATES; i++) variance[i] = real(0.25 * (i + 1));
+  for (int e = 0; e < TSE_EXTRAS; e++) more[e] = TSE_R(3);
+  for (int i = 0; i < TSE_ALL; i++) h[i] = TSE_R(1);
+  memset(&used, 0, sizeof used);
+  memset(&fresh, 0, sizeof fresh);
+  ud_open(&used, more);
+  ud_set(&used, variance);
+  ud_set(&fresh, variance);
+  const tse_real all = ud_measure(&used, h, f, v), plain = ud_measure(&fresh, h, f, v);
+  TEST_ASSERT_EQUAL_INT(0, used.extras);
+  TEST_ASSERT_EQUAL_MEMORY(&plain, &all, sizeof all);
+  expect_near(0.25 * STATES * (STATES + 1) / 2, number(all), CLOSE * STATES, "sum of the variances", 0);
+}
+#endif
+
 static void test_variances_and_covariances_are_those_of_the_matrix(void)
 {
   uint32_t seed = 2;
