@@ -560,6 +560,29 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
   }
 }
 
+/* The same value of another effect makes another vehicle: of all strengths of one number, no two agree. */
+static void test_fingerprint_of_the_vehicle_tells_which_effect_a_value_is_of(void)
+{
+  enum { MOST = 64 };
+  static uint32_t seen[MOST];
+  static const char *whose[MOST];
+  int count = 0, alone = 0;
+  const double value = 0.0625; /* a number of every format, in most ranges */
+  EACH_PARAMETER(e)
+  {
+    tse_config c = defaults();
+    tse_params p;
+    if (e->strength != 1 || is_kinematics(e->setting) || e->lo > value || e->hi < value || count == MOST) continue;
+    put_parameter(&c, e, value);
+    if (!prepared_if_held(&c, &p)) continue;
+    for (int k = 0; k < count; k++)
+      if (seen[k] == p.vehicle) TEST_FAIL_MESSAGE(whose[k]);
+    alone += strcmp(e->setting, "mass_change") == 0 || strcmp(e->setting, "yaw_inertia_change") == 0;
+    whose[count] = e->setting, seen[count++] = p.vehicle;
+  }
+  TEST_ASSERT_EQUAL_INT(2, alone); /* effects with no other number than this */
+}
+
 #if !defined(TSE_SMALL) /* no form 1 */
 /* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds. It is
  * FNV-1a over the settings of vehicle.toml in single precision: another one when a default of these changes. */
