@@ -373,3 +373,22 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   const double r = pow(number(p.sensor_sd[2]) / number(state_unit[BR]), 2);
   expect_near(r / (200 + r), number(ud_variance(&k.ud, BR)), BY_NUMBER(1e-10, 1e-5, 1e-6), "its variance", 0);
 }
+
+/* One speed of the vehicle is no speed of an axle, and without a steering angle nothing is measured that it would have to fit: which axle
+ * rolls freely is then no measurement, and changes no bit. */
+static void test_an_axle_that_rolls_freely_says_nothing_with_one_speed_or_without_a_steering_angle(void)
+{
+  static tse_kalman with, without;
+  for (int how = 0; how < 3; how++) /* both known; one speed; no steering angle */
+    for (int32_t rolls = ROLLS_FRONT; rolls <= ROLLS_REAR; rolls++) {
+      const tse_params p = a_car(1);
+      before_a_row(&p, &with, 21);
+      without = with;
+      z.one_speed = how == 1, z.has_steer = how != 2;
+      z.rolls = rolls;
+      update_row(&p, &with, &z, turned());
+      z.rolls = ROLLS_NONE;
+      update_row(&p, &without, &z, turned());
+      TEST_ASSERT_EQUAL_INT(how > 0 || !HAS_SLIP, memcmp(&with, &without, sizeof with) == 0);
+    }
+}
