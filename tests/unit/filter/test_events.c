@@ -218,6 +218,21 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
   TEST_ASSERT_TRUE(apart > 0.5);
 }
 
+/* Where there is no second amplitude, nothing is known of one: zeros, not little. */
+static void test_an_event_alone_has_no_second_amplitude(void)
+{
+  static trio t;
+  uint32_t seed = 11;
+  start(&t, EVENT_SLIP_FRONT, 2, 0, &seed);
+  rows(&t, 6, 0, 1, 0, 1, &seed);
+  const event_says s = event_of(&t.k, t.n);
+  TEST_ASSERT_NULL(s.second);
+  expect_near(0, number(s.part), 0, "part", 0);
+  expect_near(0, number(s.beside), 0, "mean beside", 0);
+  expect_near(0, number(s.beside_var), 0, "variance beside", 0);
+  TEST_ASSERT_TRUE(s.var > TSE_R(0));
+}
+
 /* What has happened is believed: the state is then that of the filter that knows it, but for what it opens beside. */
 static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it(void)
 {
@@ -313,6 +328,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       if (i >= LCX && i <= LMU) t.without.x[i] = (was[i] + log(1 + number_of(t.k.event[t.n].v[i]) * number(state_unit[i]))) / number(state_unit[i]);
     }
     t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(60);
+    t.k.along.mean = real(0.2), t.k.along.var = real(0.03), t.k.along_from.mean = real(-0.1), t.k.along_from.var = real(0.01);
     for (int i = LCX; i <= LMU; i++) {
       memset(h, 0, sizeof h);
       h[i] = 1;
@@ -330,6 +346,9 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       expect_near(was[i], number(t.k.change_from[i - LCX]), 1e-6, "before", i);
       expect_near(p_was.p[i][i], number(t.k.change_from_var[i - LCX]), close, "its variance", i);
     }
+    expect_near(-0.1, number(t.k.along.mean), 1e-6, "slip stiffness as before", 0);
+    expect_near(0.01, number(t.k.along.var), 1e-6, "its variance", 0);
+    expect_near(0.2, number(t.k.along_from.mean), 1e-6, "slip stiffness in between", 0);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, t.k.change_kind);
     expect_near(0, number(t.k.change_age), 0, "a change of its own", 0);
   }
@@ -402,6 +421,32 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
   TEST_ASSERT_TRUE(w > 0.05 && w < 0.8);
   expect_near(opened, (number(ud_variance(&k.ud, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
   expect_near(opened, number(k.along.var) - before_all, BY_NUMBER(1e-6, 1e-4, 1e-4), "found before", 0);
+}
+
+/* Another road that is believed: what of the slip stiffness was found before the road is kept as far as it was one of the tyres, P - w (P - V)
+ * of its variance P, and what the road opens of it is not known; from then on it is where the state has it. */
+static void test_a_road_that_is_believed_begins_the_slip_stiffness_anew(void)
+{
+  static trio t;
+  uint32_t seed = 12;
+  const double unit = number(state_unit[LCX]);
+  for (int n = 0; n < 6; n++) {
+    start(&t, EVENT_NONE, 0, 0, &seed);
+    t.k.event[0].kind = EVENT_ROAD, t.k.event[0].v[LCF] = short_of(0.3 / number(state_unit[LCF]));
+    t.k.event[0].score = TSE_R(-60), t.k.event[0].info = TSE_R(30);
+    t.k.x[LCX] = real(next_between(&seed, -0.3, 0.3));
+    const double own = dense_of(&t.k.ud).p[LCX][LCX] * unit * unit, before = own + next_between(&seed, 0.01, 0.04), was = number(t.k.x[LCF]);
+    t.k.along.mean = real(0.7), t.k.along.var = real(before);
+    events_decide(&t.p, &t.k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, t.k.change_kind);
+    const double lacks = pow(number(USUAL_MODEL_SD), 2), share = before * before / (before * before + lacks * (before - own));
+    const double opened = pow(number(CHANGE_SD), 2) + pow(number(OWN_SHARE) * (number(t.k.x[LCF]) - was), 2);
+    TEST_ASSERT_TRUE(number(t.k.x[LCF]) < was - 0.1);
+    expect_near(before - share * (before - own) + opened, number(t.k.along.var), BY_NUMBER(1e-9, 1e-5, 1e-5), "variance", n);
+    expect_near(number(t.k.x[LCX]), number(t.k.along.mean), 0, "mean", n);
+    expect_near(0.7, number(t.k.along_from.mean), 1e-6, "mean before", n);
+    expect_near(before, number(t.k.along_from.var), 1e-6, "variance before", n);
+  }
 }
 
 /* A driver who hardly turns shows little: the likeliest event of a kind is kept for seconds, and not for ever. */
