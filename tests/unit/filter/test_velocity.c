@@ -377,6 +377,113 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
   }
 }
 
+/* A state of any covariance, in a turn, with all extra states in use. */
+static void any_kalman(const tse_params *p, tse_kalman *k, uint32_t *seed)
+{
+  memset(k, 0, sizeof *k);
+  any_full(&k->ud, seed);
+  any_motion(k->x, seed);
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    for (int i = 0; i < TSE_ALL; i++) k->consider[q][i] = short_of(p->uncertain[q] > TSE_R(0) ? next_between(seed, -0.2, 0.2) : 0);
+  for (int n = 0; n < TSE_EVENTS; n++)
+    for (int i = 0; i < TSE_ALL; i++) k->event[n].v[i] = short_of(next_between(seed, -0.2, 0.2));
+  for (int c = 0; c < TSE_VELOCITIES; c++) k->velocity.noise[c] = k->velocity.mean_nis[c] = TSE_R(1);
+  for (int a = 0; a < TSE_SENSORS; a++) k->noise[a] = k->usual[a] = TSE_R(1);
+}
+
+static double heading_after(const tse_params *p, const tse_kalman *from, const decoded *z)
+{
+  static tse_kalman k;
+  k = *from;
+  velocity_move(p, &k, z);
+  return number(k.x[PSI]);
+}
+
+/* What the heading is off by for each uncertain quantity and each event: by how much a row turns it otherwise from a state that is off by as
+ * much before; and a gyro whose scale is off reads that much more than the car turns. */
+static void test_the_heading_is_off_by_what_turns_it_otherwise(void)
+{
+  tse_config config = a_config();
+  config.gyro_scale_sd = setting(0.02), config.cg_sd = setting(0.03), config.relaxation_sd = setting(0.2);
+  const tse_params p = prepared(config);
+  uint32_t seed = 8;
+  for (int n = 0; n < 12; n++) {
+    static tse_kalman k, off, moved;
+    decoded z = { 0 };
+    const int measured = n % 2;
+    const double unit = number(state_unit[PSI]), close = BY_NUMBER(1e-9, 2e-4, 1e-5);
+    any_kalman(&p, &k, &seed);
+    z.dt = real(0.25), z.use[YAW_RATE] = measured, z.z[YAW_RATE] = real(next_between(&seed, -0.4, 0.4));
+    k.velocity.has_gyro = !measured; /* the row before was of the other kind: no rate to begin from */
+    moved = k;
+    velocity_move(&p, &moved, &z);
+    const double plain = number(moved.x[PSI]);
+    for (int q = -TSE_EVENTS; q < TSE_CONSIDERED; q++) {
+      const tse_short *const was = q < 0 ? k.event[-1 - q].v : k.consider[q], *const is = q < 0 ? moved.event[-1 - q].v : moved.consider[q];
+      decoded other_z = z;
+      off = k;
+      for (int i = 0; i < TSE_ALL; i++) off.x[i] += real(number_of(was[i]) * number(state_unit[i]));
+      if (q == CONSIDER_GYRO) other_z.z[YAW_RATE] -= r_mul(p.uncertain[q], z.z[YAW_RATE] - k.x[BR]);
+      expect_near((heading_after(&p, &off, &other_z) - plain) / unit, number_of(is[PSI]), close, "heading", 100 * n + q);
+    }
+  }
+}
+
+/* Which way a course is 0 is anybody's choice: with heading and course turned by any angle, a row does the same to everything. */
+static void test_the_zero_of_a_course_changes_nothing_but_the_heading(void)
+{
+  tse_config config = a_config();
+  config.gnss_course_sd = setting(0.05);
+  const tse_params p = prepared(config);
+  uint32_t seed = 9;
+  int across = 0;
+  for (int n = 0; n < 20; n++) {
+    static tse_kalman k, turned;
+    decoded z = { 0 };
+    forces f;
+    tse_real plain[TSE_ALL], change[TSE_ALL];
+    const steering still = { real(0.01), real(0.01), real(0.01) };
+    const double pi = 3.14159265358979323846, off = next_between(&seed, -0.1, 0.1);
+    any_kalman(&p, &k, &seed);
+    k.velocity.has_heading = 1;
+    k.velocity.since[3] = real(0.1), k.velocity.last[3] = TSE_R(7);
+    car_forces(&p.car, k.x, still, TSE_R(1), &f);
+    z.given = 1u << 3, z.dt = real(0.01);
+    for (int m = -4; m <= 4; m++) {
+      const double angle = m == 0 ? 0 : (m < 0 ? 0.02 * (-m - 1) - pi : pi - 0.02 * (m - 1)); /* 0; close to where angles wrap */
+      const double course = angle + atan2(number(k.x[VY]), number(k.x[VX])) + off, wraps = course >= pi ? 1 : course < -pi ? -1
+                                                                                                                           : 0;
+      turned = k;
+      turned.x[PSI] = real(angle);
+      z.optional[3] = real(course - 2 * pi * wraps);
+      across += wraps != 0;
+      for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
+      velocity_update(&p, &turned, &z, &f, change);
+      if (m == -4) memcpy(plain, change, sizeof plain);
+      for (int i = 0; i < TSE_ALL; i++)
+        expect_near(number(plain[i]), number(change[i]), BY_NUMBER(1e-9, 1e-3, 1e-5) * (1 + fabs(number(plain[i]))), "state", 1000 * m + i);
+      TEST_ASSERT_TRUE(fabs(number(change[PSI])) > 1e-3 && turned.velocity.rejected_for[3] == TSE_R(0));
+    }
+  }
+  TEST_ASSERT_TRUE(across > 20);
+}
+
+/* The speed across is that of the model and what it lacks: the variance of a sum, as the matrix has it, with what is uncertain beside. */
+static void test_the_variance_of_the_speed_across_is_that_of_a_sum(void)
+{
+  const tse_params p = prepared(a_config());
+  uint32_t seed = 10;
+  for (int n = 0; n < 20; n++) {
+    static tse_kalman k;
+    any_kalman(&p, &k, &seed);
+    const full m = full_of(&k.ud);
+    const double a = number(state_unit[VY]), b = number(state_unit[V_DISCREPANCY]);
+    double var = a * a * m.p[VY][VY] + 2 * a * b * m.p[VY][V_DISCREPANCY] + b * b * m.p[V_DISCREPANCY][V_DISCREPANCY];
+    for (int q = 0; q < TSE_CONSIDERED; q++) var += pow(a * number_of(k.consider[q][VY]) + b * number_of(k.consider[q][V_DISCREPANCY]), 2);
+    expect_near(var, number(velocity_across_var(&k)), CLOSE * fmax(1, var), "variance", n);
+  }
+}
+
 /* ------------------------------------------------------------------------------- drives */
 
 typedef struct sensor { /* what measures the velocity, and how far it is off */
