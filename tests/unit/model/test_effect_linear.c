@@ -370,3 +370,63 @@ static void test_effects_along_the_car_have_their_transfer_functions(void)
   c.imu_scale_ax_error = setting(0.05), c.imu_delay_time = setting(0.02);
   expect_along(&c, 0, 0, 1, 1, 0, 0.05, 0.02, "imu_scale_ax, imu_delay");
 }
+
+/* A car that runs straight on at 20 m/s, wheels at given speeds, and then is off by d in its speed and by `lag` in the slip that each axle
+ * holds.   Returned: what of d is left after one step of h */
+static double left_of_a_step(const tse_config *c, double d, const double lag[2], double h)
+{
+  const tse_params p = prepared(*c);
+  const stiffness k = vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0));
+  tse_effect_memory m;
+  point at;
+  acting to;
+  memset(&m, 0, sizeof m);
+  memset(&at, 0, sizeof at);
+  memset(&to, 0, sizeof to);
+  at.vx = at.u.v_front = at.u.v_rear = real(20);
+  effects_settle(&p, &m, k, &at);
+  at.vx = real(20 + d);
+  for (int a = 0; a < 2; a++) m.lag[2 + a] = real(lag[a]);
+  effects_at(&p, &m, m.lag, k, &at);
+  to.u = at.u;
+  effects_advance(&p, &m, k, &to, real(h), 1, &at);
+  return number(at.vx) - 20;
+}
+
+/* A linear system y' = A y is multiplied by R(hA) in a step of ROS2, R(z) = (1 + (1 - 2g) z)/(1 - g z)^2, however long the step: only with the
+ * whole of A in what is solved for. A of speed and held slip, d' = K s, s' = v/sigma (-d/v - s), K = 2 C/m; of both axles s is the mean. */
+static void test_a_step_along_the_car_is_that_of_a_linear_system_however_long(void)
+{
+  static const double step[4] = { 0.005, 0.03, 0.1, 0.5 }, start[3][3] = { { -0.01, 0, 0 }, { -0.01, 4e-4, 0 }, { 0, 0, -3e-4 } };
+  const double v = 20, sigma = 0.4, K = 2 * 1.6e5 / 1900, g = 1 - sqrt(0.5);
+  tse_config c = default_car();
+  c.longitudinal_relaxation_length = setting(sigma);
+  for (int i = 0; i < 4; i++)
+    for (int j = 0; j < 3; j++) {
+      const double h = step[i], a[2][2] = { { 0, h * K }, { -h / sigma, -h * v / sigma } };
+      double y[2] = { start[j][0], 0.5 * (start[j][1] + start[j][2]) }, x[2];
+      for (int r = 0; r < 2; r++) x[r] = y[r] + (1 - 2 * g) * (a[r][0] * y[0] + a[r][1] * y[1]);
+      for (int twice = 0; twice < 2; twice++) { /* Cramer's rule for 1 - g A */
+        const double det = (1 - g * a[0][0]) * (1 - g * a[1][1]) - g * g * a[0][1] * a[1][0];
+        y[0] = (x[0] * (1 - g * a[1][1]) + x[1] * g * a[0][1]) / det;
+        y[1] = (x[1] * (1 - g * a[0][0]) + x[0] * g * a[1][0]) / det;
+        memcpy(x, y, sizeof x);
+      }
+      expect_near(y[0], left_of_a_step(&c, start[j][0], &start[j][1], h), BY_NUMBER(2e-5, 3e-5, 3e-5), "speed", 10 * i + j); /* slip is linear to 0.05 % */
+    }
+}
+
+/* A lag across is none along: the same with d' = -K/v d, A one number. (Beyond 20 m/s slip is linear to 0.05 %.) */
+static void test_a_step_along_the_car_knows_nothing_of_a_lag_across(void)
+{
+  static const double step[4] = { 0.005, 0.03, 0.1, 0.5 }, none[2] = { 0, 0 };
+  const double g = 1 - sqrt(0.5);
+  for (int lags = 0; lags < 2; lags++) {
+    tse_config c = default_car();
+    c.relaxation_length = setting(lags ? 0.4 : 0);
+    for (int i = 0; i < 4; i++) {
+      const double z = -step[i] * 2 * 1.6e5 / 1900 / 20, d = -0.01;
+      expect_near(d * (1 + (1 - 2 * g) * z) / pow(1 - g * z, 2), left_of_a_step(&c, d, none, step[i]), BY_NUMBER(5e-6, 2e-5, 2e-5), "speed", 10 * lags + i);
+    }
+  }
+}
