@@ -463,6 +463,28 @@ static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
   }
 }
 
+/* Wheels that turn are no input: tyres that hold their slip, for however short a way, hold none where nothing drives. And a torque that
+ * is steady accelerates car and wheels together, by what it is over m R + sum of J/R. */
+static void test_a_lag_along_the_car_moves_nothing_that_no_torque_moves(void)
+{
+  const double length[] = { 1e-3, 0.02, 0.4 }, R = 0.33, J = 2.4;
+  for (int i = 0; i < ROWS(length); i++)
+    for (int driven = 0; driven < 2; driven++) {
+      tse_config c = default_car();
+      tse_sim_output y;
+      c.longitudinal_relaxation_length = setting(length[i]);
+      start(c, quiet());
+      const double torque = driven ? 300 : 0;
+      for (int k = 0; k < 200; k++) {
+        step(driver(0.01, torque, 0), &y);
+        if (k < 100 && driven) continue;
+        expect_near(2 * torque / R / (1900 + 2 * J / R / R), number(y.accel_x), BY_FORMAT(2e-4, 2e-3), "accel_x", 100 * i + k);
+        if (!driven) expect_near(20 / R, number(y.wheel_speed_front), BY_FORMAT(1e-9, 1e-4), "front", k);
+        if (!driven) expect_near(20 / R, number(y.wheel_speed_rear), BY_FORMAT(1e-9, 1e-4), "rear", k);
+      }
+    }
+}
+
 /* What still rolls takes part with its inertia: m + J/R^2. A locked wheel turns at most at the grip of its brake. */
 static void test_locked_axles_decelerate_with_friction_times_their_load(void)
 {
