@@ -491,3 +491,60 @@ static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
     expect_near(0, sin(turned - 0.1), BY_FORMAT(1e-11, 1e-5), "direction", i);
   }
 }
+
+/* A car that rolls straight on at 20 m/s on wheels that turn, until in a single step of 20 ms a brake acts
+ * on each axle.   Updated: at   Returned: its memory */
+static tse_effect_memory brake_a_step(const tse_config *c, const double brake[2], double friction, point *at)
+{
+  const tse_params p = prepared(*c);
+  const stiffness k = vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0));
+  tse_effect_memory m;
+  acting to;
+  memset(&m, 0, sizeof m);
+  memset(at, 0, sizeof *at);
+  memset(&to, 0, sizeof to);
+  at->vx = at->u.v_front = at->u.v_rear = real(20);
+  at->friction = real(friction);
+  at->w.turning = 1;
+  for (int a = 0; a < 2; a++) at->w.load[a] = real(1900 * 0.33 * 0.33 / 2.4), at->w.still[a] = real(0.06);
+  effects_settle(&p, &m, k, at);
+  to.w = at->w; /* speeds of wheels that turn are states: those of the inputs, 0 here, say nothing */
+  for (int a = 0; a < 2; a++) to.w.brake[a] = real(brake[a]);
+  effects_advance(&p, &m, k, &to, real(0.02), 1, at);
+  at->p = NULL, at->m = NULL;
+  return m;
+}
+
+/* A brake of almost no end brings its wheel to a stop within a step, but for what the road turns it by, and never into reverse: on the axle that
+ * it is on, on that one alone. */
+static void test_a_brake_stops_the_wheels_of_its_axle_within_a_step_and_no_others(void)
+{
+  for (int braked = 1; braked <= 3; braked++) {
+    const double brake[2] = { braked & 1 ? 1e6 : 0, braked & 2 ? 1e6 : 0 };
+    const tse_config c = default_car();
+    point at;
+    (void)brake_a_step(&c, brake, 0.8, &at);
+    const tse_real speed[2] = { at.u.v_front, at.u.v_rear };
+    for (int a = 0; a < 2; a++) {
+      if (brake[a] > 0) TEST_ASSERT_TRUE(number(speed[a]) >= 0 && number(speed[a]) < 0.5);
+      else expect_near(number(at.vx), number(speed[a]), 1, "rolls with the car", a);
+    }
+    TEST_ASSERT_TRUE(number(at.vx) < 20 && number(at.vx) > 10);
+  }
+}
+
+/* Tyres that hold their slip, for however short a way, hold none where nothing drives the wheels. */
+static void test_a_lag_along_the_car_moves_no_wheel_that_no_torque_turns(void)
+{
+  static const double length[] = { 1e-3, 0.02, 0.4 }, none[2] = { 0, 0 };
+  for (int i = 0; i < ROWS(length); i++) {
+    tse_config c = default_car();
+    point at;
+    c.longitudinal_relaxation_length = setting(length[i]);
+    const tse_effect_memory m = brake_a_step(&c, none, 0, &at);
+    expect_near(20, number(at.vx), BY_FORMAT(1e-9, 1e-4), "speed", i);
+    expect_near(20, number(at.u.v_front), BY_FORMAT(1e-9, 1e-4), "front", i);
+    expect_near(20, number(at.u.v_rear), BY_FORMAT(1e-9, 1e-4), "rear", i);
+    for (int a = 2; a < 4; a++) expect_near(0, number(m.lag[a]), BY_FORMAT(1e-12, 1e-6), "held slip", 10 * i + a);
+  }
+}
