@@ -392,3 +392,70 @@ static void test_an_axle_that_rolls_freely_says_nothing_with_one_speed_or_withou
       TEST_ASSERT_EQUAL_INT(how > 0 || !HAS_SLIP, memcmp(&with, &without, sizeof with) == 0);
     }
 }
+
+/* Of a channel alone, with the front wheels turned far: its noise is that of the sensor as it is found, at the front wheels the mean of two
+ * that turn by other angles, of the IMU what no model explains and lasts a second: that counts in full for the state, a tenth of it for
+ * events. */
+static void test_what_is_noise_of_a_channel_is_its_sensors_and_what_the_model_lacks(void)
+{
+  tse_params p = a_car(0);
+  const double dt = 0.01, lasts = number(MODEL_TIME), share = dt / (dt + lasts), close = BY_NUMBER(1e-12, 2e-6, 2e-6);
+  const steering u = { real(0.4), real(0.4), real(dt) };
+  p.model_sd = real(0.02);
+  for (int a = 0; a < TSE_SENSORS; a++) {
+    static tse_kalman k;
+    uint32_t seed = 22;
+    double ph[ALL];
+    forces f;
+    in_a_turn(&p, &k, &seed);
+    for (int i = 0; i < STATES; i++) k.ud.d[i] = real(1e-3 * number(k.ud.d[i]));
+    k.noise[a] = real(1.75);
+    a_row(&p, &k, u, &z, h, read, &seed);
+    for (int b = 0; b < TSE_SENSORS; b++) z.use[b] = a == b;
+    z.rolls = ROLLS_NONE;
+    if (!HAS_SLIP && a == ACCEL_X) continue; /* no measurement there */
+    car_forces(&p.car, k.x, u, TSE_R(1), &f);
+    const schmidt s = schmidt_of(&k);
+    const double known = spread_of(&s, h[a], ph), speed = number(k.x[VX]), sd = number(p.sensor_sd[a]);
+    const double turn = a == WHEEL_FRONT ? pow(number(TRACK_SHARE) * speed * pow(number(f.sin_d), 2), 2) : 0;
+    const double off = number(p.prior_sd[LCX]) * number(k.x[a == WHEEL_FRONT ? SF : SR]);
+    const double slip = !HAS_SLIP && a >= WHEEL_FRONT ? speed * speed * (pow(number(FREE_SLIP_SD), 2) + off * off) : 0;
+    update_row(&p, &k, &z, u);
+    const double lacks = a < IMU_CHANNELS ? pow(number(p.model_sd), 2) * (1 + 2 * lasts / dt) * number(k.activity[a]) : 0;
+    const double white = 1.75 * sd * sd + turn + slip, all = known + white + lacks;
+    if (a == WHEEL_FRONT) TEST_ASSERT_TRUE(turn > 0.1 * white);
+    if (a < IMU_CHANNELS) TEST_ASSERT_TRUE(lacks > 0.01 * white);
+    expect_near(all, number(k.innovation_var[a]), close * (1 + all), "variance", a);
+    expect_near(share * share * (known + white + 0.1 * lacks), number(k.slow_var[a]), close * (1e-4 + share * share * all), "for events", a);
+  }
+}
+
+/* Each value comes three times: of all readings two thirds repeat, of those behind a repeated one half, each as a mean that forgets; what
+ * repeats then says as much as it is unlikely, and less where it agrees. A channel at fault is watched and moves nothing. */
+static void test_a_reading_that_repeats_says_as_much_as_repeats_are_unlikely(void)
+{
+  const tse_params p = a_car(1);
+  const double sd = number(p.sensor_sd[YAW_RATE]), close = BY_NUMBER(1e-9, 1e-3, 1e-3);
+  for (int far = 0; far < 2; far++) {
+    static tse_kalman k;
+    before_a_row(&p, &k, 23);
+    k.fault = fault_of(YAW_RATE), k.seen = real(far ? 1 : 1000);
+    const double g = 0.01 / (far ? 2 : number(USUAL_TIME)), q = 1 - g; /* of all since the start, and later of the last ones */
+    for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == YAW_RATE;
+    z.rolls = ROLLS_NONE;
+    for (int value = 0; value < 30; value++) {
+      const double all = (g + g * q) * (1 - pow(q, 3 * value)) / (1 - pow(q, 3)), again = g * (1 - pow(q, 2 * value)) / (1 - q * q);
+      z.z[YAW_RATE] = real(read[YAW_RATE] + (value % 2 ? 1 : -1) * (far ? 3 : 0.4) * sd * (1 + 0.01 * value));
+      const double off = (number(z.z[YAW_RATE]) - read[YAW_RATE]) / sd, counts = fmin(off * off, 1);
+      const double likely[3] = { 1, fmax(fmax(all, again) * q, 0.05), fmax(fmax(all * q * q + g, again * q), 0.05) };
+      double said = 0;
+      for (int n = 0; n < 3; n++) {
+        update_row(&p, &k, &z, turned());
+        said -= counts * log2(likely[n]);
+        expect_near(said, number(k.frozen[YAW_RATE]), close, "evidence", 10 * value + n);
+      }
+      expect_near(all * pow(q, 3) + g * q + g, number(k.repeats[YAW_RATE]), close * 0.1, "repeat", value);
+      expect_near(again * q * q + g, number(k.repeats_again[YAW_RATE]), close * 0.1, "repeat again", value);
+    }
+  }
+}
