@@ -548,3 +548,37 @@ static void test_a_lag_along_the_car_moves_no_wheel_that_no_torque_turns(void)
     for (int a = 2; a < 4; a++) expect_near(0, number(m.lag[a]), BY_FORMAT(1e-12, 1e-6), "held slip", 10 * i + a);
   }
 }
+
+/* Forces along and across an axle saturate as one: its length is that of a brush, and it points where linear tyres would pull. */
+static void test_an_axle_that_pulls_along_and_across_has_the_friction_for_both_together(void)
+{
+  const tse_params p = prepared(default_car());
+  const double vx = 20, lf = 1.25, lr = 1.5, m = 1900, c_x = 1.6e5, c_y[2] = { 1.2e5, 1.4e5 };
+  const double load[2] = { m * G * lr / 2.75, m * G * lf / 2.75 };
+  uint32_t seed = 6;
+  int slid = 0, gripped = 0;
+  for (int n = 0; n < 200; n++) {
+    const double mu = 0.3 * (n % 4), vy = n % 5 ? next_between(&seed, -2, 2) : 0, r = n % 5 ? next_between(&seed, -0.5, 0.5) : 0;
+    const double d = n % 5 ? next_between(&seed, -0.1, 0.1) : 0, wheel[2] = { vx * next_between(&seed, 0.9, 1.1), vx * (n % 3 ? next_between(&seed, 0.9, 1.1) : 1) };
+    const double angle[2] = { d - (vy + lf * r) / vx, (lr * r - vy) / vx };
+    double along[2], across[2];
+    for (int a = 0; a < 2; a++) {
+      along[a] = c_x * (wheel[a] - vx) / fmax(wheel[a], vx), across[a] = c_y[a] * angle[a];
+      const double pull = hypot(along[a], across[a]), z = mu > 0 ? pull / (3 * mu * load[a]) : 0;
+      const double left = !(pull > 0 && mu > 0) ? 1 : mu * load[a] * (z < 1 ? 1 - pow(1 - z, 3) : 1) / pull;
+      slid += z >= 1, gripped += z > 0.1 && z < 0.9;
+      along[a] *= left, across[a] *= left;
+    }
+    tse_effect_memory memory = { 0 };
+    point pt = { 0 };
+    pt.vx = real(vx), pt.vy = real(vy), pt.r = real(r), pt.friction = real(mu);
+    pt.u.steer = real(d), pt.u.v_front = real(wheel[0]), pt.u.v_rear = real(wheel[1]);
+    effects_at(&p, &memory, memory.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
+    const double close = BY_FORMAT(1e-8, 2);
+    expect_near(along[0], m * number(pt.fx_front), close, "front, along [N]", n);
+    expect_near(along[1], m * number(pt.fx_rear), close, "rear, along [N]", n);
+    expect_near(across[0] + along[0] * d + across[1], m * number(pt.force.y), close * 3, "across [N]", n);
+    expect_near(lf * (across[0] + along[0] * d) - lr * across[1], 3000 * number(pt.force.yaw), close * 6, "moment [Nm]", n);
+  }
+  TEST_ASSERT_TRUE(slid > 20 && gripped > 20);
+}
