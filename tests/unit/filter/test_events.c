@@ -335,7 +335,9 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]), n % 2 ? number(RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
     }
     const dense p_was = dense_of(&t.k.ud);
+    t.k.slow[ACCEL_X] = real(0.25);
     events_decide(&t.p, &t.k, TSE_R(0));
+    expect_near(0, number(t.k.slow[ACCEL_X]), 0, "explained", n);
     const double close = BY_NUMBER(1e-9, 1e-4, 1e-4);
     const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
@@ -365,12 +367,15 @@ static void test_a_change_is_reported_once(void)
     t.k.change_kind = TSE_CHANGE_ROAD;
     t.k.change_age = real(later ? 10 : 0.5);
     t.k.change_from[LCR - LCX] = real(0.25);
+    t.k.along.mean = real(0.2), t.k.along.var = real(0.03); /* of the slip stiffness one axle says nothing */
     t.k.fault = fault_of(YAW_RATE); /* what looked like a fault may have been this */
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_REAR, t.k.change_kind);
     TEST_ASSERT_EQUAL_INT(NO_FAULT, t.k.fault);
     TEST_ASSERT_TRUE(number(t.k.x[LCR]) < 0);
     expect_near(later ? 0 : 0.5, number(t.k.change_age), 1e-6, "age", later);
+    expect_near(0.2, number(t.k.along.mean), 1e-6, "slip stiffness", later);
+    expect_near(0.03, number(t.k.along.var), 1e-6, "its variance", later);
     expect_near(later ? 0 : 0.25, number(t.k.change_from[LCR - LCX]), 1e-6, "stiffness before it", later);
   }
 }
@@ -436,8 +441,9 @@ static void test_a_road_that_is_believed_begins_the_slip_stiffness_anew(void)
     t.k.event[0].score = TSE_R(-60), t.k.event[0].info = TSE_R(30);
     t.k.x[LCX] = real(next_between(&seed, -0.3, 0.3));
     const double own = dense_of(&t.k.ud).p[LCX][LCX] * unit * unit, before = own + next_between(&seed, 0.01, 0.04), was = number(t.k.x[LCF]);
-    t.k.along.mean = real(0.7), t.k.along.var = real(before);
+    t.k.along.mean = real(0.7), t.k.along.var = real(before), t.k.slow[ACCEL_X] = real(0.25);
     events_decide(&t.p, &t.k, TSE_R(0));
+    expect_near(0, number(t.k.slow[ACCEL_X]), 0, "explained", n);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, t.k.change_kind);
     const double lacks = pow(number(USUAL_MODEL_SD), 2), share = before * before / (before * before + lacks * (before - own));
     const double opened = pow(number(CHANGE_SD), 2) + pow(number(OWN_SHARE) * (number(t.k.x[LCF]) - was), 2);
@@ -550,5 +556,137 @@ static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
   for (int i = 0; i < STATES; i++) {
     for (int n = 0; n < TSE_EVENTS; n++) expect_near(i >= GX, number_of(k.event[n].v[i]), 0, "event", i);
     for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(i >= GX, number_of(k.consider[q][i]), 0, "uncertain", i);
+  }
+}
+
+/* A channel is found at fault: that it agreed before is none of it, and it is left out for as long as it takes to agree anew. The steering
+ * angle, of which the offset is found anew, is so by time alone. */
+static void test_a_channel_that_is_found_at_fault_has_agreed_for_no_time(void)
+{
+  static trio t;
+  uint32_t seed = 13;
+  for (int32_t kind = EVENT_STEER; kind < EVENT_SENSOR + TSE_SENSORS; kind++) {
+    const int32_t fault = kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(kind - EVENT_SENSOR);
+    int rows = 0;
+    start(&t, kind, 0, 0, &seed);
+    t.k.event[t.n].v[STEER_OFFSET] = short_of(kind == EVENT_STEER ? 1 : 0), t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(30);
+    t.k.agrees_for = real(1.5), t.k.slow[ACCEL_X] = real(0.25);
+    events_decide(&t.p, &t.k, real(0.01));
+    TEST_ASSERT_EQUAL_INT(fault, t.k.fault);
+    expect_near(0, number(t.k.agrees_for), 0, "agrees", kind);
+    expect_near(0.25, number(t.k.slow[ACCEL_X]), 0, "explained by no fault", kind);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, t.k.change_kind);
+    for (; t.k.fault != NO_FAULT && rows < 1000; rows++) events_decide(&t.p, &t.k, real(0.01));
+    const double expected = kind == EVENT_STEER ? number(SETTLE_TIME) / 0.01 : 1000; /* of the others the measurements say */
+    expect_near(expected, rows, kind == EVENT_STEER ? 1.5 : 0, "rows", kind);
+  }
+}
+
+/* Two events are due in one row, and both may have happened: one is given up then, the other with the next row. Those that leave nothing
+ * wait for neither. */
+static void test_of_events_that_may_have_happened_one_a_row_is_given_up(void)
+{
+  static tse_kalman k;
+  static tse_params p;
+  const int32_t likely[2] = { EVENT_STEER, EVENT_SENSOR + YAW_RATE };
+  int at[2] = { -1, -1 }, one_slot = 0;
+  memset(&k, 0, sizeof k);
+  memset(&p, 0, sizeof p);
+  p.log_min = real(-10), p.log_max = real(10);
+  for (int i = LCX; i <= LMU; i++) p.prior_sd[i] = real(0.1);
+  for (int n = 0; n < 300; n++) events_decide(&p, &k, real(0.01));
+  for (int n = 0; n < TSE_EVENTS; n++)
+    for (int i = 0; i < 2; i++)
+      if (k.event[n].kind == likely[i]) at[i] = n;
+  for (int i = 0; i < 2; i++) {
+    TEST_ASSERT_TRUE(at[i] >= 0);
+    k.event[at[i]].score = real(15.2), k.event[at[i]].info = TSE_R(6);
+  }
+  for (int n = 0; n < TSE_EVENTS; n++) k.event[n].age = OPEN_TIME;
+  const double before = number(ud_variance(&k.ud, STEER_OFFSET));
+  events_decide(&p, &k, real(0.01));
+  TEST_ASSERT_TRUE(k.event[at[0]].age == TSE_R(0) && k.event[at[1]].age == OPEN_TIME);
+  TEST_ASSERT_TRUE(k.fault == NO_FAULT && number(ud_variance(&k.ud, STEER_OFFSET)) > before);
+  for (int n = 0; n < TSE_EVENTS; n++)
+    if (k.event[n].kind > EVENT_ROAD_RETURN && n != at[1]) {
+      one_slot++;
+      TEST_ASSERT_TRUE(k.event[n].age == TSE_R(0));
+    }
+  TEST_ASSERT_TRUE(one_slot > 5);
+  events_decide(&p, &k, real(0.01));
+  TEST_ASSERT_TRUE(k.event[at[1]].age == TSE_R(0) && k.event[at[1]].kind == likely[1]);
+  TEST_ASSERT_TRUE(k.event[at[1]].score == TSE_R(0));
+}
+
+/* An event is due in the row that is nearest to its time. */
+static void test_an_event_is_opened_in_the_row_nearest_to_its_time(void)
+{
+  static const double early[2] = { 0.55, 0.45 }; /* of a row */
+  for (int due = 0; due < 2; due++) {
+    static tse_kalman k;
+    static tse_params p;
+    memset(&k, 0, sizeof k);
+    memset(&p, 0, sizeof p);
+    for (int n = 0; n < 300; n++) events_decide(&p, &k, real(0.01));
+    for (int n = 0; n < TSE_EVENTS; n++) k.event[n].age = real(number(OPEN_TIME) - early[due] * 0.01);
+    events_decide(&p, &k, real(0.01));
+    for (int n = 0; n < TSE_EVENTS; n++)
+      if (k.event[n].kind == EVENT_FRONT || k.event[n].kind == EVENT_STEER) TEST_ASSERT_EQUAL_INT(due, k.event[n].age == TSE_R(0));
+  }
+}
+
+/* A road that shows along the car alone raises the alarm. What has happened across is what the likeliest road says that is open, else nothing
+ * but that it is less known; along the car nothing more is waiting. */
+static void test_a_road_that_shows_along_the_car_is_the_likeliest_across(void)
+{
+  /* score of an open road, of information 5: half its square over 6 is more than half of log(6) by a little, by much, not */
+  static const double score[] = { -3.86, -6, -2 };
+  for (int n = 0; n < ROWS(score); n++) {
+    static trio t;
+    uint32_t seed = 14;
+    const double unit = number(state_unit[LCF]), likelier = 0.5 * score[n] * score[n] / 6 - 0.5 * log(6);
+    start(&t, EVENT_ROAD_LONGITUDINAL, 0, 0, &seed);
+    for (int i = LCX; i <= LMU; i++) t.p.prior_sd[i] = real(0.1);
+    t.k.unusual = TSE_R(60);
+    t.k.event[0].kind = EVENT_ROAD, t.k.event[0].v[LCF] = short_of(0.3 / unit), t.k.event[0].score = real(score[n]), t.k.event[0].info = TSE_R(5);
+    const double before = dense_of(&t.k.ud).p[LCF][LCF] * unit * unit;
+    events_decide(&t.p, &t.k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, t.k.change_kind);
+    TEST_ASSERT_TRUE(likelier < 0 || n == 1 || likelier < 0.7); /* the log2 of which is below 1 */
+    const double left = likelier > 0 ? 1 + 0.3 * score[n] / 6 : 1, moved = number(OWN_SHARE) * log(left);
+    const double opens = likelier > 0 ? 0.09 / 6 / (left * left) : pow(number(CHANGE_SD), 2);
+    expect_near(log(left), number(t.k.x[LCF]), BY_NUMBER(1e-9, 1e-5, 1e-5), "stiffness", n);
+    expect_near(before + opens + pow(number(MODEL_FLOOR), 2) + moved * moved, dense_of(&t.k.ud).p[LCF][LCF] * unit * unit, BY_NUMBER(1e-9, 1e-5, 1e-5), "variance", n);
+    for (int g = 0; g < TSE_GROUPS; g++) expect_near(1, number(t.k.none[g]), 0, "nothing waits", g);
+    for (int i = 0; i < TSE_EVENTS; i++) TEST_ASSERT_TRUE(t.k.weight[i] == TSE_R(0));
+  }
+}
+
+/* Something has happened along the car, and of two that it may be neither is sure: the likelier one is believed, whichever has the first
+ * place, and not what is likelier still and may have happened across. */
+static void test_of_a_group_the_likeliest_event_is_believed(void)
+{
+  for (int other = 0; other < 2; other++) {
+    static trio t;
+    uint32_t seed = 15;
+    start(&t, EVENT_SLIP_FRONT, 1, 0, &seed);
+    t.k.event[t.n + 1].kind = EVENT_SLIP_REAR, t.k.event[t.n + 1].v[SR] = short_of(1);
+    for (int i = 0; i < 2; i++) t.k.event[t.n + i].score = real(i == other ? 60 : 59.9), t.k.event[t.n + i].info = TSE_R(30);
+    t.k.event[0].kind = EVENT_ROAD, t.k.event[0].v[LCF] = short_of(0.3 / number(state_unit[LCF]));
+    t.k.event[0].score = real(-29.5), t.k.event[0].info = TSE_R(30); /* odds of 9 over none */
+    t.k.along.mean = real(0.2), t.k.along.var = real(0.03);
+    t.k.slow[ACCEL_X] = real(0.25), t.k.fault = fault_of(YAW_RATE), t.k.agrees_for = real(1.5);
+    events_decide(&t.p, &t.k, TSE_R(0));
+    const double moved = 60.0 / 31, close = BY_NUMBER(1e-9, 1e-5, 1e-5);
+    expect_near(other ? 0 : moved * number(state_unit[SF]), number(t.k.x[SF]), close, "front slip", other);
+    expect_near(other ? moved * number(state_unit[SR]) : 0, number(t.k.x[SR]), close, "rear slip", other);
+    expect_near(0, number(t.k.x[LCF]), 0, "stiffness", other);
+    expect_near(0.9, number(t.k.weight[0]), 0.03, "road", other);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, t.k.change_kind);
+    TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), t.k.fault); /* as it was */
+    expect_near(1.5, number(t.k.agrees_for), 0, "agrees", other);
+    expect_near(0.25, number(t.k.slow[ACCEL_X]), 0, "explained by a road alone", other);
+    expect_near(0.2, number(t.k.along.mean), 1e-6, "slip stiffness", other);
+    expect_near(0.03, number(t.k.along.var), 1e-6, "its variance", other);
   }
 }
