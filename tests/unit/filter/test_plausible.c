@@ -204,3 +204,82 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
   }
 #endif
 }
+
+/* What each pair is made of, of a car on a circle at constant speed: that is smooth from the first row on, and stays. The last rows are of
+ * speeds and yaw rates of no car: what is a share or a sine is held to 1. */
+static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
+{
+  static const struct {
+    double front, rear, r; /* m/s, m/s, rad/s */
+  } turn[] = { { 10.1, 9.9, 0.5 }, { 9.9, 10.1, -0.5 }, { 5.2, 5, 0.7 }, { 30, 30, 0.2 }, { 4, 4, 5 }, { 4, 4, -5 }, { 16, -6, 0.2 }, { -6, 16, 0.2 } };
+  const tse_params p = prepared(config_by(tse_config_default));
+  const double lf = number(p.car.lf), lr = number(p.car.lr), length = lf + lr, kf = number(p.car.ky_front), kr = number(p.car.ky_rear);
+  const double understeer = (lr * kr - lf * kf) / (length * kf * kr), close = BY_NUMBER(1e-12, 1e-5, 1e-5);
+  for (int n = 0; n < ROWS(turn); n++) {
+    static tse_kalman k;
+    tse_input u;
+    memset(&k, 0, sizeof k);
+    tse_input_default(&u);
+    u.steer_angle = real(0.03), u.wheel_speed_front = real(turn[n].front / number(p.radius_front)), u.wheel_speed_rear = real(turn[n].rear / number(p.radius_rear));
+    u.accel_x = real(0.4), u.accel_y = real(1.5), u.yaw_rate = real(turn[n].r);
+    for (int row = 0; row < 20; row++) plausible_row(&p, &k, &u, real(0.01));
+    const tse_pair *const pair = k.agreement.pair;
+    const double v = 0.5 * (turn[n].front + turn[n].rear), bend = fmin(fabs(length * turn[n].r / v), 1);
+    const double faster = fmax(-1, fmin(1, (turn[n].front - turn[n].rear) / v));
+    const double expected[TSE_PAIRS][2] = { { v * turn[n].r, 1.5 }, { 0.03 * v / (length + understeer * v * v), turn[n].r }, { 0.4, 0 }, { 0.5 * bend * bend, faster }, { 0.4, faster } };
+    for (int i = 0; i < TSE_PAIRS; i++) {
+      const int spins = i == 2 && fabs(faster) >= number(SLIPPING); /* says nothing of how the car gains speed */
+      for (int side = 0; side < 2; side++) expect_near(spins ? 0 : expected[i][side], number(pair[i].mean[side]), close * 10, "mean", 100 * n + 10 * i + side);
+      expect_near(spins ? 0 : number(USUAL_TIME) * (1 - pow(1 - 0.01 / number(USUAL_TIME), 19)), number(pair[i].time), close, "seconds", 10 * n + i);
+    }
+  }
+}
+
+/* Speed that grows evenly: smoothed it is late by the time constant, and grows as evenly; its change is that of the wheels. */
+static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
+{
+  static tse_kalman k;
+  const tse_params p = prepared(config_by(tse_config_default));
+  const double gained = 1.5, dt = 0.01, smooth = number(SMOOTH_TIME), left = smooth / (dt + smooth), keep = 1 - dt / number(USUAL_TIME);
+  double v = 5, sum = 0, weights = 0, speed = 0;
+  memset(&k, 0, sizeof k);
+  for (int row = 0; row < 400; row++, v += gained * dt) {
+    tse_input u;
+    tse_input_default(&u);
+    speed = v;
+    u.wheel_speed_front = real(v / number(p.radius_front)), u.wheel_speed_rear = real(v / number(p.radius_rear));
+    u.accel_x = real(gained);
+    plausible_row(&p, &k, &u, real(dt));
+    if (row == 0) continue; /* starts */
+    sum = keep * sum + gained * (1 - pow(left, row)); /* as a filter of first order answers */
+    weights = keep * weights + 1;
+  }
+  expect_near(speed - gained * smooth, number(k.agreement.smooth[3]), BY_NUMBER(1e-6, 1e-4, 1e-4), "smoothed", 0);
+  expect_near(sum / weights, number(k.agreement.pair[2].mean[1]), BY_NUMBER(1e-9, 1e-3, 1e-3), "change [m/s2]", 0);
+  expect_near(gained, number(k.agreement.pair[2].mean[0]), BY_NUMBER(1e-9, 1e-5, 1e-5), "accel_x [m/s2]", 0);
+}
+
+/* Where every axle is driven, or it is not known which, bends alone show which wheels are the front ones: they run on the larger circle. */
+static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
+{
+  for (int exchanged = 0; exchanged < 2; exchanged++) {
+    static tse_kalman k;
+    tse_config c = config_by(tse_config_default);
+    tse_real factor = broken();
+    c.driven_axle = 0;
+    const tse_params p = prepared(c);
+    const double length = number(p.car.lf) + number(p.car.lr);
+    memset(&k, 0, sizeof k);
+    for (int n = 0; n < 6000; n++) {
+      const double t = 0.01 * n, v = 4, r = 0.5 * sin(0.5 * t), front = v * sqrt(1 + pow(length * r / v, 2));
+      tse_input u;
+      tse_input_default(&u);
+      u.wheel_speed_front = real((exchanged ? v : front) / number(p.radius_front));
+      u.wheel_speed_rear = real((exchanged ? front : v) / number(p.radius_rear));
+      u.yaw_rate = real(r), u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_steer_angle;
+      plausible_row(&p, &k, &u, real(0.01));
+    }
+    TEST_ASSERT_EQUAL_INT(exchanged ? 1 + TSE_CHANNEL_wheel_speed_front : 0, plausible_channel(&k, &factor));
+    TEST_ASSERT_TRUE(factor == TSE_R(0));
+  }
+}
