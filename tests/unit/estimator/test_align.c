@@ -592,3 +592,37 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
   c.steering_delay_time = setting(0.02), c.imu_delay_time = setting(0.01);
   TEST_ASSERT_TRUE(compare_shifted(c, rows, 0.01) > LOG - 40);
 }
+
+/* A row that makes no step reports the estimates of the step before it, number by number, and before the first one those of the start. The
+ * paper's form, whose step reports what it was before it learnt from the row, finds no noise and no change: both are 1. */
+static void test_a_row_that_waits_reports_what_the_step_before_it_did(void)
+{
+  static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
+  static const char *const of_the_row[] = { "status", "estimate_age", "grip_valid" /* of three reasons that are kept it repeats that of cy_front */ };
+  for (int32_t form = 0; form <= MOST_FORM; form++) {
+    tse_output y, step = blank_output();
+    int waited = 0, steps = 0;
+    start_late(settings(form), late);
+    for (int k = 0; k < 900; k++) {
+      tse_input u = noisy_row(k / 3);
+      u.dt = real(0.01 / 3), u.missing = 0;
+      const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
+      TEST_ASSERT_TRUE(got >= 0);
+      for (int a = 0; a < 3 && (form > 0 || steps == 0); a++) {
+        expect_near(1, number(y.noise[a]), 0, "noise", a);
+        expect_near(1, number(y.change_ratio[a]), 0, "change", a);
+        if (got == TSE_W_WAITING && steps > 0) TEST_ASSERT_EQUAL_MEMORY(&step.stiffness[a], &y.stiffness[a], sizeof y.stiffness[a]);
+      }
+      waited += got == TSE_W_WAITING;
+      if (got != TSE_W_WAITING) step = y, steps++;
+      if (got != TSE_W_WAITING || steps == 0 || form > 0) continue;
+      EACH_FIELD(f, TSE_STRUCT_OUTPUT)
+      {
+        int own = 0;
+        for (int i = 0; i < ROWS(of_the_row); i++) own = own || strcmp(f->name, of_the_row[i]) == 0;
+        if (!own && !same_at(&step, &y, f)) TEST_FAIL_MESSAGE(f->name);
+      }
+    }
+    TEST_ASSERT_TRUE(steps > 200 && waited > 400);
+  }
+}
