@@ -613,6 +613,7 @@ static void test_a_row_that_waits_reports_what_the_step_before_it_did(void)
         expect_near(1, number(y.change_ratio[a]), 0, "change", a);
         if (got == TSE_W_WAITING && steps > 0) TEST_ASSERT_EQUAL_MEMORY(&step.stiffness[a], &y.stiffness[a], sizeof y.stiffness[a]);
       }
+      if (got == TSE_W_WAITING && steps > 0) TEST_ASSERT_EQUAL_MEMORY(step.noise, y.noise, sizeof y.noise);
       waited += got == TSE_W_WAITING;
       if (got != TSE_W_WAITING) step = y, steps++;
       if (got != TSE_W_WAITING || steps == 0 || form > 0) continue;
