@@ -86,6 +86,8 @@ def main() -> None:
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a car may have a name that this terminal has no letters for
+    os.environ["TSE_HOLD_MEMORY"] = "1"  # of logs, in this process and its workers (tse.impl.logs.recording)
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own takes a gigabyte of addresses before it needs any
     try:
         code = cli.main(standalone_mode=False)
         sys.stdout.flush()

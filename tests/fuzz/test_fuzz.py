@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import bombs
 import pytest
 import readers
 
@@ -91,6 +92,18 @@ def test_what_once_broke_a_reader_does_no_more(name, data, tmp_path):
 def test_no_changed_file_breaks_a_reader(name, tmp_path):
     done, findings = readers.search(name, RUNS_READERS, 60.0, 14, tmp_path)
     assert (done, findings) == (RUNS_READERS, 0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not say what a process holds")
+def test_a_file_that_unpacks_without_end_is_refused(tmp_path):
+    """A variable of nothing, of 0.96 GB: more than the memory that a command may take."""
+    (tmp_path / "car.toml").write_bytes(readers.SMALL_CAR)
+    bombs.mat5(tmp_path / "log.mat", 120_000_000, ("time",))
+    assert (tmp_path / "log.mat").stat().st_size < 1_000_000
+    taken = bombs.run(["signals", "log.mat", "--vehicle", "car.toml"], tmp_path)
+    assert taken.code == 2, taken
+    assert "takes more than 0.7 GB of memory to read" in taken.said
+    assert taken.memory < bombs.MOST["memory"]
 
 
 def test_a_reader_that_breaks_is_noticed(tmp_path, monkeypatch):

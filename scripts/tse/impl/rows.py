@@ -312,7 +312,9 @@ def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
 
 
 def liveliest(log: Log, rows: int) -> Log:
-    """Of a log that is longer the part of so many rows in which the car turns most: enough to say what its sensors are like."""
+    """Of a log that is longer the part of so many rows in which the car turns most: enough to say what its sensors are like. Of
+    rows that are further apart than 0.01 s as much time."""
+    rows = max(1, int(rows * min(1.0, 0.01 / log.sample_time))) if log.sample_time else rows
     if len(log) <= rows:
         return log
     step = max(1, rows // 4)

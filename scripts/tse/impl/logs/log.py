@@ -18,7 +18,7 @@ from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
 from tse.impl.logs.read_text import parsing
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import PIECE, Recording, listed
+from tse.impl.logs.recording import PIECE, Recording, check_rows, in_room, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
 from tse.impl.logs.table import Column, seconds
 from tse.impl.rows import (
@@ -44,7 +44,8 @@ NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
     """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
     path, reading = Path(path), reading or Reading()
-    log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
+    with in_room(path):
+        log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
     if reading.car is not None:
         log = of_car(log, reading.car)
     if reading.strict and log.warnings:
@@ -228,10 +229,12 @@ def _numbers(
         path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
         encoding="utf-8-sig", nrows=whole, chunksize=PIECE,  # all at once take twice the memory
     ) as pieces:  # fmt: skip
-        table = pd.concat(pieces)
-    filled = table[needed].notna().any(axis=1)
-    if not filled.all():
-        table = table[filled]
+        parts, rows = [], 0
+        for piece in pieces:
+            parts.append(piece[piece[needed].notna().any(axis=1)])
+            rows += len(parts[-1])
+            check_rows(path, "it", rows, 5)
+        table = pd.concat(parts)
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
     line = table.index.to_numpy() + 2
@@ -300,7 +303,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     found = series(recording, signals, reading.car, notes)
     _speed_for_wheels(path, found, reading, notes)
     del recording  # what is not asked for need not stay
-    rows = on_raster(found, reading.rate or signals.rate)
+    rows = on_raster(found, reading.rate or signals.rate, path)
     notes += rows.notes
     line = np.arange(1, len(rows.time) + 1)
     log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row")

@@ -3,14 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from tse.impl.logs.mapping import Series
-from tse.impl.logs.recording import PIECE
+from tse.impl.logs.recording import PIECE, check_rows
 from tse.impl.noise import fresh
 from tse.impl.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 
+LEAST_BYTES = 5  # of the file for a row of all channels, at least
 FASTEST = 100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
 SLOWEST_OWN = 5.0  # Hz: a slower channel asks for no raster
 GAP_STEPS, SHORTEST_GAP, LONGEST_GAP = (6.0, 0.25, 1.0)  # a gap is so many usual steps of its channel, s at least, s at most
@@ -58,11 +60,13 @@ def rate_of(time: np.ndarray) -> float:
     return 1.0 / float(np.median(step)) if len(step) else 0.0
 
 
-def on_raster(found: Mapping[str, Series], rate: float | None) -> Rows:
+def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None = None) -> Rows:
     """All channels on rows at `rate`, Hz; None: the fastest channel's, up to FASTEST. A table whose columns share an even, full
-    time is left as it is."""
+    time is left as it is. UserError: more rows than the file at `path` may have."""
     plain = _as_it_is(found, rate)
     if plain is not None:
+        if path is not None:
+            check_rows(path, "it", len(plain.time), LEAST_BYTES)
         return plain
     own, rates = {}, {}
     for name, s in found.items():
@@ -73,7 +77,7 @@ def on_raster(found: Mapping[str, Series], rate: float | None) -> Rows:
         fast = [rates[n] for n in core if rates[n] >= SLOWEST_OWN]
         rate = min(max(fast, default=10.0), FASTEST)
         rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
-    time = _times(own, rates, core, rate)
+    time = _times(own, rates, core, rate, path)
     rows = Rows(time, {}, rate)
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
@@ -201,7 +205,7 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
 
 
 def _times(
-    own: Mapping[str, tuple[np.ndarray, np.ndarray]], rates: Mapping[str, float], core: list[str], rate: float
+    own: Mapping[str, tuple[np.ndarray, np.ndarray]], rates: Mapping[str, float], core: list[str], rate: float, path: Path | None
 ) -> np.ndarray:
     """Rows from where the driver's channels begin to where the first of them ends, on the beat of the clock: the gyro, if it can.
     No row where no channel has an entry."""
@@ -215,7 +219,10 @@ def _times(
     clock = next((n for n in ("yaw_rate", "accel_y", "accel_x", *core) if n in spans and abs(rates[n] - rate) < 0.02 * rate), None)
     phase = own[clock][0][np.searchsorted(own[clock][0], first).clip(0, len(own[clock][0]) - 1)] if clock else first
     start = phase + np.ceil((first - phase) * rate - 1e-6) / rate
-    return start + np.arange(max(1, int(np.floor((last - start) * rate + 1e-6)) + 1)) / rate
+    count = max(1, int(np.floor((last - start) * rate + 1e-6)) + 1)
+    if path is not None:
+        check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, LEAST_BYTES)
+    return start + np.arange(count) / rate
 
 
 def _say(rows: Rows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:

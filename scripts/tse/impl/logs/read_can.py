@@ -15,7 +15,7 @@ import numpy as np
 
 from tse.impl.clock import straight
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, listed, need, unused
+from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, check_rows, listed, need, unused
 
 # ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
 
@@ -294,6 +294,7 @@ def read(path: Path, how: How) -> Recording:
     data: list[bytes] = []
 
     def decode() -> None:
+        check_rows(path, "the bus", len(times) + len(time), 4)
         times.extend(np.array(time))
         bus.add(np.array(ids, np.int64), np.array(extended, bool), buses, data)
         for each in (time, ids, extended, buses, data):
@@ -324,6 +325,8 @@ def read(path: Path, how: How) -> Recording:
             data.append(bytes(message.data))
             if len(time) == PIECE:
                 decode()
+    except (UserError, MemoryError):
+        raise
     except Exception as error:  # its parsers stumble over damage in many ways
         if not time and not len(times):
             raise UserError(f"{path}: is damaged, or not {kind} as its maker writes it: {str(error)[:120]}") from None

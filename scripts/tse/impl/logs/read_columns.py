@@ -25,7 +25,7 @@ def read(path: Path, how: How) -> Recording:
         columns = [_column(pa, field, steps, rows, read_column) for field, steps in _leaves(pa, schema)]
         found = recording_of(path, "Parquet" if parquet else "Feather", columns, how)
         pa.default_memory_pool().release_unused()
-    except UserError:
+    except (UserError, MemoryError):
         raise
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}") from None

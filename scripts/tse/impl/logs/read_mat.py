@@ -138,7 +138,7 @@ def _version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
             for name, value in scipy.io.loadmat(path, variable_names=only, **arguments).items():
                 if not name.startswith("__"):
                     yield from _walk(name, value, opaque)
-    except UserError:
+    except (UserError, MemoryError):
         raise
     except Exception as error:  # a damaged file: whatever its parser stumbles over
         raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None

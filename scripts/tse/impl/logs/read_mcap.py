@@ -12,7 +12,7 @@ from tse.impl.logs.recording import Collector, How, Recording, listed, need
 def read(path: Path, how: How) -> Recording:
     """Fields of all messages by topic and path."""
     mcap = need("mcap.reader", "ros", str(path))
-    collect, notes = Collector(how.wanted), []
+    collect, notes = Collector(path, how.wanted), []
     decoders: dict[int, Any] = {}
     strange: dict[str, str] = {}
     count = 0
@@ -25,7 +25,7 @@ def read(path: Path, how: How) -> Recording:
                 if decoder is not None:
                     collect.add(channel.topic, 1e-9 * message.log_time, decoder(message.data), schema.name if schema else "")
                     count += 1
-    except UserError:
+    except (UserError, MemoryError):
         raise
     except Exception as error:  # damage shows in many ways
         if not count:

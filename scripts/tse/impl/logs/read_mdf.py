@@ -27,10 +27,10 @@ def read(path: Path, how: How) -> Recording:
     sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
         with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
-            channels = _plain(mdf, how)
+            channels = _plain(path, mdf, how)
             channels |= _of_frames(path, mdf, how, bool(channels), notes)
             version = mdf.version
-    except UserError:
+    except (UserError, MemoryError):
         raise
     except Exception as error:  # asammdf's parsers stumble over damage in many ways
         damage = f"{type(error).__name__}: {str(error)[:120]}"
@@ -53,10 +53,10 @@ def _is_finished(file: BinaryIO) -> bool:
     return finished
 
 
-def _plain(mdf: Any, how: How) -> dict[str, Channel]:
+def _plain(path: Path, mdf: Any, how: How) -> dict[str, Channel]:
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
-        check_rows(Path(mdf.name), f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
+        check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
         master = mdf.masters_db.get(g)
         time = np.zeros(0)
         title = getattr(group.channel_group, "acq_name", None) or getattr(group.channel_group, "comment", "") or ""

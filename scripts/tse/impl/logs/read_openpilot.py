@@ -24,7 +24,7 @@ def read(path: Path, how: How) -> Recording:
     folder = Path(next(iter(spec.submodule_search_locations))) / "cereal"
     log = capnp.load(str(folder / "log.capnp"))
     raw = _bytes(path)
-    collect, notes, count = Collector(how.wanted), [], 0
+    collect, notes, count = Collector(path, how.wanted), [], 0
     try:
         for event in log.Event.read_multiple_bytes(raw):
             service = event.which()
@@ -32,6 +32,8 @@ def read(path: Path, how: How) -> Recording:
                 continue
             _add(collect, service, 1e-9 * event.logMonoTime, getattr(event, service))
             count += 1
+    except (UserError, MemoryError):
+        raise
     except Exception as error:  # Cap'n Proto throws what C++ throws
         if not count:
             raise UserError(f"{path}: is no log of openpilot, or damaged: {str(error).splitlines()[0][:100]}") from None
@@ -56,7 +58,7 @@ def _bytes(path: Path) -> bytes:
             return bz2.decompress(raw)
         if raw.startswith(b"\x28\xb5\x2f\xfd"):
             return bytes(need("zstandard", "openpilot", str(path)).ZstdDecompressor().stream_reader(raw).read())
-    except UserError:
+    except (UserError, MemoryError):
         raise
     except (OSError, EOFError, ValueError) as error:
         raise UserError(f"{path}: is damaged or cut off: {error}") from None

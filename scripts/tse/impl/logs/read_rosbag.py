@@ -114,7 +114,7 @@ def read(path: Path, how: How) -> Recording:
             raise UserError(
                 f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
             )
-    collect, notes = Collector(how.wanted), []
+    collect, notes = Collector(path, how.wanted), []
     count = 0
     strange: dict[str, str] = {}
     try:
@@ -137,6 +137,8 @@ def read(path: Path, how: How) -> Recording:
                     continue
                 collect.add(connection.topic, 1e-9 * time, message, connection.msgtype)
                 count += 1
+    except (UserError, MemoryError):
+        raise
     except Exception as error:  # damage shows in many ways
         if not count:
             raise UserError(f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}") from None

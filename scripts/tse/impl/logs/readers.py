@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.recording import How, Recording
+from tse.impl.logs.recording import How, Recording, in_room
 
 # module, its suffixes, what a file of it begins with
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
@@ -80,7 +80,8 @@ def read_recording(path: Path, how: How | None = None) -> Recording:
     """A log as it is in its file. UserError: it cannot be read; the text says what helps."""
     path = Path(path)
     module = importlib.import_module(f"tse.impl.logs.read_{reader_of(path)}")
-    found: Recording = module.read(path, how or How())
+    with in_room(path):
+        found: Recording = module.read(path, how or How())
     if not any(len(c) for c in found) and (how is None or how.wanted is None):
         raise UserError(f"{path}: has no channel with numbers in it")
     return found.since_start()

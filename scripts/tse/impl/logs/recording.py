@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import importlib
 import itertools
+import os
+import re
 from array import array
 from collections.abc import Callable, Container, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,6 +18,12 @@ from typing import Any
 import numpy as np
 
 from tse.impl.errors import UserError
+
+resource: Any
+try:
+    import resource
+except ImportError:  # Windows has none
+    resource = None
 
 MOST_NAMED = 6  # names that one message lists
 PIECE = 1 << 16  # frames and rows of text that are decoded at a time
@@ -118,15 +127,60 @@ class Growing:
         return np.frombuffer(self._values) if self._values else np.zeros(0)
 
 
-MOST_ROWS = 360_000_000  # of a signal: a hundred hours at 1 kHz
+# ---- What a file may take. Compressed, it says of itself how much there is, and may be made to fill the machine.
+
+LEAST_ROWS = 1_500_000  # that any log may have: four hours at 100 Hz
+HOLD = "TSE_HOLD_MEMORY"  # of the environment
+LEAST_ROOM, EACH_ROOM = 700 << 20, 16  # bytes of memory for what is read of any file, and more for each byte of it
 
 
-def check_rows(path: Path, what: str, rows: int) -> None:
-    """Before anything of it is unpacked. UserError: more than a log can have, so it is none, or made to fill the machine."""
-    if rows > MOST_ROWS:
+def size_of(path: Path) -> int:
+    """Bytes of a file, or of all in a folder."""
+    return sum(p.stat().st_size for p in path.rglob("*") if p.is_file()) if path.is_dir() else path.stat().st_size
+
+
+def check_rows(path: Path, what: str, rows: int, each: int = 2) -> None:
+    """Before it is unpacked. UserError: a row has less than `each` bytes of the file, and there are more than any log may have."""
+    most = max(LEAST_ROWS, size_of(path) // each) if rows > LEAST_ROWS else LEAST_ROWS
+    if rows > most:
         raise UserError(
-            f"{path}: {what} has {rows:,} rows, it says; read are up to {MOST_ROWS:,}, a hundred hours at 1 kHz: cut it into drives"
+            f"{path}: {what} has {rows:,} rows; of a file of its size up to {most:,} are read (four hours at 100 Hz of any): cut "
+            "it into drives; or it is made to fill the machine"
         )
+
+
+@contextmanager
+def in_room(path: Path) -> Iterator[None]:
+    """Hold the process to the memory that reading the file may take, where the system can (Linux) and HOLD is set, which commands
+    set for themselves and their workers: other work of a process would be held to it, too. UserError: it takes more."""
+    taken = _data_taken() if HOLD in os.environ and path.exists() else None
+    if taken is None:
+        yield
+        return
+    room = LEAST_ROOM + EACH_ROOM * size_of(path)
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    most = taken + room if before[0] == resource.RLIM_INFINITY else min(taken + room, before[0])
+    resource.setrlimit(resource.RLIMIT_DATA, (most, before[1]))
+    try:
+        yield
+    except MemoryError:
+        raise UserError(
+            f"{path}: takes more than {room / 2**30:.1f} GB of memory to read, which is far more than its size: it is damaged, "
+            "made to fill the machine, or very long: cut it into drives"
+        ) from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def _data_taken() -> int | None:
+    """Bytes that the process holds; None: the system does not say."""
+    if resource is None:
+        return None
+    try:
+        said = re.search(r"VmData:\s+(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
+    except OSError:
+        return None
+    return int(said[1]) << 10 if said else None
 
 
 @dataclass(frozen=True)
@@ -242,12 +296,16 @@ class _Topic:
 class Collector:
     """Collects messages topic by topic, and makes channels of them. `wanted`: which names are needed; None: all."""
 
-    def __init__(self, wanted: Callable[[str], bool] | None = None) -> None:
-        self._wanted = wanted
+    def __init__(self, path: Path, wanted: Callable[[str], bool] | None = None) -> None:
+        self._path, self._wanted = path, wanted
         self._topics: dict[str, _Topic] = {}
+        self._messages = 0
 
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
-        """One message. Its time is that of its header, where it has one."""
+        """One message. Its time is that of its header, where it has one. UserError: more than such a file holds."""
+        self._messages += 1
+        if self._messages > LEAST_ROWS:
+            check_rows(self._path, "what is recorded", self._messages, 8)
         own = self._topics.get(topic)
         if own is None:
             own = self._topics[topic] = _Topic(type_, Growing())
