@@ -17,8 +17,8 @@
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
 #define TSE_FILTER_NUMBERS (323 + 7 * TSE_LATENCY_KEPT)
-#define TSE_FILTER_WHOLE 100
-#define TSE_FILTER_PADDED (9 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
+#define TSE_FILTER_WHOLE 104
+#define TSE_FILTER_PADDED (8 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
 #define TSE_CONSTANT_NUMBERS 210
 #elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
@@ -30,8 +30,8 @@
 #define TSE_CONSTANT_NUMBERS 201
 #endif
 #if !defined(TSE_SMALL)
-#define TSE_FILTER_WHOLE 156 /* bytes of whole numbers */
-#define TSE_FILTER_PADDED (22 + sizeof(tse_short) / sizeof(tse_real))
+#define TSE_FILTER_WHOLE 160 /* bytes of whole numbers */
+#define TSE_FILTER_PADDED (21 + sizeof(tse_short) / sizeof(tse_real))
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
 #if defined(TSE_NO_EFFECTS)

@@ -133,13 +133,13 @@ tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse
   const tse_status status = tse_input_check(&given, NULL);
   if (status < 0) return status;
   if (first) {
-    for (int a = 0; a < 3; a++) m->reason[a] = (int32_t)TSE_STARTING;
+    for (int a = 0; a < 4; a++) m->reason[a] = (int32_t)TSE_STARTING;
   } else {
     m->since = r_min(r_add_sat(m->since, given.dt), LONGEST_DT);
     m->unkept = r_min(r_add_sat(m->unkept, given.dt), LONGEST_DT);
     if (given.dt > p->max_gap) { /* nothing is read across a gap: what waited before it is given up */
       m->count = 0;
-      for (int a = 0; a < 3 && f->step > 0; a++) m->reason[a] = (int32_t)TSE_INPUT_INVALID;
+      for (int a = 0; a < 4 && f->step > 0; a++) m->reason[a] = (int32_t)TSE_INPUT_INVALID;
     } else if (m->unkept < p->latency_least) return TSE_W_WAITING;
   }
   keep_row(m, &given, m->unkept);

@@ -47,7 +47,7 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
     report_row(p, &f->k, now);
   }
   for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
-  now->grip_reason = f->waiting.reason[TSE_CY_FRONT];
+  now->grip_reason = f->waiting.reason[3];
   now->status = (int32_t)TSE_W_WAITING;
 }
 
@@ -64,6 +64,7 @@ static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input 
     status = step_form(p, f, &row, &now); /* never negative: of rows that were accepted */
     now.estimate_age = p->latency;
     for (int a = 0; a < 3; a++) f->waiting.reason[a] = now.reason[a];
+    f->waiting.reason[3] = now.grip_reason;
   }
   if (out) *out = now;
   return status;

@@ -30,7 +30,7 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
     for (int k = 0; k < (int)TSE_CHANNELS; k++) fine = fine && channel_holds(&channel_rows[k], m->value[i][k]);
   }
-  for (int a = 0; a < 3; a++) fine = fine && sound_int(m->reason[a], TSE_VALID, TSE_IMPLAUSIBLE);
+  for (int a = 0; a < 4; a++) fine = fine && sound_int(m->reason[a], TSE_VALID, TSE_IMPLAUSIBLE);
   fine = fine && sound_reals(m->lost, 3, TSE_R(0), TSE_R(0.5001));
   return fine;
 }

@@ -246,7 +246,7 @@ typedef struct tse_alignment {
   tse_real value[TSE_LATENCY_KEPT][6];      /* channels as logged; 0 where missing                        */
   uint8_t missing[TSE_LATENCY_KEPT];        /* bits of tse_input.missing                                  */
   tse_real lost[3];                         /* [1] what interpolation took of the noise variance of accel_x, accel_y, yaw rate */
-  int32_t reason[3];                        /* of the last step, while rows wait                          */
+  int32_t reason[4];                        /* of the last step, while rows wait: of the three, of the grip */
 } tse_alignment;
 
 /* A filter of the default form, and what every form needs. */

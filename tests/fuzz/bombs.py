@@ -6,7 +6,6 @@ that of its process: the memory that was resident, seconds of its processors, an
 """
 
 import argparse
-import bz2
 import multiprocessing
 import os
 import struct
@@ -90,10 +89,6 @@ def blf(path: Path, rows: int) -> None:
     path.with_suffix(".dbc").write_text('VERSION ""\nBO_ 193 A: 8 X\n SG_ steer : 0|16@1+ (1,0) [0|0] "" X\n')
 
 
-def rlog(path: Path, rows: int) -> None:
-    path.write_bytes(bz2.compress(bytes(1 << 28), 9) * max(1, rows // 1_000_000))
-
-
 def csv(path: Path, rows: int) -> None:
     path.write_text(
         "time,steer_angle,wheel_speed_front,wheel_speed_rear,accel_x,accel_y,yaw_rate\n" + ",,,,,,\n" * min(rows, 1_400_000)
@@ -109,7 +104,7 @@ def gaps(path: Path, rows: int) -> None:
 
 FORMATS: dict[str, tuple[str, Callable[[Path, int], None]]] = {
     "Parquet": ("log.parquet", parquet), "MAT 7.3": ("log.mat", mat73), "MAT 5": ("log5.mat", mat5), "MF4": ("log.mf4", mf4),
-    "BLF": ("log.blf", blf), "openpilot": ("rlog.bz2", rlog), "CSV of nothing": ("blank.csv", csv),
+    "BLF": ("log.blf", blf), "CSV of nothing": ("blank.csv", csv),
     "CSV of 1 Hz": ("slow.csv", gaps),
 }  # fmt: skip
 

@@ -598,7 +598,7 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
 static void test_a_row_that_waits_reports_what_the_step_before_it_did(void)
 {
   static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
-  static const char *const of_the_row[] = { "status", "estimate_age", "grip_valid" /* of three reasons that are kept it repeats that of cy_front */ };
+  static const char *const of_the_row[] = { "status", "estimate_age" };
   for (int32_t form = 0; form <= MOST_FORM; form++) {
     tse_output y, step = blank_output();
     int waited = 0, steps = 0;

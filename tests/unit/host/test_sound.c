@@ -293,7 +293,7 @@ static void test_rows_that_wait_are_held_to_their_ranges(void)
     for (int k = 0; k < TSE_CHANNELS; k++) HELD(filter.waiting.value[i][k], channel_rows[k].lo, channel_rows[k].hi);
   }
   HELD(filter.waiting.lost, TSE_R(0), TSE_R(0.5001));
-  for (int a = 0; a < 3; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_IMPLAUSIBLE);
+  for (int a = 0; a < 4; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_IMPLAUSIBLE);
 }
 
 static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
