@@ -135,7 +135,7 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   const tse_status refused = check_rows(log, rows, s, wrong);
-  if (refused < 0) return refused;
+  if (refused < 0 || rows <= 0) return refused; /* of no rows nothing is asked, the start neither */
 
   tse_params car = *p;
   tse_effect_memory m;
