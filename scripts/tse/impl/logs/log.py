@@ -18,7 +18,7 @@ from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
 from tse.impl.logs.read_text import parsing
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import PIECE, Recording, check_rows, in_room, listed
+from tse.impl.logs.recording import PIECE, ROW, Recording, check_rows, in_room, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
 from tse.impl.logs.table import Column, seconds
 from tse.impl.rows import (
@@ -233,7 +233,7 @@ def _numbers(
         for piece in pieces:
             parts.append(piece[piece[needed].notna().any(axis=1)])
             rows += len(parts[-1])
-            check_rows(path, "it", rows, 5)
+            check_rows(path, "it", rows, ROW)
         table = pd.concat(parts)
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")

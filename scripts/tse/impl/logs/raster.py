@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from tse.impl.logs.mapping import Series
-from tse.impl.logs.recording import PIECE, check_rows
+from tse.impl.logs.recording import PIECE, ROW, check_rows
 from tse.impl.noise import fresh
 from tse.impl.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 
-LEAST_BYTES = 5  # of the file for a row of all channels, at least
 FASTEST = 100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
 SLOWEST_OWN = 5.0  # Hz: a slower channel asks for no raster
 GAP_STEPS, SHORTEST_GAP, LONGEST_GAP = (6.0, 0.25, 1.0)  # a gap is so many usual steps of its channel, s at least, s at most
@@ -66,7 +65,7 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
     plain = _as_it_is(found, rate)
     if plain is not None:
         if path is not None:
-            check_rows(path, "it", len(plain.time), LEAST_BYTES)
+            check_rows(path, "it", len(plain.time), ROW)
         return plain
     own, rates = {}, {}
     for name, s in found.items():
@@ -221,7 +220,7 @@ def _times(
     start = phase + np.ceil((first - phase) * rate - 1e-6) / rate
     count = max(1, int(np.floor((last - start) * rate + 1e-6)) + 1)
     if path is not None:
-        check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, LEAST_BYTES)
+        check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, ROW)
     return start + np.arange(count) / rate
 
 

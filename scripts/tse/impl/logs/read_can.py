@@ -15,7 +15,7 @@ import numpy as np
 
 from tse.impl.clock import straight
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, check_rows, listed, need, unused
+from tse.impl.logs.recording import FRAME, PIECE, Channel, Growing, How, Recording, check_rows, listed, need, unused
 
 # ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
 
@@ -294,7 +294,7 @@ def read(path: Path, how: How) -> Recording:
     data: list[bytes] = []
 
     def decode() -> None:
-        check_rows(path, "the bus", len(times) + len(time), 4)
+        check_rows(path, "the bus", len(times) + len(time), FRAME)
         times.extend(np.array(time))
         bus.add(np.array(ids, np.int64), np.array(extended, bool), buses, data)
         for each in (time, ids, extended, buses, data):

@@ -130,6 +130,7 @@ class Growing:
 # ---- What a file may take. Compressed, it says of itself how much there is, and may be made to fill the machine.
 
 LEAST_ROWS = 1_500_000  # that any log may have: four hours at 100 Hz
+SIGNAL, ROW, FRAME, MESSAGE = 2, 5, 4, 8  # bytes of the file, at least: for a value of a signal, a row of all, a frame, a message
 HOLD = "TSE_HOLD_MEMORY"  # of the environment
 LEAST_ROOM, EACH_ROOM = 700 << 20, 16  # bytes of memory for what is read of any file, and more for each byte of it
 
@@ -139,7 +140,7 @@ def size_of(path: Path) -> int:
     return sum(p.stat().st_size for p in path.rglob("*") if p.is_file()) if path.is_dir() else path.stat().st_size
 
 
-def check_rows(path: Path, what: str, rows: int, each: int = 2) -> None:
+def check_rows(path: Path, what: str, rows: int, each: int = SIGNAL) -> None:
     """Before it is unpacked. UserError: a row has less than `each` bytes of the file, and there are more than any log may have."""
     most = max(LEAST_ROWS, size_of(path) // each) if rows > LEAST_ROWS else LEAST_ROWS
     if rows > most:
@@ -304,8 +305,8 @@ class Collector:
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
         """One message. Its time is that of its header, where it has one. UserError: more than such a file holds."""
         self._messages += 1
-        if self._messages > LEAST_ROWS:
-            check_rows(self._path, "what is recorded", self._messages, 8)
+        if self._messages % PIECE == 0:
+            check_rows(self._path, "what is recorded", self._messages, MESSAGE)
         own = self._topics.get(topic)
         if own is None:
             own = self._topics[topic] = _Topic(type_, Growing())
