@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Tests: lint, format, the C library in its presets, the Python package. Ends with a table; fails when anything failed.
+# A test whose tool is missing is skipped, with the tool's name.
 #   scripts/test.sh                   all but what takes long, under 15 minutes on two cores
 #   scripts/test.sh --all             as CI does: every preset, and the tests of tests/conftest.py's HEAVY
 #   scripts/test.sh PRESET ...        only these CMake presets, then the Python tests
@@ -56,7 +57,7 @@ mypy() { .venv/bin/mypy --config-file scripts/pyproject.toml; }
 python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
   # a process that crashes is not started again: pytest-xdist would run the test that crashes again and again
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
-    ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 tests
+    ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 -r s tests
 }
 
 step ruff ruff
@@ -69,6 +70,7 @@ for name in "${presets[@]}"; do
   esac
   step "$name" preset "$name"
 done
+[ -n "${CXX:-}" ] || command -v c++ >/dev/null || skip "C++" "no C++ compiler is installed; the sources were compiled as C"
 command -v pkg-config >/dev/null || command -v pkgconf >/dev/null || skip "pkg-config" "not installed; the other consumer builds ran"
 step pytest python_tests
 [ "${#heavy[@]}" -gt 0 ] || skip "what takes long" "scripts/test.sh --all runs it, as CI does"

@@ -6,6 +6,7 @@ The run: steps of 1/128 s, so that time is exact however a client counts it, wit
 process of its own: one that crashes is a finding, no more. What is not installed is said, and no finding.
 """
 
+import ctypes
 import functools
 import os
 import re
@@ -35,6 +36,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"
 STEP, STEPS = 1 / 128, 100  # s
 TOOLBOX = "fmu_manipulation_toolbox"
+TBB = "libtbb.so.12"
 KINDS = {"Real": "Real", "Float64": "Real", "Integer": "Integer", "Int32": "Integer", "Boolean": "Boolean"}  # compared
 
 
@@ -159,7 +161,30 @@ def run_fmpy(of: Unit) -> list[list[float]]:
     return rows
 
 
+def load_tbb() -> None:
+    """Load libtbb.so.12, which the library of ecos needs and does not bring: that of the Python package tbb, else that
+    of the system. Raises OSError where there is none."""
+    of_package = Path(sys.prefix) / "lib" / TBB
+    ctypes.CDLL(str(of_package) if of_package.is_file() else TBB, mode=ctypes.RTLD_GLOBAL)
+
+
+def why_not(client: str, fmi: str) -> str:
+    """Return why a client that is a Python package cannot run here; empty if it can."""
+    if find_spec(PYTHON[client][0]) is None:
+        return "not installed (scripts/setup.sh clients)"
+    if client == "libcosim" and fmi == "3":
+        return "knows FMI 1.0 and 2.0 only"
+    if client == "ecos" and sys.platform == "linux":
+        try:
+            load_tbb()
+        except OSError:
+            return f"{TBB} is not installed (Python package tbb, or libtbb12 of Debian)"
+    return ""
+
+
 def run_ecos(of: Unit) -> list[list[float]]:
+    if sys.platform == "linux":
+        load_tbb()
     from ecospy import EcosSimulation, EcosSimulationStructure
 
     structure = EcosSimulationStructure()
@@ -208,6 +233,7 @@ def run_libcosim(of: Unit) -> list[list[float]]:
 
 PYTHON = {"FMPy": ("fmpy", run_fmpy), "ecos": ("ecospy", run_ecos), "libcosim": ("libcosimpy", run_libcosim)}
 FOREIGN = {"win64": "wine", "aarch64-linux": "qemu-aarch64"}  # whose binaries run here, and by which program
+CLIENTS = (*(c for c in PYTHON if c != "FMPy"), *FOREIGN)  # that are compared with FMPy
 
 
 class Failed(Exception):
@@ -256,26 +282,27 @@ class Row:
 
 
 def compare(of: Unit) -> list[Row]:
-    """Every client that is here, on one FMU."""
+    """Run every client on one FMU; the first row is FMPy's, the reference."""
     reference = in_process("FMPy", of)
     rows = [Row("FMPy", version("fmpy"), "reference")]
+    return rows + [compare_one(client, of, reference) for client in CLIENTS]
+
+
+def compare_one(client: str, of: Unit, reference: np.ndarray) -> Row:
+    """Run one of CLIENTS on one FMU."""
     fmi = version_of(of.fmu.stem)
-    for client, (package, _) in list(PYTHON.items())[1:]:
-        if find_spec(package) is None:
-            rows.append(Row(client, "", "skipped: not installed (scripts/setup.sh clients)", False))
-        elif client == "libcosim" and fmi == "3":
-            rows.append(Row(client, version(package), "skipped: knows FMI 1.0 and 2.0 only", False))
-        else:
-            rows.append(Row(client, version(package), difference(functools.partial(in_process, client, of), reference)))
-    for target, program in FOREIGN.items():
-        there = (of.folder / "binaries" / PLATFORMS[target].folder(fmi)).is_dir()
-        client = f"C client on {program}, {target}"
-        if why := unavailable(target) if there else f"the FMU has no binary for {target}":
-            rows.append(Row(client, "", f"skipped: {why}", False))
-            continue
-        number = re.search(r"\d+\.\d+[.\d]*", " ".join(_output(*RUNNERS[target][1][:1], "--version")[0]))
-        rows.append(Row(client, number[0] if number else "", difference(lambda t=target: foreign(t, of), reference)))
-    return rows
+    if client in PYTHON:
+        package = PYTHON[client][0]
+        if why := why_not(client, fmi):
+            return Row(client, "", f"skipped: {why}", False)
+        return Row(client, version(package), difference(functools.partial(in_process, client, of), reference))
+    program, target = FOREIGN[client], client
+    name = f"C client on {program}, {target}"
+    there = (of.folder / "binaries" / PLATFORMS[target].folder(fmi)).is_dir()
+    if why := unavailable(target) if there else f"the FMU has no binary for {target}":
+        return Row(name, "", f"skipped: {why}", False)
+    number = re.search(r"\d+\.\d+[.\d]*", " ".join(_output(*RUNNERS[target][1][:1], "--version")[0]))
+    return Row(name, number[0] if number else "", difference(functools.partial(foreign, target, of), reference))
 
 
 def difference(run: Callable[[], np.ndarray], reference: np.ndarray) -> str:
