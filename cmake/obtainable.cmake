@@ -1,5 +1,5 @@
 # The sources of others that tests and FMUs need, and whether they are at hand or can be fetched. The library needs none of them: a plain
-# configure of it works without a network, a C++ compiler and Python.
+# configure of it works without a network and Python. Where there is no C++ compiler, the tests that need one are left out.
 set(tse_unity_repository https://github.com/ThrowTheSwitch/Unity.git)
 set(tse_fmi2_repository https://github.com/modelica/fmi-standard.git)
 set(tse_unity_hint "-DFETCHCONTENT_SOURCE_DIR_UNITY=<folder with src/unity.c>, which scripts/setup.sh puts into .venv/share/unity")
@@ -39,14 +39,9 @@ endfunction()
 
 # Asked once, of who has not said himself whether he wants tests: can they be built here?   Returned: in `result`
 function(tse_tests_can_be_built result)
-  include(CheckLanguage)
-  check_language(CXX)
   find_package(Python3 3.10 QUIET COMPONENTS Interpreter)
   tse_obtainable(unity unity)
   set(missing "")
-  if(NOT CMAKE_CXX_COMPILER)
-    list(APPEND missing "a C++ compiler")
-  endif()
   if(NOT Python3_Interpreter_FOUND)
     list(APPEND missing "Python 3.10")
   endif()

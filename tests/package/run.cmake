@@ -12,14 +12,22 @@ function(run what)
 endfunction()
 
 set(configure "${CMAKE_COMMAND}" -G "${GENERATOR}" "-DCMAKE_MAKE_PROGRAM=${MAKE_PROGRAM}" "-DCMAKE_BUILD_TYPE=${CONFIG}"
-  "-DCMAKE_C_COMPILER=${C_COMPILER}" "-DCMAKE_CXX_COMPILER=${CXX_COMPILER}" "-DCMAKE_C_FLAGS=${C_FLAGS}" "-DCMAKE_CXX_FLAGS=${CXX_FLAGS}"
+  "-DCMAKE_C_COMPILER=${C_COMPILER}" "-DCMAKE_C_FLAGS=${C_FLAGS}"
   "-DBUILD_SHARED_LIBS=${SHARED}" "-DTSE_REAL=${REAL}" "-DTSE_MAX_PARTICLES=${MAX_PARTICLES}")
+
+set(programs minimal)
+if(CXX_COMPILER)
+  list(APPEND programs cxx)
+  list(APPEND configure -DTSE_WITH_CXX=ON "-DCMAKE_CXX_COMPILER=${CXX_COMPILER}" "-DCMAKE_CXX_FLAGS=${CXX_FLAGS}")
+else()
+  message("cxx: skipped, no C++ compiler is installed")
+endif()
 
 function(consume from)
   set(dir "${WORK}/${from}")
   run("configure, ${from}" ${configure} -S "${CMAKE_CURRENT_LIST_DIR}" -B "${dir}" -DTSE_FROM=${from} ${ARGN})
   run("build, ${from}" "${CMAKE_COMMAND}" --build "${dir}" --config "${CONFIG}")
-  foreach(program minimal cxx)
+  foreach(program IN LISTS programs)
     find_program(path_${from}_${program} ${program} PATHS "${dir}" "${dir}/${CONFIG}" NO_DEFAULT_PATH REQUIRED)
     run("${program}, ${from}" "${path_${from}_${program}}")
     message("${from}: ${output}")
