@@ -175,6 +175,8 @@ def why_not(client: str, fmi: str) -> str:
     if client == "libcosim" and fmi == "3":
         return "knows FMI 1.0 and 2.0 only"
     if client == "ecos" and sys.platform == "linux":
+        if not shutil.which("unzip"):
+            return "unzip, which ecos calls, is not installed"
         try:
             load_tbb()
         except OSError:
