@@ -167,7 +167,10 @@ def sha256(path: Path) -> str:
 
 
 def git(*arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
+    try:
+        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
+    except FileNotFoundError:
+        raise Failed("git is not installed: a release is made of a commit") from None
     if done.returncode:
         raise Failed(f"git {' '.join(arguments)} says\n{done.stderr.strip()}")
     return done.stdout.strip()

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -18,6 +19,8 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[2]
+if not (shutil.which("git") and (ROOT / ".git").exists()):
+    pytest.skip("git is not installed, or this is no checkout", allow_module_level=True)
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LAB = PROJECT["optional-dependencies"]["lab"]
 VERSION = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include" / "tse" / "version.h").read_text())[1]

@@ -20,6 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "scripts"))
 from docsite import fill, links, tables  # noqa: E402
 
+if not (shutil.which("git") and (ROOT / ".git").exists()):
+    pytest.skip("git is not installed, or this is no checkout", allow_module_level=True)
 PAGES = ROOT / "docs" / "pages"
 
 FENCE = re.compile(r"(?:^<!-- (?P<why>not [^>]+?) -->\n)?^```(?P<kind>\w*)\n(?P<body>.*?)^```$", flags=re.M | re.S)
