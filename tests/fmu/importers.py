@@ -168,7 +168,7 @@ def load_tbb() -> None:
     ctypes.CDLL(str(of_package) if of_package.is_file() else TBB, mode=ctypes.RTLD_GLOBAL)
 
 
-def why_not(client: str, fmi: str) -> str:
+def find_obstacle(client: str, fmi: str) -> str:
     """Return why a client that is a Python package cannot run here; empty if it can."""
     if find_spec(PYTHON[client][0]) is None:
         return "not installed (scripts/setup.sh clients)"
@@ -295,7 +295,7 @@ def compare_one(client: str, of: Unit, reference: np.ndarray) -> Row:
     fmi = version_of(of.fmu.stem)
     if client in PYTHON:
         package = PYTHON[client][0]
-        if why := why_not(client, fmi):
+        if why := find_obstacle(client, fmi):
             return Row(client, "", f"skipped: {why}", False)
         return Row(client, version(package), difference(functools.partial(in_process, client, of), reference))
     program, target = FOREIGN[client], client

@@ -189,6 +189,13 @@ def test_a_release_of_another_version_than_the_sources_say_is_refused(tmp_path):
     assert not (tmp_path / "x").exists()
 
 
+def test_without_git_a_sentence_says_so(tmp_path):
+    pytest.importorskip("build", reason="a tool of releases is not installed: scripts/setup.sh release")
+    command = [*RELEASE, VERSION, "--only", "source", "--out", tmp_path / "x"]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PATH": str(tmp_path)})
+    assert done.returncode == 1 and "git is not installed" in done.stderr and "Traceback" not in done.stderr
+
+
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.txt").write_text("years of work")
     done = subprocess.run([*RELEASE, VERSION, "--only", "source", "--out", tmp_path], capture_output=True, text=True)
