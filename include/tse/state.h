@@ -54,9 +54,14 @@ struct tse_aligned {
 #define TSE_LATENCY_BYTES ((TSE_LATENCY_KEPT + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
 
 /* What the structs hold, to the byte: src/model/state.h does not compile where the members have another size. */
+typedef union tse_effects_bytes {
+  uint64_t first; /* aligns the others, before and behind them */
+  unsigned char all[sizeof(uint64_t) + TSE_EFFECT_NUMBERS * sizeof(tse_real) + TSE_EFFECT_BYTES];
+} tse_effects_bytes;
+
 typedef struct tse_params_bytes {
-  uint64_t first; /* aligns the others */
-  unsigned char rest[(TSE_CONSTANT_NUMBERS + TSE_EFFECT_NUMBERS) * sizeof(tse_real) + 48 + TSE_EFFECT_BYTES + 2 * TSE_PADDING];
+  unsigned char constants[TSE_CONSTANT_NUMBERS * sizeof(tse_real) + 48 + 2 * TSE_PADDING];
+  tse_effects_bytes effects;
 } tse_params_bytes;
 
 typedef struct tse_filter_bytes {
