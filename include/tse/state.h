@@ -19,15 +19,15 @@
 #define TSE_FILTER_NUMBERS (323 + 7 * TSE_LATENCY_KEPT)
 #define TSE_FILTER_WHOLE 104
 #define TSE_FILTER_PADDED (8 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
-#define TSE_CONSTANT_NUMBERS 210
+#define TSE_CONSTANT_NUMBERS 212
 #elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
 #define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_KEPT)
-#define TSE_CONSTANT_NUMBERS 189
+#define TSE_CONSTANT_NUMBERS 191
 #else
 #define TSE_FILTER_SHORTS 1243
 #define TSE_FILTER_NUMBERS (515 + 7 * TSE_LATENCY_KEPT)
-#define TSE_CONSTANT_NUMBERS 201
+#define TSE_CONSTANT_NUMBERS 203
 #endif
 #if !defined(TSE_SMALL)
 #define TSE_FILTER_WHOLE 160 /* bytes of whole numbers */
@@ -39,7 +39,7 @@
 #define TSE_EFFECT_BYTES 0
 #else
 /* table: effect_numbers */
-#define TSE_EFFECT_NUMBERS 66
+#define TSE_EFFECT_NUMBERS 67
 /* end of table */
 #define TSE_EFFECT_BYTES 40
 #endif
