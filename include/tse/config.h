@@ -101,6 +101,7 @@ typedef struct tse_config {
   tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k of 1/sqrt(1 + k slip^2) */
   tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: axle load over the most lateral force */
   tse_setting tyre_saturation_shape;            /* [1] 0, 0 .. 1; 0: brush model with parabolic pressure, 1: as magic-formula tyres, which saturate later and harder */
+  tse_setting tyre_saturation_balance;          /* [1] 0, -0.5 .. 0.5; front 1/friction (1 + balance), rear 1/friction (1 - balance): which axle ends first */
   tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0, -0.08 .. 0.08; k: cornering stiffness per accel_x, less in front, more in the rear */
   tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; front k (1 + balance), rear k (1 - balance): tyres of the axle that carries more gain less by a load */
   tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0, -0.003 .. 0.03; k of C (1 - k accel_y^2) */
@@ -166,7 +167,7 @@ typedef struct tse_config {
   tse_setting initial_cx_sd;                    /* [1] 0.3, 0 .. 2; sd of the start of the longitudinal stiffness, relative; form 0 */
   tse_setting initial_cy_front_sd;              /* [1] 0.3, 0 .. 2; sd of the start of the front cornering stiffness, relative; form 0 */
   tse_setting initial_cy_rear_sd;               /* [1] 0.3, 0 .. 2; sd of the start of the rear cornering stiffness, relative; form 0 */
-  tse_setting grip;                             /* [1] 0, 0 .. 50; friction of the tyres at the start; 0: 1/tyre_saturation_inverse_friction, or tyres without an end where that is 0; form 0 */
+  tse_setting grip;                             /* [1] 0, 0 .. 50; friction of the tyres at the start; 0: 1/tyre_saturation_inverse_friction, or tyres without an end where that is 0; of each axle by tyre_saturation_balance; form 0 */
   tse_setting grip_sd;                          /* [1] 0, 0 .. 1; its sd, relative; form 0 */
   tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; sample-to-sample sd assumed at the start: sqrt(Sigma), relative to nominal */
   tse_setting spread_max;                       /* [1] 2, 0.01 .. 2; the learnt spread is kept at or below this, relative to nominal: what exceeds it is sensor noise, not tyre; 2: no limit (the paper); form 1 */

@@ -44,7 +44,7 @@ typedef struct tse_output {
   int32_t status;                /* TSE_OK; above: done, with the caution of this code, a tse_status; whether to use a stiffness says its reason */
   tse_real sideslip;             /* [rad] sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill */
   tse_real sideslip_sd;          /* [rad] its sd */
-  tse_real grip;                 /* [1] friction of the tyres: the most lateral force of an axle over its load; form 0 */
+  tse_real grip;                 /* [1] friction of the tyres: the most lateral force of an axle over its load; with a tyre_saturation_balance, 1 over the mean of 1/friction of both axles; form 0 */
   tse_real grip_sd;              /* [1] its sd */
   tse_real vel_x;                /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real vel_x_sd;             /* [m/s] its sd */

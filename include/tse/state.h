@@ -19,15 +19,15 @@
 #define TSE_FILTER_NUMBERS (323 + 7 * TSE_LATENCY_KEPT)
 #define TSE_FILTER_WHOLE 104
 #define TSE_FILTER_PADDED (8 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
-#define TSE_CONSTANT_NUMBERS 210
+#define TSE_CONSTANT_NUMBERS 212
 #elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 901
 #define TSE_FILTER_NUMBERS (468 + 7 * TSE_LATENCY_KEPT)
-#define TSE_CONSTANT_NUMBERS 189
+#define TSE_CONSTANT_NUMBERS 191
 #else
 #define TSE_FILTER_SHORTS 1243
 #define TSE_FILTER_NUMBERS (515 + 7 * TSE_LATENCY_KEPT)
-#define TSE_CONSTANT_NUMBERS 201
+#define TSE_CONSTANT_NUMBERS 203
 #endif
 #if !defined(TSE_SMALL)
 #define TSE_FILTER_WHOLE 160 /* bytes of whole numbers */
@@ -39,7 +39,7 @@
 #define TSE_EFFECT_BYTES 0
 #else
 /* table: effect_numbers */
-#define TSE_EFFECT_NUMBERS 66
+#define TSE_EFFECT_NUMBERS 67
 /* end of table */
 #define TSE_EFFECT_BYTES 40
 #endif
@@ -54,9 +54,14 @@ struct tse_aligned {
 #define TSE_LATENCY_BYTES ((TSE_LATENCY_KEPT + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
 
 /* What the structs hold, to the byte: src/model/state.h does not compile where the members have another size. */
+typedef union tse_effects_bytes {
+  uint64_t first; /* aligns the others, before and behind them */
+  unsigned char all[sizeof(uint64_t) + TSE_EFFECT_NUMBERS * sizeof(tse_real) + TSE_EFFECT_BYTES];
+} tse_effects_bytes;
+
 typedef struct tse_params_bytes {
-  uint64_t first; /* aligns the others */
-  unsigned char rest[(TSE_CONSTANT_NUMBERS + TSE_EFFECT_NUMBERS) * sizeof(tse_real) + 48 + TSE_EFFECT_BYTES + 2 * TSE_PADDING];
+  unsigned char constants[TSE_CONSTANT_NUMBERS * sizeof(tse_real) + 48 + 2 * TSE_PADDING];
+  tse_effects_bytes effects;
 } tse_params_bytes;
 
 typedef struct tse_filter_bytes {

@@ -135,7 +135,8 @@ class Estimate(EstimateBase):
     sideslip_sd: float
     """Its standard deviation [rad]."""
     grip: float
-    """Friction of the tyres: the most lateral force of an axle over its load; form 0."""
+    """Friction of the tyres: the most lateral force of an axle over its load; with a tyre_saturation_balance, 1 over the
+    mean of 1/friction of both axles; form 0."""
     grip_sd: float
     """Its standard deviation."""
     grip_valid: bool

@@ -262,8 +262,13 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
   uint32_t h = 2166136261u;
   for (int i = 0; i < COUNT_VEHICLE; i++) h = mix(h, r_single_bits(real_at(c, &reals[i])));
   const uint64_t on = effects_on(c) & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* the filter's are, whatever the setting says */
-  for (int i = 0; i < COUNT_EFFECTS; i++)
-    h = mix_effect(h, (int)(on >> effect_settings[i].effect & 1u), reals[FIRST_EFFECTS + i].name, real_at(c, &reals[FIRST_EFFECTS + i]));
+  for (int i = 0; i < COUNT_EFFECTS; i++) {
+    const real_row *const row = &reals[FIRST_EFFECTS + i];
+    const tse_setting value = real_at(c, row);
+    /* unless it is 0: what was learnt before there was a balance stays of this vehicle */
+    const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
+    h = mix_effect(h, counts && (on >> effect_settings[i].effect & 1u), row->name, value);
+  }
   const int formula = (int)(on >> TSE_BIT_FORMULA & 1u);
   for (int i = 0; i < COUNT_FORMULA; i++) h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, &reals[FIRST_FORMULA + i]));
   for (int i = 0; i < COUNT_WHOLE_FORMULA; i++)
@@ -359,12 +364,15 @@ static void prepare_copies(const tse_config *c, tse_params *p)
 static void prepare_tyres(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
-  const tse_setting one = TSE_S(1), span = c->lf + c->lr;
+  const tse_setting one = TSE_S(1), span = c->lf + c->lr, balance = c->tyre_saturation_balance;
+  const tse_setting load_front = r_div(r_mul(STANDARD_GRAVITY, c->lr), span), load_rear = r_div(r_mul(STANDARD_GRAVITY, c->lf), span);
   /* never beyond the range of `grip`, 0 .. 50: below 1/50 tyres have no end */
   const tse_setting friction = c->grip > 0 ? c->grip : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50));
   const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient : ROLLING_USUAL;
-  car->load_front = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lr), span));
-  car->load_rear = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lf), span));
+  car->load_front = real_of(load_front);
+  car->load_rear = real_of(load_rear);
+  car->end_front = real_of(r_div(load_front, one + balance));
+  car->end_rear = real_of(r_div(load_rear, one - balance));
   car->grip = real_of(friction);
   car->along_front = real_of(r_mul(c->longitudinal_load_transfer_gain, one + c->longitudinal_load_transfer_balance));
   car->along_rear = real_of(r_mul(c->longitudinal_load_transfer_gain, one - c->longitudinal_load_transfer_balance));

@@ -11,7 +11,8 @@ typedef struct tyre {
   tse_real f, by_slip, by_stiffness, by_mu, secant, endless;
 } tyre;
 
-/* Return a tyre's force and its slopes.   Given: limit  grip times load   slip  or slip angle   shape  of the curve */
+/* Return a tyre's force and its slopes.
+ *   Given: limit  where the force ends   slip  or slip angle   shape  of the curve */
 static tyre tyre_of(tse_real stiffness, tse_real limit, tse_real slip, tse_real shape)
 {
   const tse_real linear = r_mul(stiffness, slip);
@@ -36,7 +37,8 @@ static tyres tyres_of(const tse_car *c, const tse_real x[TSE_VALUES])
   const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), load_left(r_mul(c->along_rear, drive)));
   const tse_real square = lateral_square(r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
   const tse_real load_front = load_left(-r_mul(c->height_front, drive)), load_rear = load_left(r_mul(c->height_rear, drive));
-  const tse_real most_front = r_mul(r_mul(mu, c->load_front), load_front), most_rear = r_mul(r_mul(mu, c->load_rear), load_rear);
+  const tse_real most_front = r_mul(r_mul(mu, c->end_front), load_front);
+  const tse_real most_rear = r_mul(r_mul(mu, c->end_rear), load_rear);
   tyres t;
   t.x_front = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), most_front, x[SF], c->shape);
   t.x_rear = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), most_rear, x[SR], c->shape);

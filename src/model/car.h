@@ -10,7 +10,8 @@
  *
  * Tyre       F = C s c(q), q = |C s|/limit, for slip and slip angle alike and each for itself;
  *            c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model); shape mixes it with (1 + q^2 + q^4)^(-1/4)
- * Loads      A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)      limit_i = grip e^c_mu load_i (1 -+ height_i A)
+ * Loads      A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)
+ *            limit_i = grip e^c_mu end_i (1 -+ height_i A)      end_i = load_i/(1 +- balance)
  *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness
  * Stiffness  along    C = kx_i e^c_x (1 -+ height_i A)
  *            across   C = ky_i e^c_i (1 -+ along_i A) max(1 - side_i B^2, 0.1)

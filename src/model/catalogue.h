@@ -128,14 +128,18 @@ static inline void combined_slip_stiffness(point *pt)
 }
 
 /* tyre_saturation: the lateral force of an axle ends at friction times load: C tyre_secant(C |alpha|/(friction load)), laws.h,
- * with the stiffness C that load transfer leaves: a tyre that is softer is not less grippy. Typical friction 1 .. 1.1. */
+ * with the stiffness C that load transfer leaves: a tyre that is softer is not less grippy.
+ * Front 1/friction (1 + balance), rear 1/friction (1 - balance).
+ * Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
-  const tse_real inv = e->tyre_saturation_inverse_friction, front = r_abs(r_mul(pt->k.y_front, pt->s.a_front)), rear = r_abs(r_mul(pt->k.y_rear, pt->s.a_rear));
+  const tse_car *const c = &pt->p->car;
+  const tse_real inv = e->tyre_saturation_inverse_friction, shape = e->tyre_saturation_shape;
+  const tse_real front = r_abs(r_mul(pt->k.y_front, pt->s.a_front)), rear = r_abs(r_mul(pt->k.y_rear, pt->s.a_rear));
   tse_real slope;
-  pt->k.y_front = r_mul(pt->k.y_front, tyre_secant(r_div(r_mul(inv, front), pt->p->car.load_front), e->tyre_saturation_shape, &slope));
-  pt->k.y_rear = r_mul(pt->k.y_rear, tyre_secant(r_div(r_mul(inv, rear), pt->p->car.load_rear), e->tyre_saturation_shape, &slope));
+  pt->k.y_front = r_mul(pt->k.y_front, tyre_secant(r_div(r_mul(inv, front), c->end_front), shape, &slope));
+  pt->k.y_rear = r_mul(pt->k.y_rear, tyre_secant(r_div(r_mul(inv, rear), c->end_rear), shape, &slope));
 }
 
 /* longitudinal_load_transfer: cornering stiffness Cf (1 - k (1 + balance) ax), Cr (1 + k (1 - balance) ax), not below a tenth;

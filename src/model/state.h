@@ -86,6 +86,7 @@ typedef struct tse_particles {
 typedef struct tse_car {
   tse_real kx_front, kx_rear, ky_front, ky_rear; /* [m/s2] [m/s2/rad] nominal stiffness                   */
   tse_real load_front, load_rear, grip, shape;   /* [m/s2] load of each axle; [1] friction, form of the curve */
+  tse_real end_front, end_rear;                  /* [m/s2] where the force of each axle ends, over the friction */
   tse_real along_front, along_rear, side_front, side_rear; /* [s2/m] [s4/m2] cornering stiffness lost by load transfer */
   tse_real height_front, height_rear;            /* [s2/m] load of each axle per longitudinal acceleration, relative */
   tse_real lf, lr, jf, jr, m_inertia, trail;     /* [m] [m] [1/m] m lf/I, m lr/I; [1/m2] m/I; [1/m]       */

@@ -45,7 +45,7 @@
   NUMBER(yaw_rate_sd, yaw_rate_sd, "rad/s", "its standard deviation") \
   NUMBER(sideslip, sideslip, "rad", "sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill") \
   NUMBER(sideslip_sd, sideslip_sd, "rad", "its standard deviation") \
-  NUMBER(grip, grip, "1", "friction of the tyres: the most lateral force of an axle over its load; form 0") \
+  NUMBER(grip, grip, "1", "friction of the tyres: the most lateral force of an axle over its load; with a tyre_saturation_balance, 1 over the mean of 1/friction of both axles; form 0") \
   NUMBER(grip_sd, grip_sd, "1", "its standard deviation") \
   REASON(grip, grip_reason, grip_valid, "the grip") \
   STIFFNESS(cx_front, stiffness[0], mean[0], "N", "longitudinal stiffness, front axle, mean") \

@@ -32,6 +32,7 @@
   ROW(REAL, combined_slip, factor, 0.0, 0.0, 2000.0, "1", "k of 1/sqrt(1 + k slip^2)", 1, 1, 50.0, 100.0, 10.0) \
   ROW(REAL, tyre_saturation, inverse_friction, 0.0, 0.0, 5.0, "1", "1/friction: axle load over the most lateral force", 1, 1, 0.9, 1.0, 0.2) \
   ROW(REAL, tyre_saturation, shape, 0.0, 0.0, 1.0, "1", "0: brush model with parabolic pressure, 1: as magic-formula tyres, which saturate later and harder", 0, 1, 0.0, 1.0, 0.0) \
+  ROW(REAL, tyre_saturation, balance, 0.0, -0.5, 0.5, "1", "front 1/friction (1 + balance), rear 1/friction (1 - balance): which axle ends first", 0, 0, -0.15, 0.15, 0.0) \
   ROW(REAL, longitudinal_load_transfer, gain, 0.0, -0.08, 0.08, "s2/m", "k: cornering stiffness per accel_x, less in front, more in the rear", 1, 1, 0.02, 0.04, 0.004) \
   ROW(REAL, longitudinal_load_transfer, balance, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): tyres of the axle that carries more gain less by a load", 0, 0, -0.3, 0.3, 0.0) \
   ROW(REAL, lateral_load_transfer, gain, 0.0, -0.003, 0.03, "s4/m2", "k of C (1 - k accel_y^2)", 1, 1, 0.002, 0.005, 0.0004) \
@@ -166,7 +167,7 @@
   REAL("filter.initial_cx_sd", initial_cx_sd, 0.3, 0.0, 2.0, "1", "sd of the start of the longitudinal stiffness, relative; form 0") \
   REAL("filter.initial_cy_front_sd", initial_cy_front_sd, 0.3, 0.0, 2.0, "1", "sd of the start of the front cornering stiffness, relative; form 0") \
   REAL("filter.initial_cy_rear_sd", initial_cy_rear_sd, 0.3, 0.0, 2.0, "1", "sd of the start of the rear cornering stiffness, relative; form 0") \
-  REAL("filter.grip", grip, 0.0, 0.0, 50.0, "1", "friction of the tyres at the start; 0: 1/tyre_saturation_inverse_friction, or tyres without an end where that is 0; form 0") \
+  REAL("filter.grip", grip, 0.0, 0.0, 50.0, "1", "friction of the tyres at the start; 0: 1/tyre_saturation_inverse_friction, or tyres without an end where that is 0; of each axle by tyre_saturation_balance; form 0") \
   REAL("filter.grip_sd", grip_sd, 0.0, 0.0, 1.0, "1", "its sd, relative; form 0") \
   REAL("filter.initial_spread", initial_spread, 0.07, 0.01, 2.0, "1", "sample-to-sample sd assumed at the start: sqrt(Sigma), relative to nominal") \
   REAL("filter.spread_max", spread_max, 2.0, 0.01, 2.0, "1", "the learnt spread is kept at or below this, relative to nominal: what exceeds it is sensor noise, not tyre; 2: no limit (the paper); form 1") \

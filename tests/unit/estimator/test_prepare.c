@@ -331,6 +331,26 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   expect_relative(0.8, prepared(c).car.grip, "grip of the effect");
 }
 
+/* 1/friction of an axle is (1 +- balance) times that of both, also where it is of the
+ * setting `grip`. */
+static void test_friction_of_each_axle_is_that_of_both_and_a_balance(void)
+{
+  for (int stated = 0; stated < 2; stated++) {
+    tse_config c = other_car();
+    c.grip = setting(stated ? 0.8 : 0), c.tyre_saturation_inverse_friction = setting(stated ? 0 : 1.25);
+    const tse_car even = prepared(c).car;
+    /* no balance: the same bits */
+    TEST_ASSERT_EQUAL_MEMORY(&even.load_front, &even.end_front, sizeof even.load_front);
+    TEST_ASSERT_EQUAL_MEMORY(&even.load_rear, &even.end_rear, sizeof even.load_rear);
+    c.tyre_saturation_balance = setting(0.25);
+    const tse_car unlike = prepared(c).car;
+    expect_relative(9.81 * 1.6 / 2.7 * 0.64, r_mul(unlike.grip, unlike.end_front), "front: friction 0.8/1.25");
+    expect_relative(9.81 * 1.1 / 2.7 * 0.8 / 0.75, r_mul(unlike.grip, unlike.end_rear), "rear: friction 0.8/0.75");
+    /* the axle carries the same */
+    TEST_ASSERT_EQUAL_MEMORY(&even.load_front, &unlike.load_front, sizeof even.load_front);
+  }
+}
+
 static void test_the_prior_of_the_state_is_that_of_the_settings(void)
 {
   tse_config c = other_car();
@@ -558,6 +578,28 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
     put_parameter(&c, e, 0.8 * e->def + 0.2 * (e->def < e->hi ? e->hi : e->lo));
     TEST_ASSERT_EQUAL_INT_MESSAGE(is_kinematics(e->setting), prepared(c).vehicle == before, e->setting); /* the filter's are exact */
   }
+}
+
+/* A state that was learnt before tyre_saturation had a balance stays that of the vehicle: with 0
+ * only the effect's other numbers are in the fingerprint, by their names, FNV-1a over single
+ * precision. */
+static void test_fingerprint_of_the_vehicle_has_a_balance_of_the_friction_only_where_there_is_one(void)
+{
+  static const char *const names[2] = { "tyre_saturation_inverse_friction", "tyre_saturation_shape" };
+  const float values[2] = { 1.25f, 0.5f };
+  tse_config c = defaults();
+  uint32_t hash = prepared(c).vehicle;
+  for (int i = 0; i < 2; i++) {
+    uint32_t bits;
+    for (const char *at = names[i]; *at; at++)
+      for (int k = 0; k < 4; k++) hash = (hash ^ (k == 0 ? (uint32_t)(unsigned char)*at : 0u)) * 16777619u;
+    memcpy(&bits, &values[i], sizeof bits);
+    for (int k = 0; k < 4; k++) hash = (hash ^ (bits >> 8 * k & 255u)) * 16777619u;
+  }
+  c.tyre_saturation_inverse_friction = setting(1.25), c.tyre_saturation_shape = setting(0.5);
+  TEST_ASSERT_EQUAL_HEX32(hash, prepared(c).vehicle);
+  c.tyre_saturation_balance = setting(-0.125);
+  TEST_ASSERT_TRUE(prepared(c).vehicle != hash);
 }
 
 /* The same value of another effect makes another vehicle: of all strengths of one number, no two agree. */

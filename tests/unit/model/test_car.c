@@ -215,6 +215,28 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
   }
 }
 
+/* Friction 1.0 in front, 1.3 behind: 1/friction 0.884615 (1 +- 0.130435). The grip that is
+ * estimated scales both. */
+static void test_each_axle_ends_at_its_own_friction(void)
+{
+  tse_config s = config_by(tse_config_default);
+  s.tyre_saturation_inverse_friction = setting(0.8846154), s.tyre_saturation_balance = setting(0.1304348);
+  const tse_car c = prepared(s).car;
+  for (int halved = 0; halved < 2; halved++) {
+    tse_real x[TSE_VALUES] = { [VX] = TSE_R(20), [LMU] = real(halved ? log(0.5) : 0) };
+    const double left = halved ? 0.5 : 1;
+    const double front = left * 1.0 * number(c.load_front), rear = left * 1.3 * number(c.load_rear);
+    x[AF] = x[AR] = real(1); /* both slide */
+    const forces f = forces_at(&c, x, 0);
+    expect_near(front, number(f.side), BY_NUMBER(1e-6, 1e-5, 1e-5) * front, "front, to the digits of the settings", halved);
+    expect_near(front + rear, number(f.y), BY_NUMBER(1e-6, 1e-5, 1e-5) * (front + rear), "both", halved);
+    expect_near(front + rear, number(f.by_y[LMU]), BY_NUMBER(1e-6, 1e-4, 1e-4) * (front + rear), "slope over the grip", halved);
+    x[AF] = x[AR] = TSE_R(0);
+    x[SR] = real(-20 * rear / number(c.kx_rear));
+    expect_near(-rear, number(forces_at(&c, x, 0).x), BY_NUMBER(1e-6, 1e-5, 1e-5) * rear, "the rear brakes lock", halved);
+  }
+}
+
 /* The cubic that a brush with parabolic pressure has: F = C a (1 - q/3 + q^2/27), flat where it ends. */
 static void test_a_brush_is_its_cubic(void)
 {

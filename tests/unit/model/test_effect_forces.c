@@ -206,6 +206,12 @@ static double root(tyre t)
   const double q = t.c * t.angle / (1.05 * t.load);
   return t.c * t.angle * pow(1 + q * q + pow(q, 4), -0.25);
 }
+/* Friction of an axle: 1.05/1.25 in front, 1.05/0.75 behind. */
+static double unlike(tyre t)
+{
+  t.load /= t.rear ? 0.75 : 1.25; /* both laws know friction times load alone */
+  return brush(t);
+}
 static double half_root(tyre t) { return 0.5 * (brush(t) + root(t)); }
 static double combined(tyre t) { return t.c * t.angle / sqrt(1 + 300 * t.slip * t.slip); }
 static double leaning(tyre t) { return t.c * (1 - 0.005 * t.ay * t.ay) * t.angle; }
@@ -222,6 +228,8 @@ static void test_saturation_is_the_brush_model(void)
   expect_balance(&c, 0.05, 0, root, "root");
   c.tyre_saturation_shape = setting(0.5);
   expect_balance(&c, 0.05, 0, half_root, "half of each");
+  c.tyre_saturation_shape = setting(0), c.tyre_saturation_balance = setting(0.25);
+  expect_balance(&c, 0.045, 0, unlike, "the front ends earlier");
 }
 
 /* Axle by axle, also beyond where a car could be held: both laws end at friction times load. */
@@ -244,6 +252,36 @@ static void test_saturation_ends_at_friction_times_load(void)
     }
   }
   expect_near(1.05 * load[0], brush((tyre){ .c = 1.2e5, .angle = 3, .load = load[0] }), 1e-9, "the limit of the reference", 0);
+}
+
+/* A car of 1900 kg whose tyres have friction 1.0 in front and 1.3 behind, by hand:
+ *   inverse friction  (1/1.0 + 1/1.3)/2 = 0.884615
+ *   balance           (1/1.0 - 1/1.3)/(1/1.0 + 1/1.3) = 0.130435
+ *   loads             1900 kg 9.81 m/s2 1.5 m/2.75 m = 10166.7 N and 8472.3 N */
+static void test_a_balance_makes_the_friction_of_the_axles_differ(void)
+{
+  static const double end[2] = { 10166.7, 11014.0 }; /* N: 1.0 and 1.3 times its load */
+  for (int mirror = 0; mirror < 2; mirror++) { /* 1: friction 1.3 in front, 1.0 behind */
+    const double ends[2] = { end[0] * (mirror ? 1.3 : 1), end[1] / (mirror ? 1.3 : 1) };
+    tse_config c = default_car();
+    c.tyre_saturation_inverse_friction = setting(0.8846154);
+    c.tyre_saturation_balance = setting(mirror ? -0.1304348 : 0.1304348);
+    const tse_params p = prepared(c);
+    for (int sign = -1; sign <= 1; sign += 2) {
+      tse_effect_memory m = { 0 };
+      point pt = { 0 };
+      pt.vx = pt.u.v_front = pt.u.v_rear = real(20);
+      pt.g.slip_front = pt.g.slip_rear = real(sign * 1.0); /* both slide */
+      effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
+      expect_near(sign * ends[0], 1900 * number(pt.fy_front), 0.1, "front", mirror); /* the digits of the hand */
+      expect_near(sign * ends[1], 1900 * number(pt.fy_rear), 0.1, "rear", mirror);
+      pt.g.slip_front = pt.g.slip_rear = real(sign * 0.06); /* C alpha: 7200 N and 8400 N */
+      effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
+      const double q[2] = { 7200 / ends[0], 8400 / ends[1] };
+      expect_near(sign * 7200 * (1 - q[0] / 3 + q[0] * q[0] / 27), 1900 * number(pt.fy_front), 0.1, "front bends", mirror);
+      expect_near(sign * 8400 * (1 - q[1] / 3 + q[1] * q[1] / 27), 1900 * number(pt.fy_rear), 0.1, "rear bends", mirror);
+    }
+  }
 }
 
 static void test_combined_slip_takes_from_the_lateral_force(void)

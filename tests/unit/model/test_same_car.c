@@ -214,6 +214,13 @@ static void test_tyres_that_saturate_are_the_same(void)
     TEST_ASSERT_TRUE(largest[ACCEL_ACROSS] > 4.5);
     expect_same(lose ? "saturation and load transfer" : "saturation", BY_FORMAT(0.0015, 0.01), 0.02);
   }
+  plain = fine;
+  for (int rear = 0; rear < 2; rear++) {
+    c.tyre_saturation_balance = setting(rear ? -0.1 : 0.15);
+    look(&c, 0.13, 0);
+    expect_same(rear ? "the rear ends earlier" : "the front ends earlier", BY_FORMAT(0.0015, 0.01), 0.02);
+    TEST_ASSERT_TRUE(matters[ACCEL_ACROSS] > 4 * allowed(ACCEL_ACROSS, 0.0015, 0.02)); /* else nothing is shown */
+  }
 }
 
 /* The filter's wheels give way to the force that there is, the simulator's to what it will be when the tyres have built it up: 2 % of a
