@@ -43,6 +43,8 @@ OPTIONAL = {
     ),
     "wheel_torque_front": ("Nm", -20000.0, 20000.0, "drive less brake torque of both front wheels", "kNm: multiply by 1000"),
     "wheel_torque_rear": ("Nm", -20000.0, 20000.0, "drive less brake torque of both rear wheels", "kNm: multiply by 1000"),
+    "gnss_latitude": ("deg", -90.0, 90.0, "latitude, positive north; finds the place on a road", "radians: multiply by 180/pi"),
+    "gnss_longitude": ("deg", -180.0, 180.0, "longitude, positive east", "radians: multiply by 180/pi"),
 }
 VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")
