@@ -4,13 +4,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import tse
+from conftest import tselab
 from tse.impl.core import Config
 from tse.impl.errors import NoFile, UserError
 from tse.impl.logs.log import read_frame, read_log
 from tse.impl.road import Road, curvature_of, make_road, read_road, write_road
 from tse.impl.road_match import along, by_path, by_position, common, track_of
+from tse.impl.vehicle import vehicle_settings
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 RADIUS = 0.3  # m, of the wheels of these logs
@@ -252,6 +256,14 @@ def test_a_straight_road_says_that_it_shows_no_place():
         along(plain(s, 0 * s), driven(*winding(1500.0, 19))[0], CAR)
 
 
+def test_bends_that_repeat_say_that_they_show_no_place():
+    """A slalom: 20 m to each side and back, twenty times over 2 km."""
+    s = np.arange(0.0, 2001.0)
+    bend = 0.01 * np.sin(2 * np.pi * s / 100)
+    with pytest.raises(UserError, match="its bends repeat, as those of a slalom"):
+        along(plain(s, bend), driven(s, bend, 300.0, 1800.0)[0], CAR)
+
+
 # ---- several logs
 
 
@@ -313,3 +325,109 @@ def test_a_lap_of_another_place_is_refused():
     rfs = genesis("genesis_rfs")
     with pytest.raises(UserError, match="cannot be aligned"):
         along(plain(way.distance, way.curvature), replace(rfs, ref=rfs.ref.drop(columns=["ref_east", "ref_north"])), car)
+
+
+# ---- what a known road is good for
+
+
+KNOWN = Config({})
+ROAD_CAR = {"name": "its car", **{n: float(getattr(KNOWN, n)) for n in vehicle_settings()}}
+TRUE = {"true_cy_front": 0.8, "true_cy_rear": 0.85, "spread_cx_front": 0.0, "spread_cy_front": 0.0, "spread_cy_rear": 0.0}
+ORDINARY = {"lean_sd": 0.05, "bank_superelevation": 0.1, "grade_sd": 0.03}  # settings of an uncalibrated car
+
+
+@pytest.fixture(scope="module")
+def banked():
+    """A drive on a road that banks and climbs by 1.7 degrees rms, in waves of 170 .. 900 m."""
+    s = np.arange(0.0, 3000.0, 5.0)
+    waves = [0.03 * np.sqrt(0.5) * sum(np.sin(2 * np.pi * s / w + k) for k, w in enumerate(of)) for of in
+             ((170, 310, 450, 900), (270, 410, 550, 1000))]  # fmt: skip
+    sd = np.full(len(s), 0.003)
+    road = make_road(s, x=s, y=0 * s).with_profile(s, *waves, bank_sd=sd, grade_sd=sd)
+    return road, tse.simulate("double-lane-change", seed=1, duration=120, settings=TRUE, road=road)
+
+
+def estimated(log, **more):
+    """Rms error of both cornering stiffnesses, their mean sd (shares of the truth), share of valid rows, last three quarters."""
+    result = tse.estimate(log, ROAD_CAR, calibrate=False, settings=ORDINARY, **more)
+    rows = result.to_frame().iloc[len(log) // 4 :]
+    true = {"cy_front": 0.8 * KNOWN.cornering_stiffness_front, "cy_rear": 0.85 * KNOWN.cornering_stiffness_rear}
+    error, sd, valid = (
+        np.array([f(c) for c in true])
+        for f in (
+            lambda c: np.sqrt(np.mean((rows[c] / true[c] - 1) ** 2)),
+            lambda c: np.mean(rows[f"{c}_sd"]) / true[c],
+            lambda c: rows[f"{c}_valid"].mean(),
+        )
+    )
+    return error, sd, valid, result
+
+
+def test_the_simulated_car_is_on_the_road(banked):
+    """Its distance by the integral of the true speed, and the bank that lies there."""
+    road, (log, truth) = banked
+    s = np.concatenate([[0.0], np.cumsum(truth["true_vel_x"].to_numpy()[:-1] * np.diff(log["time"]))])
+    np.testing.assert_allclose(log["ref_east"], s, atol=1e-6)
+    np.testing.assert_allclose(truth["true_bank"], np.interp(s, road.distance, road.bank), atol=1e-9)
+
+
+def test_a_known_road_makes_the_estimate_better(banked):
+    """Without it, the error is 10 % of either axle: bank passes for side force, in waves as long as a manoeuvre."""
+    road, (log, truth) = banked
+    error, sd, valid, plain = estimated(log)
+    error_on, sd_on, valid_on, known = estimated(log, road=road)
+    assert (error_on < 0.5 * error).all() and (error_on < 0.04).all()
+    assert (sd_on < sd).all() and (valid_on >= valid).all()
+    off, off_on = (np.sqrt(np.mean((r.to_frame()["vel_y"] - truth["true_vel_y"]) ** 2)) for r in (plain, known))
+    assert off_on < 0.5 * off
+    assert any("100 % of the rows are on the road, found by GNSS position" in note for note in known.notes)
+
+
+def test_a_road_that_is_not_known_changes_no_bit(banked):
+    """A file that knows neither bank nor grade, and columns without a value."""
+    _, (log, _) = banked
+    short = log.iloc[:1500]
+    plain = estimated(short)[3].to_frame()
+    again = estimated(short.assign(bank=np.nan, grade=np.nan))[3].to_frame()
+    pd.testing.assert_frame_equal(plain, again, check_exact=True)
+
+
+def test_the_replay_has_the_road_under_it(banked):
+    """Of the sim's own car nothing is left of accel_y but its noise."""
+    road, (log, _) = banked
+    true = {"cornering_stiffness_front": 0.8 * KNOWN.cornering_stiffness_front,
+            "cornering_stiffness_rear": 0.85 * KNOWN.cornering_stiffness_rear}  # fmt: skip
+    level, known = (tse.replay(log, ROAD_CAR, settings=true, road=r).apart()["accel_y"].rms for r in (None, road))
+    assert level > 1.5 * known and known < 1.05 * KNOWN.accel_y_sd
+
+
+def test_columns_of_a_log_are_the_whole_road_in_a_replay(banked):
+    """Whatever the settings say of bank, grade and lean."""
+    _, (log, truth) = banked
+    given = log.assign(bank=truth["true_bank"], grade=truth["true_grade"])
+    one, other = (
+        tse.replay(given, ROAD_CAR, settings=s).to_frame()
+        for s in ({}, {"bank_angle": 0.02, "grade_angle": -0.01, "bank_superelevation": 0.1})
+    )
+    for c in ("vel_y", "yaw_rate_simulated", "accel_y_simulated"):
+        np.testing.assert_allclose(one[c], other[c], atol=1e-6)
+
+
+def test_the_commands_take_a_road(banked, tmp_path):
+    road, _ = banked
+    write_road(road, tmp_path / "road.csv")
+    log, est = tmp_path / "log.csv", tmp_path / "est.csv"
+    car = tmp_path / "car.toml"
+    car.write_text("\n".join(f"{k} = {v!r}".replace("'", '"') for k, v in ROAD_CAR.items()), encoding="utf-8")
+    on = ("--road", str(tmp_path / "road.csv"))
+    simulated = ("simulate", "--maneuver", "double-lane-change", "--duration", "20", "--out", str(log))
+    assert tselab(*simulated, *on).code == 0
+    said = tselab("estimate", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
+    assert said.code in (0, 3, 4) and "100 % of the rows are on the road" in said.err + said.out
+    said = tselab("replay", str(log), "--vehicle", str(car), *on)
+    assert said.code == 0 and "100 % of the rows are on the road" in said.err
+    (tmp_path / "road.csv").write_text(TEXT.replace("0.02", "0.5"), encoding="utf-8")
+    said = tselab("estimate", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
+    assert said.code == 2 and "column bank: 0.5 is outside the allowed range" in said.err
+    said = tselab("estimate", str(log), "--vehicle", str(car), "--form", "paper", "--out", str(est), *on)
+    assert said.code == 2

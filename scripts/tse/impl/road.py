@@ -45,6 +45,7 @@ RANGES = {  # of each column: unit, lowest, highest
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # m, mean
+SLOPE = 5.0  # m: over which slopes of a profile are taken; less than the 40 m between knots
 SMOOTH = 7.5  # m: sd of the window of curvatures; half the way in which a car turns into a bend
 
 
@@ -137,6 +138,10 @@ class Road:
             s = self.distance[0] + np.mod(s - self.distance[0], self.length)
         value = np.interp(s, self.distance, getattr(self, name), left=np.nan, right=np.nan)
         return np.where(np.isfinite(s), value, np.nan)
+
+    def slope(self, name: str, distance: Array) -> Array:
+        """Return by how much a column changes along the road, per m; parameters as those of at()."""
+        return (self.at(name, distance) - self.at(name, distance - SLOPE)) / SLOPE
 
     def with_profile(
         self, distance: Array, bank: Array | None = None, grade: Array | None = None,

@@ -24,6 +24,9 @@ from tse.impl.errors import UserError
 from tse.impl.road import PROFILE, SMOOTH, Array, Road, make_road, to_local
 from tse.impl.rows import Log
 
+GNSS, PATH = "GNSS position", "path"  # how a place is found
+# m: error of a place along the road; by path it is the rms of four real laps against positions
+PLACE_SD = {GNSS: 1.0, PATH: 3.0}
 STEP = 2.5  # m: places of the road, and of the path; a third of SMOOTH
 OFF_ROAD = 15.0  # m: a position further from the path is elsewhere: four lanes, or a poor GNSS
 AHEAD = 20.0  # m: distance that an opposite direction counts as, in a search for the nearest place
@@ -38,6 +41,7 @@ MIN_ALIKE = 0.85  # correlation of both curvatures over a stretch that is said t
 MIN_TURN = 1.0  # rad: turning of the road over that stretch, added up: a straight says nothing
 # rad: of that turning enough: parts of a winding road, backwards and mirrored, were alike over 3.6
 SURE_TURN = 6.0
+SAME_ALIKE = 0.05  # correlation: two parts of a road that differ by less are the same to a log
 SURE_SHARE = 0.8  # ... or this share of all turning of the road, or of the log
 STRETCH = 0.005  # of the distance by wheels: beyond it the path is matched again, stretched
 DRIFT = 60.0  # m: window over which distances of log and road go together
@@ -80,9 +84,9 @@ class Profile:
     distance
         (n,) m along the road, in a circuit of the first round; NaN: not on the road.
     bank, grade, bank_sd, grade_sd
-        (n,) rad; NaN: not known.
+        (n,) rad; NaN: not known. A sd has the error of the place in it, times the slope there.
     how
-        "GNSS position" or "path".
+        GNSS or PATH.
     """
 
     distance: Array
@@ -96,6 +100,13 @@ class Profile:
     def share(self) -> float:
         """Share of the rows that are on the road."""
         return float(np.isfinite(self.distance).mean())
+
+    @property
+    def sd(self) -> float:
+        """rad, rms of bank_sd and grade_sd over the rows; NaN: they are not known."""
+        known = np.concatenate([self.bank_sd, self.grade_sd])
+        known = known[np.isfinite(known)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
     def words(self) -> str:
         """Say how many rows are on the road, and how they were found."""
@@ -173,7 +184,39 @@ def along(road: Road, log: Log, config: Config | None = None) -> Profile:
     distance, how = _place(road, track, str(log.path))
     if road.is_closed:
         distance = road.distance[0] + np.mod(distance - road.distance[0], road.length)
-    return Profile(distance, *(road.at(n, distance) for n in PROFILE), how)
+    bank, grade, bank_sd, grade_sd = (road.at(n, distance) for n in PROFILE)
+    off = PLACE_SD[how]
+    bank_sd, grade_sd = (np.hypot(sd, off * road.slope(name, distance)) for name, sd in (("bank", bank_sd), ("grade", grade_sd)))
+    return Profile(distance, bank, grade, bank_sd, grade_sd, how)
+
+
+def on_road(log: Log, road: Road, config: Config | None = None) -> tuple[Log, Profile]:
+    """Return a log that has the bank and grade of a road as columns, as the filter and the replay use them.
+
+    Parameters
+    ----------
+    log, road, config
+        As in along(). Columns bank and grade of the log are replaced.
+
+    Returns
+    -------
+    Log
+        With a note of how many rows are on the road. The log that is given stays as it is.
+    Profile
+        What it was given.
+
+    Raises
+    ------
+    UserError
+        As along().
+    """
+    import pandas as pd
+
+    profile = along(road, log, config)
+    columns = {str(n): log.extra[n].to_numpy(float) for n in log.extra if n not in PROFILE}
+    columns |= {n: x for n in ("bank", "grade") if np.isfinite(x := getattr(profile, n)).any()}
+    notes = [*log.notes, f"road by {road.path}: {profile.words()}"]
+    return replace(log, extra=pd.DataFrame(columns, index=range(len(log))), notes=notes), profile
 
 
 def common(logs: Sequence[Log], config: Config | None = None) -> tuple[list[Array], Road]:
@@ -336,12 +379,12 @@ def _place(road: Road, track: Track, name: str) -> tuple[Array, str]:
         if not np.isfinite(found).any():
             raise UserError(f"{name}: is on another road than {road.path}: no position is within {OFF_ROAD:g} m of it, "
                             f"driven in its direction")  # fmt: skip
-        return found, "GNSS position"
+        return found, GNSS
     if track.latitude is None and track.x is not None and road.latitude is None and road.x is not None:
         found = by_position(road.x, road.y, road.distance, track.x, track.y, track.travelled)
         if np.isfinite(found).any():  # else perhaps in another frame
-            return found, "GNSS position"
-    return by_path(road, track, name), "path"
+            return found, GNSS
+    return by_path(road, track, name), PATH
 
 
 def by_position(x: Array, y: Array, distance: Array, at_x: Array, at_y: Array, travelled: Array) -> Array:
@@ -419,6 +462,9 @@ def by_path(road: Road, track: Track, name: str = "the log") -> Array:
     if not (place >= 0).any():
         raise UserError(f"{name}: cannot be aligned with {road.path}: nowhere do its bends go with those of the road for long "
                         f"enough; it is another road, the other direction, or too little of it")  # fmt: skip
+    if _is_ambiguous(place, its, turn, step, road.is_closed):
+        raise UserError(f"{name}: cannot be aligned with {road.path}: its bends repeat, as those of a slalom, and are as much like "
+                        f"another part of the road; only GNSS positions show where on it a row is")  # fmt: skip
     s = road.distance[0] + _drifting(place, its, turn, step, road.is_closed)
     return _between(way, s, track.travelled)
 
@@ -510,6 +556,21 @@ def _accepted(place: npt.NDArray[np.int64], its: Array, turn: Array, step: float
         if _alike(its[part], turn[begin:end]) > MIN_ALIKE and np.sum(np.abs(its[part])) * step > least:
             out[begin:end] = part
     return out
+
+
+def _is_ambiguous(place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool) -> bool:
+    """Return whether the longest stretch is nearly as much like a part of the road that lies elsewhere."""
+    begin, end = max(_stretches(place), key=lambda s: s[1] - s[0])
+    part, mine = place[begin:end], turn[begin:end]
+    least = _alike(its[part], mine) - SAME_ALIKE
+    n, first = len(its), int(MIN_ROUND / step)
+    for shift in range(first, n - first) if is_closed else (*range(-n, 1 - first), *range(first, n)):
+        there = part + shift
+        inside = slice(None) if is_closed else (there >= 0) & (there < n)
+        at = np.mod(there, n)[inside]
+        if len(at) > SURE_SHARE * len(part) and _alike(its[at], mine[inside]) > least:
+            return True
+    return False
 
 
 def _drifting(place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool) -> Array:
