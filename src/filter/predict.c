@@ -74,8 +74,8 @@ void road_row(const tse_params *p, tse_kalman *k, const decoded *z)
   for (int i = 0; i < 2; i++) {
     const int at = gravity[i];
     const tse_real before = road_mean(p, k, i);
-    k->road[i] = TSE_R(0);
-    if (given >> i & 1) k->road[i] = i ? -gravity_along(z->optional[TSE_OPTIONAL_bank]) : gravity_along(z->optional[TSE_OPTIONAL_grade]);
+    /* an angle that is not given is 0 */
+    k->road[i] = gravity_along(i ? -z->optional[TSE_OPTIONAL_bank] : z->optional[TSE_OPTIONAL_grade]);
     k->road_given = (k->road_given & ~(1 << i)) | (given & 1 << i);
     k->x[at] += road_mean(p, k, i) - before;
     if (!(begins >> i & 1)) continue;
