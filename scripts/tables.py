@@ -24,8 +24,8 @@ else:
 ROOT = Path(__file__).resolve().parents[1]
 REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
 SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
-CONFIG = ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "formula", "filter")
-SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals"), "sensors")  # table: file that has it beside others
+CONFIG = ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "road", "effects", "formula", "filter")
+SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")  # table: file that has it beside others
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"
 Row = dict[str, Any]
@@ -129,7 +129,7 @@ def channels() -> list[Row]:
 
 def optional() -> list[Row]:
     table = read("input")
-    return [*table["velocity"], *table["pedal"]]
+    return [*table["velocity"], *table["pedal"], *table["road"]]
 
 
 def input_members(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
@@ -290,7 +290,8 @@ def columns() -> Iterator[str]:
         return f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
 
     table = read("input")
-    for name, rows in (("CHANNELS", channels()), ("VELOCITIES", table["velocity"]), ("PEDALS", table["pedal"])):
+    kinds = {"CHANNELS": channels(), "VELOCITIES": table["velocity"], "PEDALS": table["pedal"], "ROADS": table["road"]}
+    for name, rows in kinds.items():
         yield from listed(f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows))
     driver = settings("sim_input").items()
     yield from listed("DRIVER(ROW)", (f"ROW({n}, {c(r['default'])}, {ends(r)}" for n, r in driver))

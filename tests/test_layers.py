@@ -121,6 +121,8 @@ LATE = {  # what is imported in functions, and is no package that may be missing
     ("tse.impl.processes", "tse.impl"),  # in a function that is sent to the workers as code
     ("tse.impl.fleet.single", "tse.impl.plots"),
     ("tse.impl.fleet.single", "tse.impl.report"),
+    ("tse.impl.fleet.single", "tse.impl.road_match"),
+    ("tse._simulate", "tse.impl.road_match"),
     ("tse.impl.calibrate.own", "tse.impl.calibrate.output"),
     ("tse.impl.calibrate.own", "tse.impl.calibrate.workflow"),
 }

@@ -18,6 +18,7 @@
 #define CHANNEL(name, drives, lo, hi, unit, text) INPUT(#name, name, lo, hi, unit, text "; not a number: missing")
 #define VELOCITY(name, drives, lo, hi, unit, text) INPUT("velocity." #name, name, lo, hi, unit, text COUNTS)
 #define PEDAL(name, drives, lo, hi, unit, text) INPUT("pedals." #name, name, lo, hi, unit, text COUNTS)
+#define ROAD(name, drives, lo, hi, unit, text) INPUT("road." #name, name, lo, hi, unit, text COUNTS)
 #define INPUT(name, member, lo, hi, unit, text) { name, 'r', 'i', (int32_t)offsetof(model, row.member), FMU_NO_RATE, 0.0, lo, hi, unit, text },
 #define COUNTS "; counts where its bit of given is set"
 #define NUMBER(name, member, unit, text) OUTPUT("estimate." #name, 'r', y.member, unit, text)
@@ -36,9 +37,12 @@ const fmu_variable fmu_variables[] = {
   { "velocity.given", 'i', 'i', (int32_t)offsetof(model, row.given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_VELOCITIES) - 1, "",
     "velocities that are measured; 0: none, then they are not read: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course" },
   VELOCITIES(VELOCITY)
-  { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES)) - 1, "",
+  { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_PEDALS) - 1, "",
     "what of the pedals is known; 0: nothing, then they are not read: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear" },
   PEDALS(PEDAL)
+  { "road.given", 'i', 'i', (int32_t)offsetof(model, road_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES - TSE_PEDALS)) - 1, "",
+    "what of the road is known; 0: nothing, then it is not read: sum of 1 bank, 2 grade" },
+  ROADS(ROAD)
 
   { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
     "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "
@@ -77,6 +81,7 @@ const fmu_terminal fmu_terminals[] = {
   { "sensors", "_tse_sensors", 'i', "", "what the car logs" },
   { "velocity", "_tse_velocity", 'i', "velocity.", "a velocity that is measured" },
   { "pedals", "_tse_pedals", 'i', "pedals.", "brake switch and wheel torques" },
+  { "road", "_tse_road", 'i', "road.", "bank and grade of a road that is known" },
   { "estimate", "_tse_estimate", 'o', "estimate.", "stiffness, velocities, biases, and what the filter thinks of the road and its sensors" },
 };
 const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
@@ -214,7 +219,8 @@ static tse_input usable(const model *m, const fmu_variable **first)
 {
   tse_input u = m->row;
   u.missing &= (1u << TSE_CHANNELS) - 1u;
-  u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & ((1u << TSE_OPTIONALS) - 1u));
+  u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & TSE_GIVEN_PEDALS) |
+            (m->road_given << (TSE_VELOCITIES + TSE_PEDALS) & TSE_GIVEN_ROAD);
   *first = NULL;
   for (int k = 0; k < TSE_CHANNELS; k++) { /* the first variables are the channels */
     const fmu_variable *const v = &fmu_variables[k];

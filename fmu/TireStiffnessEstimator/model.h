@@ -18,7 +18,7 @@ typedef struct model {
   tse_config used;                     /* settings of the filter                                    */
   tse_setting nominal[3];              /* stiffness, N and N/rad                                    */
   tse_input row;                       /* inputs as set                                             */
-  uint32_t pedals_given;               /* the bits of row.given that stand behind those of velocities */
+  uint32_t pedals_given, road_given;   /* the bits of row.given that stand behind those of velocities, of pedals */
   tse_output y;
   tse_setting mean[3], sd[3], spread[3], secant[3]; /* of the stiffness, N and N/rad                           */
   int32_t valid[3], all_valid, grip_valid; /* stiffnesses, all three, grip                          */

@@ -77,6 +77,7 @@ typedef struct tse_config {
   tse_setting velocity_heading_sd;              /* [rad] 0.02, 0 .. 0.5; its sd */
   tse_setting velocity_scale_sd;                /* [1] 0.02, 0 .. 0.2; sd of the scale of a measured speed over that of the wheels: both wheel radii */
   tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle with less torque than this rolls freely: two sd of its offset and noise */
+  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of a given bank and grade: laps of one road agree that well */
   tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass over the setting's, less one */
   tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia over the setting's, less one */
   tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; added to lf, taken from lr; at most 9/10 of either */

@@ -6,7 +6,7 @@
 
 #include "tse/real.h"
 
-/* A channel is missing when it is NaN or its bit is set in `missing`. Velocities and what the pedals do are the other way
+/* A channel is missing when it is NaN or its bit is set in `missing`. Velocities, pedals and road are the other way
  * round: what is not given is not there, so that a row of zeros measures none. Begin with tse_input_default(). */
 typedef struct tse_input {
   tse_real dt;                 /* [s] time since the previous row, (0, 3600]; ignored after tse_reset() up to the first row with all inputs */
@@ -28,6 +28,8 @@ typedef struct tse_input {
   tse_real brake;              /* [1] 0 .. 1, else not there; the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides */
   tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both front wheels */
   tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both rear wheels */
+  tse_real bank;               /* [rad] -0.35 .. 0.35, else not there; whole bank of the road, left side high > 0, in place of what the settings say of it */
+  tse_real grade;              /* [rad] -0.35 .. 0.35, else not there; whole slope of the road, uphill > 0, in place of grade_angle */
   /* end of table */
 } tse_input;
 
@@ -62,6 +64,8 @@ enum {
   TSE_OPTIONAL_brake,
   TSE_OPTIONAL_wheel_torque_front,
   TSE_OPTIONAL_wheel_torque_rear,
+  TSE_OPTIONAL_bank,
+  TSE_OPTIONAL_grade,
   /* end of table */
   TSE_OPTIONALS
 };
@@ -73,8 +77,13 @@ enum {
 #define TSE_GIVEN_brake (1u << TSE_OPTIONAL_brake)
 #define TSE_GIVEN_wheel_torque_front (1u << TSE_OPTIONAL_wheel_torque_front)
 #define TSE_GIVEN_wheel_torque_rear (1u << TSE_OPTIONAL_wheel_torque_rear)
+#define TSE_GIVEN_bank (1u << TSE_OPTIONAL_bank)
+#define TSE_GIVEN_grade (1u << TSE_OPTIONAL_grade)
 /* end of table */
-#define TSE_VELOCITIES 4 /* the first of them are velocities, the others what the pedals do */
+#define TSE_VELOCITIES 4 /* the first of them are velocities */
+#define TSE_PEDALS 3     /* then comes what the pedals do, and at last the road */
 #define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of the velocities */
+#define TSE_GIVEN_PEDALS (((1u << TSE_PEDALS) - 1u) << TSE_VELOCITIES)
+#define TSE_GIVEN_ROAD (TSE_GIVEN_bank | TSE_GIVEN_grade)
 
 #endif

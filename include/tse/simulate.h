@@ -57,6 +57,8 @@ typedef struct tse_sim_input {
   tse_real brake_torque_rear;  /* [Nm] 0, 0 .. 100000; brake torque of the rear axle, against the rotation; holds at standstill */
   tse_real road_level;         /* [1] 1, 0.02 .. 10; stiffness of all tyres relative to dry road */
   tse_real road_friction;      /* [1] 0, 0 .. 2; friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings */
+  tse_real bank;               /* [rad] 0, -0.35 .. 0.35; bank of the road, left side high > 0, besides the setting bank_angle */
+  tse_real grade;              /* [rad] 0, -0.35 .. 0.35; slope of the road, uphill > 0, besides the setting grade_angle */
   /* end of table */
 } tse_sim_input;
 

@@ -27,6 +27,7 @@ GROUPS = {  # tables of the settings, in the order of tse_config, and what a rea
     "latency": "Latencies",
     "velocity": "Measured velocity",
     "pedals": "Brake switch and wheel torques",
+    "road": "Known road",
     "filter": "Filter",
     "formula": "A formula of the user",
     "effects": "Effects",

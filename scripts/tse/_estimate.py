@@ -15,7 +15,7 @@ import pandas as pd
 
 from tse._base import Array
 from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
-from tse._log import Log, LogLike, checked
+from tse._log import Log, LogLike, PathLike, checked, known_road
 from tse._shown import Shown, drawn
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, named, read_vehicle
@@ -24,6 +24,7 @@ from tse.impl.estimate import Estimate as Estimated
 from tse.impl.estimate import Learnt, write_estimates
 from tse.impl.estimate import estimate as _run
 from tse.impl.fleet.single import Calibrate, Prepared, assemble, contradicts, notes_of
+from tse.impl.road import Road
 from tse.impl.vehicle import Vehicle
 from tse.impl.verdict import Finding, findings, late_steering
 
@@ -184,6 +185,7 @@ def estimate(
     learnt: bytes | None = None,
     age: float = UNKNOWN_AGE,
     calibrate: bool = True,
+    road: PathLike | Road | None = None,
 ) -> Result:
     """Estimate tyre stiffness from a log.
 
@@ -213,6 +215,8 @@ def estimate(
         s since that drive.
     calibrate
         A car that nobody has calibrated on the log itself first (Result.calibration); not with `learnt`.
+    road
+        road.csv: the filter is given its bank and grade, where the log is on it by position or by path.
 
     Returns
     -------
@@ -237,7 +241,9 @@ def estimate(
     check_form(form)
     itself = Calibrate() if calibrate and learnt is None else None
     car = read_vehicle(vehicle)
-    ready = assemble(car, checked(log, car), None, average, {}, form, named(settings), "settings", calibrate=itself)
+    ready = assemble(
+        car, checked(log, car), None, average, {}, form, named(settings), "settings", calibrate=itself, road=known_road(road)
+    )
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before, contradicted=bool(ready.warnings))
     if not done.interrupted and contradicts(ready, done.table):

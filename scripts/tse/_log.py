@@ -23,6 +23,7 @@ from tse.impl.logs.proposal import Line, Proposal, headline, listing, propose, t
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import How, Recording
 from tse.impl.logs.signals import find_signals
+from tse.impl.road import Road, read_road
 from tse.impl.rows import Log as Checked
 from tse.impl.rows import Reading
 from tse.impl.vehicle import Vehicle
@@ -122,6 +123,11 @@ def checked(log: LogLike, car: Vehicle, name: str = "log") -> Checked:
     if isinstance(log, str | os.PathLike):
         return read_log(log, car)._checked
     return of_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
+
+
+def known_road(road: PathLike | Road | None) -> Road | None:
+    """Return the road of a file, or that which is given. UserError: it is no such file."""
+    return road if road is None or isinstance(road, Road) else read_road(Path(road))
 
 
 def all_checked(logs: LogLike | Sequence[LogLike], car: Vehicle, fewest: int = 1) -> list[Checked]:

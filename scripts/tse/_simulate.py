@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from tse._log import LogLike, checked
+from tse._log import LogLike, PathLike, checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, named, read_vehicle
 from tse.impl import along, maneuvers
 from tse.impl.core import Config, SimConfig
 from tse.impl.errors import UserError
 from tse.impl.plots import lines
+from tse.impl.road import Road
 from tse.impl.simulate import simulate as _simulate
 from tse.impl.vehicle import default_vehicle
 
@@ -37,6 +38,7 @@ def simulate(
     amplitude: float | None = None,
     road_changes: Sequence[tuple[float, float]] = (),
     settings: Mapping[str, float] | None = None,
+    road: PathLike | Road | None = None,
 ) -> Simulated:
     """Simulate a drive: for trying, and for studies.
 
@@ -54,6 +56,8 @@ def simulate(
         (s, factor): from then on all stiffness is nominal times the factor.
     settings
         Any of the simulator (`tselab settings --simulator`) or of the car.
+    road
+        road.csv: its bank and grade lie under the car, by the distance that it has travelled; the log has its positions.
 
     Returns
     -------
@@ -76,7 +80,7 @@ def simulate(
         speed=sim.speed if speed is None and "speed" in named(settings) else speed,
         amplitude=amplitude, road=list(road_changes), seed=int(sim.seed),
     )  # fmt: skip
-    done = _simulate(plan, config, sim, car.driven_axle)
+    done = _simulate(plan, config, sim, car.driven_axle, road=known_road(road))
     return Simulated(done.log, done.truth)
 
 
@@ -114,7 +118,9 @@ class Replayed(Shown):
         return lines(along.drawn(self._table))
 
 
-def replay(log: LogLike, vehicle: VehicleLike, *, settings: Mapping[str, float] | None = None) -> Replayed:
+def replay(
+    log: LogLike, vehicle: VehicleLike, *, settings: Mapping[str, float] | None = None, road: PathLike | Road | None = None
+) -> Replayed:
     """Simulate the car along a log: its steering angle and wheel speeds drive the single-track model, with the car's effects.
 
     Parameters
@@ -126,6 +132,8 @@ def replay(log: LogLike, vehicle: VehicleLike, *, settings: Mapping[str, float] 
         As in estimate().
     settings
         Any settings by name; they win.
+    road
+        road.csv, whose bank and grade lie under the car; None: level, but for columns bank and grade of the log.
 
     Returns
     -------
@@ -141,4 +149,9 @@ def replay(log: LogLike, vehicle: VehicleLike, *, settings: Mapping[str, float] 
     rows, config = checked(log, car), Config(car.values)
     for name, value in named(settings).items():
         config.set(name, value)
+    profile = known_road(road)
+    if profile is not None:
+        from tse.impl.road_match import on_road
+
+        rows, _ = on_road(rows, profile, config)
     return Replayed(along.along(rows, config))

@@ -110,6 +110,10 @@ class Row(TypedDict, total=False):
     """Drive less brake torque of both front wheels [-20000 .. 20000 Nm]."""
     wheel_torque_rear: float
     """Drive less brake torque of both rear wheels [-20000 .. 20000 Nm]."""
+    bank: float
+    """Whole bank of the road, left side high > 0, in place of what the settings say of it [-0.35 .. 0.35 rad]."""
+    grade: float
+    """Whole slope of the road, uphill > 0, in place of grade_angle [-0.35 .. 0.35 rad]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from tselab.options import (
     FILE,
     FORM,
     PROGRESS,
+    ROAD,
     Lazy,
     check_range,
     for_programs,
@@ -61,6 +62,7 @@ WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "lear
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
 @click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
 @CALIBRATE
+@ROAD
 @reading
 @for_programs
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or robust.")
@@ -80,6 +82,7 @@ def estimate(
     save_learnt: Path | None,
     average: float | None,
     calibrate: bool,
+    road_path: Path | None,
     form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
@@ -130,6 +133,11 @@ def estimate(
     A learnt state holds stiffness, grip, sensor biases and steering, with their covariance. It fits the vehicle it was learnt
     with, and is trusted the less the older it is (settings learnt_floor, learnt_walk_day).
 
+    --road gives the filter the bank and grade of the road under each row: the log is found on it by gnss_latitude and
+    gnss_longitude, else by its path, the yaw rate over the speed. Columns of road.csv: distance [m], bank (left side high > 0),
+    grade (uphill > 0), bank_sd, grade_sd [rad]; of its path latitude, longitude [deg], x, y [m] or curvature [1/m]; closed, 1 of
+    a circuit, whose last row is the first one again. A log that is on another road is refused.
+
     Each stiffness is given with its 95 % interval at the end of each stretch of road between changes, valid or not, and smoothed
     over the stretch: what came after counts, too. It says whether to act on it. With them grip and the largest sideslip angle.
 
@@ -144,9 +152,11 @@ def estimate(
     from tse.impl.fleet import single
     from tse.impl.fleet.single import Calibrate, prepare
     from tse.impl.results import run_facts
+    from tse.impl.road import read_road
 
     out = out or Path(log_path.stem + ".est.csv")
-    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
+    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals,
+              "--road": road_path}  # fmt: skip
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
     # a file that is loaded may be replaced by what is learnt now, and by nothing else
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
@@ -158,9 +168,10 @@ def estimate(
         raise UserError("option --age: is that of the file of --load-learnt, which is not given")
     check_range("age", age, 0.0, 40000.0, "days")
     learnt = read_learnt(load_learnt, age) if load_learnt else None
+    road = read_road(road_path) if road_path is not None else None
     with saying(progress) as say:
         itself = Calibrate(say, goes_on=True) if calibrate and load_learnt is None and save_learnt is None else None
-        prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading, itself)
+        prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading, itself, road)
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
     ran = single.run(prepared, out, report, learnt, show_progress(progress))
     est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings

@@ -84,6 +84,9 @@ def saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
 
 DATABASE = click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
                         "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.")  # fmt: skip
+ROAD = click.option(
+    "--road", "road_path", metavar="ROAD.csv", type=FILE, help="Bank and grade of the road, over distance and position."
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words.")
 TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap import VEHICLE
-from tselab.options import FILE, JSON, key_values, reading
+from tselab.options import FILE, JSON, ROAD, key_values, reading
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @click.option("--out", metavar="TABLE.csv", type=FILE, help="Every row, measured and simulated.")
 @click.option("--report", metavar="PAGE.html", type=FILE, help="The picture of it, for a browser.")
 @click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the car; may be repeated.")
+@ROAD
 @reading
 @JSON
 def replay(
@@ -27,6 +28,7 @@ def replay(
     vehicle_path: Path,
     out: Path | None,
     report: Path | None,
+    road_path: Path | None,
     pairs: tuple[str, ...],
     reading: Reading,
     as_json: bool,
@@ -39,7 +41,7 @@ def replay(
 
     The single-track model is driven by the logged steering angle and wheel speeds, with the effects, latencies and the formula of
     the vehicle file; accel_x, accel_y and yaw_rate are compared, above 3 m/s. Nothing is fitted, and the road is level: what it
-    climbs and leans by is in the difference.
+    climbs and leans by is in the difference, unless --road says it.
     """
     from dataclasses import replace
 
@@ -52,17 +54,24 @@ def replay(
     from tse.impl.plots import layout, lines
     from tse.impl.report import write_page
     from tse.impl.results import say_json
+    from tse.impl.road import read_road
+    from tse.impl.road_match import on_road
     from tse.impl.rows import liveliest
     from tse.impl.vehicle import read_vehicle
 
-    check_distinct({"--out": out, "--report": report}, {"LOG": log_path, "--vehicle": vehicle_path, "--signals": reading.signals})
+    check_distinct({"--out": out, "--report": report}, {"LOG": log_path, "--vehicle": vehicle_path, "--signals": reading.signals,
+                                                         "--road": road_path})  # fmt: skip
     check_writable(out, report)
     car = read_vehicle(vehicle_path)
     config = Config(car.values)
     for key, value in key_values(pairs).items():
         config.set(key, value, source="option --set")
+    words: list[str] = []
     log = read_log(log_path, reading=replace(reading, car=car))
-    notes = check_car(liveliest(log, MOST_ROWS), car, config)
+    if road_path is not None:
+        log, _ = on_road(log, read_road(road_path), config)
+        words.append(log.notes[-1])
+    notes = check_car(liveliest(log, MOST_ROWS), car, config) + words
     table = along(log, config)
     found = apart(table)
     if out is not None:

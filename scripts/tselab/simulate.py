@@ -6,7 +6,7 @@ import click
 
 from tse.impl import maneuvers
 from tse.impl.errors import UserError
-from tselab.options import FILE, JSON, PROGRESS, Lazy, check_range, key_values, show_progress
+from tselab.options import FILE, JSON, PROGRESS, ROAD, Lazy, check_range, key_values, show_progress
 
 
 def _listed() -> str:
@@ -33,6 +33,7 @@ def _listed() -> str:
 @click.option(
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the simulator or vehicle; may be repeated."
 )
+@ROAD
 @PROGRESS
 @JSON
 def simulate(
@@ -50,6 +51,7 @@ def simulate(
     spread: float | None,
     noise: float | None,
     pairs: tuple[str, ...],
+    road_path: Path | None,
     progress: bool | None,
     as_json: bool,
 ) -> None:
@@ -59,16 +61,21 @@ def simulate(
     tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv --truth truth.csv
     tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6 --with-ref
     tselab simulate --maneuver straight --out log.csv --duration 300 --noise 2 --set true_bias_yaw_rate=0.01
+
+    --road: the bank and grade of a road lie under the car, by the distance that it has travelled. The log has the positions of the
+    road there, but the car steers as the manoeuvre says, whatever the bends of the road.
     """
     from tse.impl.core import STIFFNESS, Config, SimConfig
     from tse.impl.estimate import write_table
     from tse.impl.files import check_distinct, check_writable
+    from tse.impl.road import read_road
     from tse.impl.simulate import simulate as run
     from tse.impl.simulate import with_references
     from tse.impl.vehicle import default_vehicle, read_vehicle
 
-    check_distinct({"--out": out, "--truth": truth}, {"--vehicle": vehicle_path})
+    check_distinct({"--out": out, "--truth": truth}, {"--vehicle": vehicle_path, "--road": road_path})
     check_writable(out, truth)
+    profile = read_road(road_path) if road_path is not None else None
     vehicle = read_vehicle(vehicle_path) if vehicle_path else default_vehicle()
     config, sim_config = Config(vehicle.values), SimConfig()
     settings = key_values(pairs)
@@ -92,7 +99,7 @@ def simulate(
         speed=sim_config.speed if speed is None and "speed" in settings else speed,
         amplitude=amplitude, road=_road_changes(road_change), seed=sim_config.seed,
     )  # fmt: skip
-    result = run(plan, config, sim_config, vehicle.driven_axle, show_progress(progress))
+    result = run(plan, config, sim_config, vehicle.driven_axle, show_progress(progress), profile)
     write_table(with_references(result) if with_ref else result.log, out)
     if truth is not None:
         write_table(result.truth, truth)

@@ -117,7 +117,8 @@ static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, t
     memcpy((uint8_t *)row + channel_rows[k].at, &x, sizeof x);
   }
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
-  row->given = u->given; /* these do not wait: how much earlier than this row a velocity was true is known (velocity_late) */
+  row->given = u->given; /* these do not wait: how much earlier than this row a velocity was true is known (velocity_late), and
+                          * a road changes little over 0.2 s */
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
     const tse_real x = channel_at(u, &optional_rows[k]);
     memcpy((uint8_t *)row + optional_rows[k].at, &x, sizeof x);

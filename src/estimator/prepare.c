@@ -429,6 +429,7 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear };
   p->prior_sd[GX] = real_of(r_mul(STANDARD_GRAVITY, c->grade_sd));
   p->prior_sd[GY] = BANK_SD;
+  p->road_sd = real_of(r_mul(STANDARD_GRAVITY, c->road_sd));
   for (int i = 0; i < 3; i++) {
     p->prior[stiffness_at(i)] = logarithm(real_of(initial[i]));
     p->mu0[i] = real_of(initial[i] - TSE_S(1));

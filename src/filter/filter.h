@@ -11,6 +11,7 @@
 #define start_motion   TSE_NAME(tse_start_motion)
 #define predict_row    TSE_NAME(tse_predict_row)
 #define rest_row       TSE_NAME(tse_rest_row)
+#define road_row       TSE_NAME(tse_road_row)
 #define signal_shares  TSE_NAME(tse_signal_shares)
 #define update_row     TSE_NAME(tse_update_row)
 #define update_still   TSE_NAME(tse_update_still)
@@ -106,10 +107,12 @@ STAGE void start_all(const tse_params *p, tse_filter *f);
 STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* predict.c  row: predict to the time of the row      rest: parameters alone, where nothing is known of the motion
+ *            road: move the gravity of the road to where it is given in the row; before row or rest
  *            shares: slip^2/(slip^2 + its variance), of the slip and of the slip angle of each axle: so much of the slopes over their
  *            stiffness is used, so that errors of the slip do not pull it (errors in variables) */
 STAGE steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt);
+void road_row(const tse_params *p, tse_kalman *k, const decoded *z);
 void signal_shares(const tse_kalman *k, tse_real share[3]);
 
 /* update.c   Use one scalar measurement after the other; the gyro's bias at standstill */

@@ -83,6 +83,7 @@
 #define SCALE_RELATED TSE_R(0.97) /* 1: squared correlation, less has noise or slopes in its variances */
 #define SCALE_SHOWN_ACROSS TSE_R(20) /* (m/s2)^2 s: ten times what a factor of 2.5 takes */
 #define SCALE_SHOWN_ALONG TSE_R(10) /* the same, along */
+#define FORGOTTEN 12               /* 1: halvings of what the gravity of a road has in common with the state, where a given road begins or ends */
 #define SHORTEST TSE_R(0.3)       /* 1: of the wheelbase, which an oversteering car has left at speed */
 
 /* [unit^2] Least element of D: rounding must not leave it at 0 (fixed point), nor make denormal numbers. */

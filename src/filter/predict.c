@@ -51,18 +51,63 @@ static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
   ud_add_at(&k->ud, i, r_mul(r_sqr(r_div(sd, state_unit[i])), TSE_R(1) - r_sqr(left)));
 }
 
+static const int gravity[2] = { GX, GY };
+
+/* Return gravity along (i = 0) or across (1) the road about which its state wanders: what is given, else the setting. */
+static tse_real road_mean(const tse_params *p, const tse_kalman *k, int i)
+{
+  return k->road_given >> i & 1 ? k->road[i] : p->prior[gravity[i]];
+}
+
+/* Return by how much it wanders, sd. A given road is never less sure than one that is not. */
+static tse_real road_sd(const tse_params *p, const tse_kalman *k, int i)
+{
+  const tse_real sd = p->prior_sd[gravity[i]];
+  return k->road_given >> i & 1 ? r_min(sd, p->road_sd) : sd;
+}
+
+void road_row(const tse_params *p, tse_kalman *k, const decoded *z)
+{
+  const int given = (z->given & TSE_GIVEN_grade ? 1 : 0) | (z->given & TSE_GIVEN_bank ? 2 : 0);
+  if (!(given | k->road_given)) return;
+  const int begins = given ^ k->road_given; /* or ends: nothing of the state before is of this road */
+  for (int i = 0; i < 2; i++) {
+    const int at = gravity[i];
+    const tse_real before = road_mean(p, k, i);
+    /* an angle that is not given is 0 */
+    k->road[i] = gravity_along(i ? -z->optional[TSE_OPTIONAL_bank] : z->optional[TSE_OPTIONAL_grade]);
+    k->road_given = (k->road_given & ~(1 << i)) | (given & 1 << i);
+    k->x[at] += road_mean(p, k, i) - before;
+    if (!(begins >> i & 1)) continue;
+    for (int n = 0; n < FORGOTTEN && at < STATES; n++) fade(k, at, TSE_R(0.5), road_sd(p, k, i));
+    k->x[at] = road_mean(p, k, i);
+  }
+}
+
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   const tse_real left = left_of(r_min(dt, MOST_AGE), ROAD_TIME);
-  static const int gravity[2] = { GX, GY };
   for (int i = HAS_SLIP ? 0 : 1; i < 2; i++) {
     const int at = gravity[i];
-    k->x[at] -= p->prior[at];
-    fade(k, at, left, p->prior_sd[at]);
-    k->x[at] += p->prior[at];
+    const tse_real mean = road_mean(p, k, i);
+    k->x[at] -= mean;
+    fade(k, at, left, road_sd(p, k, i));
+    k->x[at] += mean;
   }
   walk_slowly(p, k, dt);
   k->change_age = k->change_kind ? r_min(k->change_age + dt, LONGEST_TIME) : TSE_R(0);
+}
+
+/* Move the state through the row. The given bank of a road is all of it: the share by which roads lean into their curves has no part then.
+ *   Updated: x      Returned: M  as car_move() */
+static void move_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u, tse_short M[MOTION][PLACES])
+{
+  const tse_real lean = k->x[LEAN];
+  const int has_bank = (z->given & TSE_GIVEN_bank) != 0;
+  if (has_bank) k->x[LEAN] = TSE_R(0);
+  car_move(&p->car, k->x, u, M);
+  k->x[LEAN] = lean;
+  for (int i = 0; has_bank && i < MOTION; i++) M[i][LEAN] = r_short(TSE_R(0));
 }
 
 /* Scale the transition to state units. Multiply derivatives with respect to a stiffness by share: slip^2/(slip^2 + var slip), of
@@ -106,7 +151,7 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   const steering u = delayed(p, k, z);
   if (!HAS_SLIP) slip_of_force(p, k, z);
   signal_shares(k, share);
-  car_move(&p->car, k->x, u, M);
+  move_row(p, k, z, u, M);
   for (int i = 0; i < MOTION; i++) {
     k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
     noise[i] = r_mul(r_sqr(WALK_SHARE), dt);

@@ -49,7 +49,7 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
     z->given |= ok ? 1u << k : 0u;
   }
   /* where no axle shows the speed, slip is what accel_x adds up to, in which the grade of the road stands */
-  z->rolls = z->given & ~TSE_GIVEN_VELOCITIES ? rolls_by(p, z) : ROLLS_UNKNOWN;
+  z->rolls = z->given & TSE_GIVEN_PEDALS ? rolls_by(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));
   z->no_slip = z->one_speed || (no_speed && p->prior_sd[GX] > TSE_R(0));
   z->used = z->use[ACCEL_X] + z->use[ACCEL_Y] + z->use[YAW_RATE];

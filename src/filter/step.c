@@ -191,6 +191,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (refused < 0) return refused; /* nothing has changed yet */
   if (f->step == 0) start_all(p, f);
   if (watch_steering(&f->k, &z)) start_over(p, f, &z);
+  road_row(p, &f->k, &z);
   const int fine = all_finite(&f->k) && agreement_finite(&f->k.agreement); /* each row leaves it finite */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time); /* before this row: the car may have turned otherwise */
   const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW)) || (z.has_steer && f->lost);

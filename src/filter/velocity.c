@@ -266,7 +266,12 @@ void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const
     start_velocity(p, k);
     remember(k, z->dt);
   }
+  const tse_real lean = k->x[LEAN];
+  const int has_bank = (z->given & TSE_GIVEN_bank) != 0; /* which is all of it, as in predict.c */
+  if (has_bank) k->x[LEAN] = TSE_R(0);
   car_rates(&p->car, k->x, f, rate, by);
+  k->x[LEAN] = lean;
+  if (has_bank) by[1][LEAN] = TSE_R(0);
   for (int c = 0; c < TSE_VELOCITIES; c++) {
     const tse_real now = z->optional[c], dt = r_clamp(m->since[c], z->dt, MODEL_TIME);
     scalar s;

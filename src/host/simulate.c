@@ -130,6 +130,8 @@ static point point_of(const tse_sim *sim, const tse_sim_input *u, tse_real steer
   pt.u.v_front = r_mul(sim->params.radius_front, sim->x[3]);
   pt.u.v_rear = r_mul(sim->params.radius_rear, sim->x[4]);
   pt.w = wheels_of(sim, u);
+  pt.g.grade = u->grade;
+  pt.g.bank = u->bank;
   pt.friction = friction_now(sim);
   return pt;
 }
@@ -211,6 +213,8 @@ static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
   memset(&to, 0, sizeof to);
   to.u.steer = sim->steer;
   to.w = wheels_of(sim, &end);
+  to.g.grade = end.grade;
+  to.g.bank = end.bank;
   effects_advance(p, &sim->effects, k, &to, u->dt, steps, &at);
   sim->x[0] = at.vx;
   sim->x[1] = at.vy;
@@ -288,6 +292,14 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
   return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL) && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 
+/* Return the effects that the row needs: those of the settings, and those of a road that is given. */
+static uint64_t effects_of_row(const tse_sim *sim, const tse_sim_input *u)
+{
+  const uint64_t road = (uint64_t)1 << TSE_EFFECT_grade | (uint64_t)1 << TSE_EFFECT_bank;
+  const tse_real leans = r_abs(u->grade) + r_abs(u->bank) + r_abs(sim->last.grade) + r_abs(sim->last.bank);
+  return sim->params.effects.mask | (leans > TSE_R(0) ? road : 0u);
+}
+
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 {
   if (!sim || !u || !y) return TSE_E_NULL;
@@ -296,7 +308,9 @@ tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   tse_sim before;
   tse_sim_output made;
   memcpy(&before, sim, sizeof before); /* bytes between members too */
+  sim->params.effects.mask = effects_of_row(sim, u);
   log_next(sim, u, &made);
+  memcpy(&sim->params, &before.params, sizeof before.params);
   if (!is_car(sim, &made)) {
     memcpy(sim, &before, sizeof before);
     return TSE_E_INPUT;

@@ -82,6 +82,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && sound_shorts(k->consider[0], TSE_CONSIDERED * TSE_ALL);
   fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(k->activity, 3, TSE_R(0), MOST_SQUARE) && sound_reals(k->before, 3, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->road, 2, -MOST_REAL, MOST_REAL) && sound_int(k->road_given, 0, 3);
   fine = fine && sound_reals(k->pitch, 2, -MOST_REAL, MOST_REAL) && sound_reals(k->steer, 3, TSE_R(-2), TSE_R(2));
   fine = fine && sound_reals(k->innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->innovation_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->last_innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->slow, TSE_SENSORS, -MOST_REAL, MOST_REAL);

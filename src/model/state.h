@@ -142,6 +142,7 @@ struct tse_params {
   tse_real velocity_sd[TSE_VELOCITIES], velocity_late; /* [m/s] [m/s] [m/s] [rad]; [s] behind the row that is stepped to */
   tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the states of a measured velocity */
   tse_real no_torque;                 /* [Nm] an axle with less rolls freely */
+  tse_real road_sd;                   /* [m/s2] of gravity along and across a road that is given */
   tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
 };
 
@@ -219,6 +220,7 @@ typedef struct tse_kalman {
   tse_real before[3];                 /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
   tse_real pitch[2];                  /* [m/s2] a_x as the body's pitch follows it */
   tse_real steer[3];                  /* [rad] logged angle, after one lag, after both */
+  tse_real road[2];                   /* [m/s2] gravity along and across as given; 0 where not given */
   tse_real since_slow;                /* [s] since a slow state had its share of process noise */
   tse_real seen;                      /* [s] of rows that the filter has followed since its start */
   tse_real nis;                       /* [1] innovation squared over its variance, summed over the channels of the last row */
@@ -233,6 +235,7 @@ typedef struct tse_kalman {
   tse_real frozen[TSE_SENSORS + 1];     /* [1] log2 of how unlikely it is that a channel at work repeats its reading that often */
   tse_real agrees_for;                /* [s] that the channel at fault has agreed */
   int32_t change_kind, fault, slow_turn; /* TSE_CHANGE_*; 0 none, else 1 + TSE_CHANNEL_; rows */
+  int32_t road_given;                 /* bits: gravity along, across */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS], none[TSE_GROUPS]; /* posterior probability of each event, and that nothing happened */
   tse_velocity velocity;

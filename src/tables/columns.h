@@ -1,6 +1,7 @@
 /* tables/columns.h - every channel, output, status and reason once: lists that range checks, texts, tse_describe() and the FMUs make their
  * rows of.
- *   CHANNELS, VELOCITIES, PEDALS   ROW(name, 1 if it drives, least, most, unit, text)
+ *   CHANNELS, VELOCITIES, PEDALS, ROADS
+ *                                  ROW(name, 1 if it drives, least, most, unit, text)
  *   DRIVER                         ROW(name, default, least, most, unit, text): what the simulator's driver does
  *   OUTPUTS    NUMBER(name, member, unit, text), FLAG(name, member, text), CODE(name, member, its enumeration, text);
  *              STIFFNESS(name, member, its place in N or N/rad in an FMU, that unit, text); REASON(name, member, place of "valid", of what)
@@ -28,6 +29,9 @@
   ROW(brake, 0, 0.0, 1.0, "1", "the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides") \
   ROW(wheel_torque_front, 0, -20000.0, 20000.0, "Nm", "drive less brake torque of both front wheels") \
   ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive less brake torque of both rear wheels")
+#define ROADS(ROW) \
+  ROW(bank, 0, -0.35, 0.35, "rad", "whole bank of the road, left side high > 0, in place of what the settings say of it") \
+  ROW(grade, 0, -0.35, 0.35, "rad", "whole slope of the road, uphill > 0, in place of grade_angle")
 #define DRIVER(ROW) \
   ROW(steer_angle, 0.0, -1.2, 1.2, "rad", "road-wheel angle of the front axle, positive left") \
   ROW(wheel_torque_front, 0.0, -100000.0, 100000.0, "Nm", "drive torque of the front axle; negative turns the wheels backwards") \
@@ -35,7 +39,9 @@
   ROW(brake_torque_front, 0.0, 0.0, 100000.0, "Nm", "brake torque of the front axle, against the rotation; holds at standstill") \
   ROW(brake_torque_rear, 0.0, 0.0, 100000.0, "Nm", "brake torque of the rear axle, against the rotation; holds at standstill") \
   ROW(road_level, 1.0, 0.02, 10.0, "1", "stiffness of all tyres relative to dry road") \
-  ROW(road_friction, 0.0, 0.0, 2.0, "1", "friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings")
+  ROW(road_friction, 0.0, 0.0, 2.0, "1", "friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings") \
+  ROW(bank, 0.0, -0.35, 0.35, "rad", "bank of the road, left side high > 0, besides the setting bank_angle") \
+  ROW(grade, 0.0, -0.35, 0.35, "rad", "slope of the road, uphill > 0, besides the setting grade_angle")
 #define OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON) \
   NUMBER(vel_x, vel_x, "m/s", "longitudinal velocity of the centre of gravity") \
   NUMBER(vel_x_sd, vel_x_sd, "m/s", "its standard deviation") \

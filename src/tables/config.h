@@ -10,8 +10,8 @@ static const whole_row wholes[] = { SETTINGS(NO_ROW, CONFIG_WHOLE) };
 enum { REALS = sizeof reals / sizeof reals[0],
        WHOLES = sizeof wholes / sizeof wholes[0],
        /* table: config_groups */
-       FIRST_VEHICLE = 0, COUNT_VEHICLE = 11, FIRST_LATENCY = 38, COUNT_LATENCY = 5, FIRST_EFFECTS = 55, COUNT_EFFECTS = 57,
-       FIRST_FORMULA = 112, COUNT_FORMULA = 9, FIRST_WHOLE_FORMULA = 0, COUNT_WHOLE_FORMULA = 12,
+       FIRST_VEHICLE = 0, COUNT_VEHICLE = 11, FIRST_LATENCY = 38, COUNT_LATENCY = 5, FIRST_EFFECTS = 56, COUNT_EFFECTS = 57,
+       FIRST_FORMULA = 113, COUNT_FORMULA = 9, FIRST_WHOLE_FORMULA = 0, COUNT_WHOLE_FORMULA = 12,
        /* end of table */
 };
 

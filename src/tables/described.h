@@ -16,7 +16,7 @@ static const tse_field input_fields[] = {
   CHANNELS(FIELD_ROW)
   { "missing", 'u', (int32_t)offsetof(tse_input, missing), 0.0, 1.0, -1.0, "", "bits of missing channels, in the order of the rows above" },
   { "given", 'u', (int32_t)offsetof(tse_input, given), 0.0, 1.0, -1.0, "", "bits of what is measured, in the order of the rows below" },
-  VELOCITIES(FIELD_ROW) PEDALS(FIELD_ROW)
+  VELOCITIES(FIELD_ROW) PEDALS(FIELD_ROW) ROADS(FIELD_ROW)
 };
 
 #undef FIELD_ROW
@@ -129,8 +129,8 @@ static const tse_effect_row effect_rows[] = {
   { "lateral_load_transfer", "STIFFNESS", "lateral load transfer", "front axle, rear axle", "accel_y, yaw_rate: |accel_y| > 4", "tyre_saturation", "works", TSE_EFFECT_lateral_load_transfer },
   { "aero_drag", "BODY", "aerodynamic drag", "body", "slip: v^2", "rolling_resistance, wheel_radius", "works", TSE_EFFECT_aero_drag },
   { "rolling_resistance", "BODY", "rolling resistance", "body", "slip: constant", "aero_drag, wheel_radius, grade", "works", TSE_EFFECT_rolling_resistance },
-  { "grade", "BODY", "road grade", "road", "accel_x: offset that wanders with the distance", "pitch_leak, accel_x bias, rolling_resistance, imu_misalignment", "works; constant angle only", TSE_EFFECT_grade },
-  { "bank", "BODY", "road bank", "road", "accel_y and yaw_rate: offset that wanders with the distance", "crosswind, conicity, steering_offset, imu_misalignment", "works; constant angle and superelevation only", TSE_EFFECT_bank },
+  { "grade", "BODY", "road grade", "road", "accel_x: offset that wanders with the distance", "pitch_leak, accel_x bias, rolling_resistance, imu_misalignment", "works; constant angle, or as a row gives it", TSE_EFFECT_grade },
+  { "bank", "BODY", "road bank", "road", "accel_y and yaw_rate: offset that wanders with the distance", "crosswind, conicity, steering_offset, imu_misalignment", "works; constant angle and superelevation, or as a row gives it", TSE_EFFECT_bank },
   { "crosswind", "BODY", "crosswind", "body", "accel_y, yaw_rate: offset with heading and speed", "bank, steering_offset, conicity", "not in its model: simulator and replay apply it", TSE_EFFECT_crosswind },
   { "conicity", "BODY", "conicity, ply steer", "front axle, rear axle", "accel_y, yaw_rate: constant offset", "steering_offset, bank, crosswind", "works", TSE_EFFECT_conicity },
   { "aligning_moment", "BODY", "aligning moment of the tyres", "yaw moment", "yaw_rate", "cg_shift, cornering_stiffness_rear, rear_roll_steer", "works", TSE_EFFECT_aligning_moment },

@@ -9,6 +9,6 @@
 
 #define INPUT_ROW(name, drives, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_input, name), drives, TSE_R(lo), TSE_R(hi) },
 static const channel_row channel_rows[TSE_CHANNELS] = { CHANNELS(INPUT_ROW) };                       /* by TSE_CHANNEL_ */
-static const channel_row optional_rows[TSE_OPTIONALS] = { VELOCITIES(INPUT_ROW) PEDALS(INPUT_ROW) }; /* by TSE_OPTIONAL_ */
+static const channel_row optional_rows[TSE_OPTIONALS] = { VELOCITIES(INPUT_ROW) PEDALS(INPUT_ROW) ROADS(INPUT_ROW) }; /* by TSE_OPTIONAL_ */
 
 #endif

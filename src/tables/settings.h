@@ -132,6 +132,8 @@
   REAL("velocity.velocity_scale_sd", velocity_scale_sd, 0.02, 0.0, 0.2, "1", "sd of the scale of a measured speed over that of the wheels: both wheel radii")
 #define SETTINGS_PEDALS(REAL, WHOLE) \
   REAL("pedals.wheel_torque_least", wheel_torque_least, 60.0, 1.0, 2000.0, "Nm", "an axle with less torque than this rolls freely: two sd of its offset and noise")
+#define SETTINGS_ROAD(REAL, WHOLE) \
+  REAL("road.road_sd", road_sd, 0.005, 0.0, 0.3, "rad", "sd of a given bank and grade: laps of one road agree that well")
 #define SETTINGS_FORMULA(REAL, WHOLE) \
   REAL("effects.formula_gain", formula_gain, 0.0, -10.0, 10.0, "1", "times a formula of the user; 0: none") \
   REAL("effects.formula_a", formula_a, 0.0, -1000000.0, 1000000.0, "1", "number a of the formula, in its own unit") \
@@ -226,6 +228,7 @@
 #define SETTINGS(REAL, WHOLE)                                                                           \
   SETTINGS_VEHICLE(REAL, WHOLE) SETTINGS_UNCERTAINTY(REAL, WHOLE) SETTINGS_SENSORS(REAL, WHOLE)         \
   SETTINGS_LATENCY(REAL, WHOLE) SETTINGS_VELOCITY(REAL, WHOLE) SETTINGS_PEDALS(REAL, WHOLE)             \
+  SETTINGS_ROAD(REAL, WHOLE)                                                                            \
   SETTINGS_EFFECTS(REAL, WHOLE) SETTINGS_FORMULA(REAL, WHOLE) SETTINGS_FILTER(REAL, WHOLE)
 
 #define NO_ROW(fmu, name, def, lo, hi, unit, text) /* for a list of the others */

@@ -25,7 +25,7 @@ from tselab.fmu_build import read_build
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
 GROUPS = {
     VEHICLE: ("vehicle", "sensors", "effects", "simulation"),
-    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "filter"),
+    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "road", "effects", "filter"),
 }
 
 
@@ -93,7 +93,7 @@ def test_parameters_are_the_settings_of_the_library() -> None:
 
 OF_THE_FMU = {
     VEHICLE: {"ramp"},
-    ESTIMATOR: {"vehicle.calibrated", "velocity.given", "pedals.given", "estimate.valid", "estimate.grip_reason"}
+    ESTIMATOR: {"vehicle.calibrated", "velocity.given", "pedals.given", "road.given", "estimate.valid", "estimate.grip_reason"}
     | {f"estimate.{k}_reason" for k in NOMINAL} | {f"estimate.nominal.{k}" for k in NOMINAL},
 }  # fmt: skip
 
@@ -101,7 +101,7 @@ OF_THE_FMU = {
 def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
     """The row of the library's tables that a variable is of, and its unit there; None: it is of the FMU alone."""
     if model == ESTIMATOR:
-        columns, prefix = library().fields(INPUT if causality == "input" else OUTPUT), r"(estimate|velocity|pedals)\."
+        columns, prefix = library().fields(INPUT if causality == "input" else OUTPUT), r"(estimate|velocity|pedals|road)\."
     else:
         columns, prefix = library().fields(SIM_INPUT if causality == "input" else SIM_OUTPUT), r"sensor\."
     table = {f.name: f for f in columns}

@@ -102,5 +102,6 @@ def test_channels_are_those_of_the_estimator() -> None:
     names = [v.name for v in unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
     velocities = ["given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course"]  # at rest unless one is given
     pedals = ["given", "brake", "wheel_torque_front", "wheel_torque_rear"]
-    assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities), *(f"pedals.{v}" for v in pedals)]
+    assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities), *(f"pedals.{v}" for v in pedals),
+                     *(f"road.{v}" for v in ("given", "bank", "grade"))]  # fmt: skip
     assert [v.name for v in unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER

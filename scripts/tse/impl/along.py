@@ -11,9 +11,11 @@ from tse.impl.core import Config, Replay
 from tse.impl.errors import UserError
 from tse.impl.noise import channel_noise, filled
 from tse.impl.plots import CHANNEL_UNITS
-from tse.impl.rows import DRIVES, MEASURES, Log
+from tse.impl.road import STEEPEST
+from tse.impl.rows import DRIVES, MEASURES, ROAD, Log
 
 SLOWEST = 3.0  # m/s: below it tyres and wheel speeds are another matter, and at rest all agrees
+GRAVITY = 9.81  # m/s2, as the library has it
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 
@@ -28,7 +30,8 @@ class Apart:
 
 
 def along(log: Log, config: Config) -> pd.DataFrame:
-    """Return time, accel_x, accel_y, yaw_rate as logged, and simulated with the end _simulated; vel_x, vel_y. Inputs are read as
+    """Return time, accel_x, accel_y, yaw_rate as logged, and simulated with the end _simulated; vel_x, vel_y. The road is level
+    but for columns bank and grade of the log, and the settings. Inputs are read as
     much later as the settings call them late, and what is simulated is as late as the settings call it."""
     late = {c: float(getattr(config, f"{c}_latency", 0.0)) for c in (*DRIVES, *MEASURES)}
     inputs = {c: log.data[c].to_numpy(float) for c in DRIVES}
@@ -36,11 +39,29 @@ def along(log: Log, config: Config) -> pd.DataFrame:
         if not np.isfinite(x).any():
             raise UserError(f"{c} is missing: nothing drives the model")
     inputs = {c: _later(log.time, filled(x), late[c]) for c, x in inputs.items()}
-    simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs).run(config)
+    config, road = _road(log, config, inputs)
+    simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs, **road).run(config)
     table = {"time": log.time, **{c: log.data[c].to_numpy(float) for c in MEASURES}}
     for name, x in simulated.items():
         table[f"{name}_simulated" if name in MEASURES else name] = _later(log.time, np.array(x, float), -late.get(name, 0.0))
     return pd.DataFrame(table)
+
+
+def _road(log: Log, config: Config, inputs: Mapping[str, Values]) -> tuple[Config, dict[str, Values]]:
+    """Return settings and profiles of the road [rad]: what the log says of bank and grade, the whole of it, and the settings where
+    it does not. The lean into curves of the settings is a bank of -share v r/g there."""
+    given = {n: log.extra[n].to_numpy(float) for n in ROAD if n in log.extra}
+    profiles = {}
+    if "grade" in given:
+        profiles["grade"] = np.where(np.isfinite(given["grade"]), given["grade"] - config.grade_angle, 0.0)
+    if "bank" in given:
+        speed = config.wheel_radius_rear * inputs["wheel_speed_rear"]
+        turn = filled(log.data["yaw_rate"].to_numpy(float)) if log.data["yaw_rate"].notna().any() else 0.0
+        lean = np.clip(-config.bank_superelevation * speed * turn / GRAVITY, -STEEPEST, STEEPEST)
+        profiles["bank"] = np.where(np.isfinite(given["bank"]), given["bank"] - config.bank_angle, lean)
+        config = Config(config.as_dict())
+        config.bank_superelevation = 0.0
+    return config, profiles
 
 
 def _later(time: Values, x: Values, by: float) -> Values:

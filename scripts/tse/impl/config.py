@@ -10,7 +10,7 @@ import numpy as np
 from tse.impl.core import CONFIG, Config, SettingError, library
 from tse.impl.errors import UserError
 from tse.impl.files import read_toml
-from tse.impl.rows import TORQUES, VELOCITIES, Log
+from tse.impl.rows import ROAD, TORQUES, VELOCITIES, Log
 from tse.impl.vehicle import Vehicle, filter_values
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
@@ -93,7 +93,7 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
     """Return the settings about optional channels, rows of src/tables/sensors.toml, by the channels."""
     names = [f.name for f in library().fields(CONFIG)]
     first, last = names.index("ins_velocity_sd"), names.index("velocity_scale_sd")
-    return {VELOCITIES: names[first : last + 1], TORQUES: ["wheel_torque_least"]}
+    return {VELOCITIES: names[first : last + 1], TORQUES: ["wheel_torque_least"], ROAD: ["road_sd"]}
 
 
 def _check_optional(config: Config, log: Log | None) -> None:

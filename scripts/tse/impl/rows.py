@@ -43,8 +43,13 @@ OPTIONAL = {
     ),
     "wheel_torque_front": ("Nm", -20000.0, 20000.0, "drive less brake torque of both front wheels", "kNm: multiply by 1000"),
     "wheel_torque_rear": ("Nm", -20000.0, 20000.0, "drive less brake torque of both rear wheels", "kNm: multiply by 1000"),
+    "bank": ("rad", -0.35, 0.35, "whole bank of the road, left side high > 0", "degrees: multiply by pi/180"),
+    "grade": ("rad", -0.35, 0.35, "whole slope of the road, uphill > 0", "percent: divide by 100"),
+    "gnss_latitude": ("deg", -90.0, 90.0, "latitude, positive north; finds the place on a road", "radians: multiply by 180/pi"),
+    "gnss_longitude": ("deg", -180.0, 180.0, "longitude, positive east", "radians: multiply by 180/pi"),
 }
 VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
+ROAD = ("bank", "grade")
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")
 SHUFFLED = 0.2  # share of rows that are earlier than the one before, above which they are in another order than time
 MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time

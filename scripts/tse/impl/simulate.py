@@ -9,11 +9,16 @@ from tqdm import tqdm
 
 from tse.impl.core import NOMINAL, SIM_OUTPUT, STIFFNESS, Config, SimConfig, Simulator, library
 from tse.impl.maneuvers import Maneuver
-from tse.impl.rows import columns
+from tse.impl.road import Road
+from tse.impl.rows import ROAD, columns
 
 SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
 BRAKE_FRONT = 0.6  # share of the braking done by the front axle
 HOLD_TORQUE = 300.0  # Nm, brake at standstill
+POSITIONS = {  # of a road, as columns of a log
+    "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
+    "local": {"ref_east": "x", "ref_north": "y"},
+}
 HISTORIES = ("steer_angle", "wheel_torque_front", "wheel_torque_rear", "brake_torque_front", "brake_torque_rear", "road_level")
 
 
@@ -26,17 +31,41 @@ class Simulation:
 
 
 def simulate(
-    maneuver: Maneuver, config: Config, sim_config: SimConfig, driven_axle: str = "front", progress: bool = False
+    maneuver: Maneuver,
+    config: Config,
+    sim_config: SimConfig,
+    driven_axle: str = "front",
+    progress: bool = False,
+    road: Road | None = None,
 ) -> Simulation:
-    """Drive the manoeuvre; the log and the truth as they are written to files."""
-    inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress)
-    return Simulation(_log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config))
+    """Drive the manoeuvre; the log and the truth as they are written to files. On a road the log has positions: those of the road
+    at the distance that the car has travelled, whatever it steers."""
+    inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
+    log, truth = _log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config)
+    if road is not None:
+        s = travelled(inputs, outputs)
+        names = POSITIONS["global" if road.latitude is not None else "local"]
+        places = {name: road.at(column, road.distance[0] + s) for name, column in names.items() if road.x is not None}
+        log = log.assign(**places)
+        truth = truth.assign(true_distance=s, true_bank=inputs["bank"], true_grade=inputs["grade"])
+    return Simulation(log, truth)
+
+
+def travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+    """Return the distance that the car has travelled, m, (n,)."""
+    return np.concatenate([[0.0], np.cumsum(outputs["true_vel_x"][:-1] * inputs["dt"][1:])])
 
 
 def drive(
-    maneuver: Maneuver, config: Config, sim_config: SimConfig, driven_axle: str = "front", progress: bool = False
+    maneuver: Maneuver,
+    config: Config,
+    sim_config: SimConfig,
+    driven_axle: str = "front",
+    progress: bool = False,
+    road: Road | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drive the manoeuvre; inputs and outputs of the simulator."""
+    """Drive the manoeuvre; inputs and outputs of the simulator. `road`: whose bank and grade lie under the car, by the distance
+    that it has travelled; level where they are not known, and beyond its end."""
     sim_config.speed = maneuver.speed
     simulator = Simulator(config, sim_config)
     n = len(maneuver.time)
@@ -45,11 +74,16 @@ def drive(
     for name in (*HISTORIES, "road_friction"):
         if (history := getattr(maneuver, name)) is not None:
             inputs[name] = history
+    at = float(road.distance[0]) if road is not None else 0.0
     front = {"front": 1.0, "rear": 0.0, "both": 0.5}[driven_axle]
     for i in tqdm(range(n), unit="row", disable=not progress, file=sys.stderr, leave=False, desc="simulate"):
         if maneuver.target_speed is not None:
             now = outputs["true_vel_x"][i - 1] if i else maneuver.speed
             _follow_speed(inputs, i, maneuver, float(now), config, front)
+        if road is not None:
+            at += float(outputs["true_vel_x"][i - 1] * inputs["dt"][i]) if i else 0.0
+            for name in ROAD:
+                inputs[name][i] = np.nan_to_num(road.at(name, np.array([at]))[0])
         simulator.step_into(inputs, outputs, i)
     return inputs, outputs
 

@@ -14,10 +14,13 @@ static void put_row(fmi2Component c, const tse_input *u)
   const tse_field *const given = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + TSE_CHANNELS + 2; /* behind dt, channels, missing and given */
   for (int k = 0; k < TSE_OPTIONALS; k++) {
     char name[40];
-    (void)snprintf(name, sizeof name, "%s.%s", k < TSE_VELOCITIES ? "velocity" : "pedals", given[k].name);
+    const char *const group = k < TSE_VELOCITIES ? "velocity" : k < TSE_VELOCITIES + TSE_PEDALS ? "pedals"
+                                                                                                : "road";
+    (void)snprintf(name, sizeof name, "%s.%s", group, given[k].name);
     OK(put_real(c, name, (&u->ins_vel_x)[k]));
   }
-  SET(c, { "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES) }, { "pedals.given", (int)(u->given >> TSE_VELOCITIES) });
+  SET(c, { "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES) }, { "pedals.given", (int)((u->given & TSE_GIVEN_PEDALS) >> TSE_VELOCITIES) },
+      { "road.given", (int)(u->given >> (TSE_VELOCITIES + TSE_PEDALS)) });
 }
 
 /* A velocity in every tenth row, of the wheels, and the pedals in rows that come and go; what is not given may be anything. */
@@ -31,6 +34,8 @@ static void measure(tse_input *u, int row, const tse_config *config)
   u->brake = (tse_real)(row / 300 % 2), u->wheel_torque_front = (tse_real)(row % 500);
   u->wheel_torque_rear = (tse_real)(row % 90 - 10);
   u->given |= row / 200 % 4 ? TSE_GIVEN_brake : 0;
+  u->bank = (tse_real)0.0001 * (tse_real)(row % 300), u->grade = (tse_real)-0.0001 * (tse_real)(row % 200);
+  u->given |= (row / 400 % 3 ? TSE_GIVEN_bank : 0) | (row / 250 % 2 ? TSE_GIVEN_grade : 0);
   u->given |= row / 700 % 3 ? TSE_GIVEN_wheel_torque_front | TSE_GIVEN_wheel_torque_rear : 0;
 }
 

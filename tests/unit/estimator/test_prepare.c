@@ -27,7 +27,7 @@ static tse_config other_car(void)
   c.steer_angle_latency = setting(0.006), c.wheel_speed_front_latency = setting(0.012);
   c.wheel_speed_rear_latency = setting(0.015), c.accel_x_latency = setting(-0.003);
   c.accel_y_latency = setting(-0.009), c.ins_velocity_sd = setting(0.06), c.gnss_speed_sd = setting(0.14);
-  c.gnss_course_sd = setting(0.013), c.wheel_torque_least = setting(45), c.velocity_latency = setting(0.017);
+  c.gnss_course_sd = setting(0.013), c.wheel_torque_least = setting(45), c.road_sd = setting(0.007), c.velocity_latency = setting(0.017);
   c.velocity_latency_sd = setting(0.019), c.velocity_lever_x = setting(0.55);
   c.velocity_lever_y = setting(-0.45), c.velocity_lever_sd = setting(0.16), c.velocity_heading = setting(0.021);
   c.velocity_heading_sd = setting(0.024), c.velocity_scale_sd = setting(0.026);

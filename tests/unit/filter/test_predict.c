@@ -106,6 +106,89 @@ static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
   }
 }
 
+static decoded on_road(double dt, uint32_t given, double bank, double grade)
+{
+  decoded z = a_row(dt, 0.02);
+  z.given = given, z.optional[TSE_OPTIONAL_bank] = real(bank), z.optional[TSE_OPTIONAL_grade] = real(grade);
+  return z;
+}
+
+static void expect_road(const tse_kalman *k, int at, double mean, double sd, int when)
+{
+  expect_near(mean, number(k->x[at]), BY_NUMBER(1e-12, 3e-6, 1e-6), "gravity", when);
+  if (at < STATES) expect_near(sd, sqrt(number(ud_variance(&k->ud, at))) * number(state_unit[at]), 1e-5, "sd", when); /* 2^-24 of the variance before */
+}
+
+/* g sin(angle) with the sd of the setting while it is given, whatever was known before; what differs from it moves along. */
+static void test_a_given_road_is_where_gravity_is(void)
+{
+  static tse_filter f;
+  tse_config c = config_by(tse_config_default);
+  c.grade_sd = setting(0.03), c.road_sd = setting(0.004), c.bank_angle = setting(0.01);
+  const tse_params p = prepared(c);
+  tse_kalman *const k = &f.k;
+  const double g = 9.81, sd = 0.004 * g, along = HAS_SLIP ? 0.03 * g : 0, across = number(BANK_SD);
+  memset(&f, 0, sizeof f);
+  start_all(&p, &f);
+  static const struct {
+    uint32_t given;
+    double bank, grade;
+  } row[] = { { TSE_GIVEN_bank, 0.05, 9 }, { TSE_GIVEN_bank | TSE_GIVEN_grade, -0.03, 0.02 }, { TSE_GIVEN_grade, 9, -0.04 }, { 0, 9, 9 } };
+  for (int n = 0; n < 4; n++) {
+    const decoded z = on_road(0.01, row[n].given, row[n].bank, row[n].grade);
+    const int bank = (row[n].given & TSE_GIVEN_bank) != 0, grade = (row[n].given & TSE_GIVEN_grade) != 0;
+    road_row(&p, k, &z);
+    rest_row(&p, k, real(0.01));
+    expect_road(k, GY, -g * sin(bank ? row[n].bank : 0.01), bank ? sd : across, n);
+    expect_road(k, GX, grade ? g * sin(row[n].grade) : 0, grade ? sd : along, n);
+  }
+  const decoded first = on_road(0.01, TSE_GIVEN_bank, 0.05, 0), then = on_road(0.01, TSE_GIVEN_bank, 0.02, 0);
+  road_row(&p, k, &first);
+  k->x[GY] += real(0.03);
+  road_row(&p, k, &then);
+  expect_road(k, GY, 0.03 - g * sin(0.02), sd, 4);
+}
+
+/* The settings may know less of a road than nothing: it stays as sure as they are. */
+static void test_a_given_road_is_no_less_sure_than_one_that_is_not(void)
+{
+  static tse_filter f;
+  tse_config c = config_by(tse_config_default);
+  c.road_sd = setting(0.1);
+  const tse_params p = prepared(c);
+  const decoded z = on_road(0.01, TSE_GIVEN_bank, 0.05, 0);
+  memset(&f, 0, sizeof f);
+  start_all(&p, &f);
+  road_row(&p, &f.k, &z);
+  expect_road(&f.k, GY, -9.81 * sin(0.05), number(BANK_SD), 0);
+}
+
+/* With the bank given, roads that lean into their curves, and how unsure that is, have no part: as a car of settings that know neither,
+ * on a road that banks so all the time. */
+static void test_a_given_bank_is_all_of_it(void)
+{
+  static tse_filter given, same;
+  tse_config c = config_by(tse_config_default);
+  c.bank_superelevation = setting(0.1), c.lean_sd = setting(0.05), c.road_sd = setting(0.02); /* more than BANK_SD: as sure as without */
+  const tse_params p = prepared(c);
+  c.bank_superelevation = setting(0), c.lean_sd = setting(0), c.bank_angle = setting(0.04);
+  const tse_params q = prepared(c);
+  memset(&given, 0, sizeof given), memset(&same, 0, sizeof same);
+  start_all(&p, &given), start_all(&q, &same);
+  given.k.x[VX] = same.k.x[VX] = TSE_R(20), given.k.x[YAW] = same.k.x[YAW] = real(0.2);
+  for (int n = 0; n < 20; n++) {
+    const decoded z = on_road(0.01, TSE_GIVEN_bank, 0.04, 0), plain = a_row(0.01, 0.02);
+    road_row(&p, &given.k, &z);
+    (void)predict_row(&p, &given.k, &z), (void)predict_row(&q, &same.k, &plain);
+  }
+  for (int i = 0; i < STATES; i++) {
+    if (i == LEAN) continue;
+    expect_near(number(same.k.x[i]), number(given.k.x[i]), BY_NUMBER(1e-12, 1e-5, 1e-7), "state", i);
+    expect_near(number(ud_variance(&same.k.ud, i)), number(ud_variance(&given.k.ud, i)), BY_NUMBER(1e-12, 1e-4, 1e-6), "variance", i);
+  }
+  expect_near(0.1, number(given.k.x[LEAN]), BY_NUMBER(1e-12, 1e-6, 1e-8), "what is known of roads stays", 0);
+}
+
 /* A second in a hundred rows is as uncertain as in twenty. */
 static void test_noise_does_not_depend_on_how_often_rows_come(void)
 {

@@ -60,13 +60,13 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
   EACH_SETTING(row)
   settings += row->kind == 's' ? sizeof(tse_setting) : sizeof(int32_t);
   TEST_ASSERT_EQUAL_INT((int)(sizeof(tse_config) - settings), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
-  TEST_ASSERT_EQUAL_INT(TAIL(tse_input, wheel_torque_rear), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_input, grade), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_output, spread_seen), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_config, seed), undescribed(TSE_STRUCT_SIM_CONFIG, sizeof(tse_sim_config), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_LOG, sizeof(tse_replay_log), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_START, sizeof(tse_replay_start), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_OUT, sizeof(tse_replay_out), covered));
-  TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_input, road_friction), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_input, grade), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
 }
 
 /* The simulator's log row repeats dt, which its caller has given (0 in the first row), and `missing` and measured velocities, which are always 0. */
@@ -96,15 +96,15 @@ static void test_inputs_are_the_columns_of_a_log(void)
 {
   static const char *const names[] = { "dt", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y",
                                        "yaw_rate", "missing", "given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course",
-                                       "brake", "wheel_torque_front", "wheel_torque_rear" };
-  static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "", "", "m/s", "m/s", "m/s", "rad", "1", "Nm", "Nm" };
+                                       "brake", "wheel_torque_front", "wheel_torque_rear", "bank", "grade" };
+  static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "", "", "m/s", "m/s", "m/s", "rad", "1", "Nm", "Nm", "rad", "rad" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_INPUT, &count, &size);
   TEST_ASSERT_EQUAL_INT(ROWS(names), count);
   for (int i = 0; i < ROWS(units); i++) {
     TEST_ASSERT_EQUAL_STRING(names[i], f[i].name);
     TEST_ASSERT_EQUAL_STRING(units[i], f[i].unit);
-    TEST_ASSERT_EQUAL_INT("rrrrrrruurrrrrrr"[i], f[i].kind);
+    TEST_ASSERT_EQUAL_INT("rrrrrrruurrrrrrrrr"[i], f[i].kind);
   }
 }
 

@@ -410,6 +410,30 @@ static void test_friction_may_change_from_row_to_row(void)
   }
 }
 
+/* A road that each row gives is one of settings: the same bits; and the simulator is sound behind it. */
+static void test_a_road_given_row_by_row_acts_as_that_of_the_settings(void)
+{
+  static tse_sim_output y[2];
+  static tse_sim kept;
+  tse_config c = table_car(), leans = c;
+  const tse_sim_config s = table_sim(20);
+  leans.bank_angle = setting(0.03), leans.grade_angle = setting(-0.02);
+  for (int way = 0; way < 2; way++) {
+    start(way ? leans : c, s);
+    for (int row = 0; row < 50; row++) {
+      tse_sim_input u = driver(0.01, 100, 0.01);
+      if (!way) u.bank = real(setting(0.03)), u.grade = real(setting(-0.02));
+      step(u, &y[way]);
+    }
+    memcpy(&kept, &sim, sizeof kept);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_check(&kept, way ? &leans : &c, &s));
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&y[1], &y[0], sizeof y[0]);
+  start(c, s);
+  for (int row = 0; row < 50; row++) step(driver(0.01, 100, 0.01), &y[1]);
+  TEST_ASSERT_TRUE(number(y[0].vel_y) < number(y[1].vel_y) && number(y[0].vel_x) > number(y[1].vel_x)); /* right and downhill */
+}
+
 /* Held inputs are ramps between equal ends, with a jump at every row; an effect of the steering sees the same angles. */
 static void test_held_inputs_act_from_their_row_to_the_next(void)
 {

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tse.impl import regimes
@@ -18,6 +19,7 @@ from tse.impl.estimate import Estimate, Learnt, estimate_to
 from tse.impl.logs.agree import MOST_ROWS, PERHAPS, check_car, stood, sure
 from tse.impl.logs.log import read_log
 from tse.impl.regimes import Change
+from tse.impl.road import Road
 from tse.impl.rows import Log, Reading, liveliest, sampling_notes, steering_notes
 from tse.impl.rows import average as average_log
 from tse.impl.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
@@ -58,13 +60,14 @@ def prepare(
     settings: Mapping[str, float],
     reading: Reading | None = None,
     calibrate: Calibrate | None = None,
+    road: Road | None = None,
 ) -> Prepared:
     """Read and check everything that a run of the estimator over a log needs."""
     vehicle = read_vehicle(vehicle_path)
     reading = replace(reading or Reading(), car=vehicle)
     log = read_log(log_path, reading=reading)
     strict = reading.strict
-    return assemble(vehicle, log, config_path, average, options, form, settings, strict=strict, calibrate=calibrate)
+    return assemble(vehicle, log, config_path, average, options, form, settings, strict=strict, calibrate=calibrate, road=road)
 
 
 def assemble(
@@ -78,18 +81,29 @@ def assemble(
     source: str = "option --set",
     strict: bool = False,
     calibrate: Calibrate | None = None,
+    road: Road | None = None,
 ) -> Prepared:
     """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
-    what else is a warning; `calibrate`: what is done with a car that nobody has calibrated."""
+    what else is a warning; `calibrate`: what is done with a car that nobody has calibrated; `road`: whose bank and grade the
+    filter is given."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
+    level = log
+    if road is not None:
+        if form != "default":
+            raise UserError(f"{road.path}: only the default filter uses a road, not form {form}")
+        from tse.impl.road_match import on_road  # scipy: for those who have a road
+
+        log, profile = on_road(log, road, Config(vehicle.values))
     lively = liveliest(log, MOST_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
     else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
+    if road is not None and np.isfinite(profile.sd) and config.road_sd == config.fields["road_sd"].default:
+        config.set("road_sd", min(profile.sd, config.fields["road_sd"].high))
     for key, value in settings.items():
         config.set(key, value, source=source)
     check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
@@ -106,7 +120,7 @@ def assemble(
                 if not calibrate.goes_on:
                     raise
                 found = of_class(STOPPED)
-        made = assemble(found.vehicle(stated), log, config_path, None, options, form, settings, source, strict)
+        made = assemble(found.vehicle(stated), level, config_path, None, options, form, settings, source, strict, road=road)
         if wrong := found.found.get("wrong"):
             made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
             made.doubts.append(made.notes[0])
