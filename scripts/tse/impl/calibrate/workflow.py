@@ -15,7 +15,7 @@ from tse.impl.identify.data import BLOCK, Prepared, prepare
 from tse.impl.identify.discrepancy import cost
 from tse.impl.identify.fit import Fit, fit
 from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
-from tse.impl.identify.slip import slips
+from tse.impl.identify.slip import slip_words, slips
 from tse.impl.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tse.impl.logs.agree import read_agreeing
 from tse.impl.noise import smooth
@@ -93,6 +93,7 @@ def _result(vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log]
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
     result = slips(problem, result, logs, vehicle)
+    notes += slip_words(problem, result)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result)
