@@ -24,10 +24,9 @@ from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula
 from tse.impl.identify import vehicle_file
-from tse.impl.identify.data import BLOCK
 from tse.impl.identify.discrepancy import Discrepancy
 from tse.impl.identify.fit import Fit
-from tse.impl.identify.problem import SPEED_BLOCKS, UNLIKE_SD
+from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.slip import MODEL_SD, slip_bands, slip_words, slips
 from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of
 from tse.impl.identify.vehicle_file import unexplained
@@ -135,24 +134,15 @@ def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
         assert f"{late}_latency" in page
 
 
-def test_noise_of_accel_x_is_what_noise_of_a_wheel_makes_of_it_in_the_filter() -> None:
-    """A car at 20 m/s with m/C of 0.007 s2/m, rows of 10 ms: white noise of 0.02 m/s in the wheel speed of each row leaves that
-    over the root of the rows in what is compared; the filter sees it as a force over mass, divided by m v/C."""
-
-    class AtOneSpeed:
-        groups = ((0, "accel_y"), (0, "accel_x"))
-        config = Config({"sample_time": 0.01})
-
-        def slip_time(self, i: int, x: np.ndarray) -> float:
-            return 0.007
-
-        def mean_speed(self, g: int) -> np.ndarray:
-            return np.full(9, 20.0)
-
-    rows = SPEED_BLOCKS * BLOCK / 0.01
-    compared = 0.02 / np.sqrt(rows)
-    found = compared * workflow._as_accel_x(AtOneSpeed(), SimpleNamespace(x=np.zeros(1)))
-    assert found == pytest.approx(0.02 / (0.007 * 20.0))
+@pytest.mark.parametrize("sd", [0.06, 0.3])
+def test_noise_of_accel_x_is_that_of_the_rows(sd: float) -> None:
+    """Within a tenth, of 240 s beside which the car speeds up and brakes; of two logs that of the noisier one."""
+    log, rng = drive("front", 0.0, 7), np.random.default_rng(8)
+    t = log.time
+    loud = log.data.assign(accel_x=np.sin(t) + sd * rng.standard_normal(len(t)))
+    other = log.data.assign(accel_x=np.sin(t) + 0.5 * sd * rng.standard_normal(len(t)))
+    found = workflow.noise_along([replace(log, data=other), replace(log, data=loud)], Config())
+    assert found == {"accel_x_sd": pytest.approx(sd, rel=0.1)}
 
 
 def test_quantisation_is_found_where_it_is() -> None:
