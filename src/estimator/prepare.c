@@ -17,6 +17,7 @@
 #define STANDARD_GRAVITY TSE_S(9.81) /* m/s2: GRAVITY of model/laws.h, in the format of settings */
 #define LEAST_WHEEL_SD TSE_S(0.012) /* m/s: floor of the noise of a wheel speed */
 #define SHORTEST_RELAXATION TSE_S(0.05) /* m: numerics; at 10 m/s a shorter one is over within a substep */
+#define LEAST_RADIUS_SD TSE_R(0.002) /* 1: pressure and temperature change radii so much; a quarter of it is half the slip of a steady drive */
 #define ROLLING_USUAL TSE_S(0.01) /* 1: rolling resistance of an axle that rolls freely, where the setting has none */
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
@@ -430,6 +431,7 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   p->prior_sd[GX] = real_of(r_mul(STANDARD_GRAVITY, c->grade_sd));
   p->prior_sd[GY] = BANK_SD;
   p->road_sd = real_of(r_mul(STANDARD_GRAVITY, c->road_sd));
+  p->prior_sd[RAD] = r_max(p->prior_sd[RAD], LEAST_RADIUS_SD);
   for (int i = 0; i < 3; i++) {
     p->prior[stiffness_at(i)] = logarithm(real_of(initial[i]));
     p->mu0[i] = real_of(initial[i] - TSE_S(1));

@@ -10,6 +10,7 @@
 #define JUMP_RATE TSE_R(100)          /* m/s2: no wheel that grips or spins gains speed faster */
 #define MOST_SIDEWAYS TSE_R(0.1)      /* rad: slip angle of a steady turn, further off the tyres have no stiffness */
 #define TRACK_SHARE TSE_R(0.02)       /* 1: of the speed, that the wheels of the front axle differ from one by, over the sine of their angle squared */
+#define RADII_APART TSE_R(0.01)       /* 1: of the radius, front over rear, from which the settings are those of other wheels */
 #define FURTHEST TSE_R(3)             /* 1: logarithm of twenty times as much; no tyres change by more */
 #define SLIP_OPENS TSE_R(0.1)         /* 1: slip of wheels that begin to lock or spin */
 #define STEER_OPENS TSE_R(0.05)       /* rad: error of a steering angle at fault, */

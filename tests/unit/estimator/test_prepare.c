@@ -368,6 +368,8 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   expect_near(9.81 * 0.03, number(p.prior_sd[GX]), 1e-6, "sd of the grade", 0);
   expect_near(log(0.2), number(p.log_min), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_min", 0);
   expect_near(log(3), number(p.log_max), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_max", 0);
+  c.wheel_radius_sd = setting(0); /* of a car that is known exactly: no radius is */
+  expect_near(0.002, number(prepared(c).prior_sd[RAD]), 1e-7, "no radius is known exactly", 0);
   expect_relative(0.04, p.model_sd, "model_sd");
   static const int of[] = { CONSIDER_INERTIA, CONSIDER_CENTRE, CONSIDER_TRAIL, CONSIDER_RELAXATION_FRONT, CONSIDER_RELAXATION_REAR, CONSIDER_ROLL_STEER,
                             CONSIDER_SCALE, CONSIDER_GYRO, CONSIDER_WHEELS_LATE, CONSIDER_ACCEL_LATE };

@@ -59,3 +59,29 @@ static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
     expect_near(1 - w, number(y.regime[TSE_REGIME_STEADY]), close, "regime as it was", n);
   }
 }
+
+/* Radii that differ by 1 % or less, or by 3 sd of their prior, are those of the car; others are of other wheels, whose slip says nothing
+ * of the settings' stiffness. Cornering does not need them. */
+static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
+{
+  static const struct {
+    double sd, off;
+    int valid;
+  } cases[] = { { 0, 0.009, 1 }, { 0, -0.009, 1 }, { 0, 0.011, 0 }, { 0, -0.03, 0 }, { 0.005, 0.014, 1 }, { 0.005, -0.016, 0 } };
+  if (!HAS_SLIP) return;
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    tse_output y = blank_output();
+    row_class w;
+    tse_config c = config_by(tse_config_default);
+    c.driven_axle = 1, c.wheel_radius_sd = setting(cases[n].sd);
+    const tse_params p = prepared(c);
+    memset(&k, 0, sizeof k);
+    memset(&w, 0, sizeof w);
+    k.seen = real(100), k.none[0] = k.none[1] = TSE_R(1), k.x[VX] = real(20), k.x[RAD] = real(cases[n].off);
+    report_row(&p, &k, &y);
+    judge_row(&p, &k, &w, &y);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(cases[n].valid ? TSE_VALID : TSE_MISFIT, y.reason[TSE_CX_FRONT], "along");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_VALID, y.reason[TSE_CY_FRONT], "front");
+  }
+}

@@ -12,6 +12,7 @@ from tse.impl.calibrate.result import Finding, Result
 from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.formula import write_formula
+from tse.impl.identify.slip import slip_bands
 from tse.impl.identify.unknowns import ALSO, LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, UNCERTAIN, of_log
 from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.identify.vehicle_file import toml as vehicle_toml
@@ -85,7 +86,7 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
     everything = result.config.as_dict() | found
     written = {k: v for k, v in everything.items() if k not in sensor_settings()}
     written |= result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
-    bands = {f.name: _band(f) for f in result.findings}
+    bands = {f.name: _band(f) for f in result.findings} | slip_bands(result.problem, result.fit)
     start = calibration_toml(*_start(result, everything), result.own, everything)
     return vehicle_toml(title, vehicle, written, uncertainty(result), start, bands, {}, formula)
 

@@ -9,6 +9,7 @@ import numpy as np
 from tse.impl.core import Config
 from tse.impl.identify.fit import Fit
 from tse.impl.identify.problem import Problem
+from tse.impl.identify.slip import slip_words
 from tse.impl.identify.unknowns import LATENCIES, UNKNOWNS, Unknown, unit_of
 from tse.impl.vehicle import Vehicle
 
@@ -167,6 +168,11 @@ class Result:
     @property
     def seconds(self) -> float:
         return sum(log.seconds for log in self.problem.logs)
+
+    @property
+    def along(self) -> list[str]:
+        """What the straight rows show and do not show, in words."""
+        return slip_words(self.problem, self.fit)
 
     @property
     def misstated(self) -> str:

@@ -14,11 +14,11 @@ from tse.impl.errors import UserError
 from tse.impl.identify.data import BLOCK, Prepared, prepare
 from tse.impl.identify.discrepancy import cost
 from tse.impl.identify.fit import Fit, fit
-from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
-from tse.impl.identify.slip import slips
+from tse.impl.identify.problem import SPEED_TIME, Problem
+from tse.impl.identify.slip import slip_words, slips
 from tse.impl.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tse.impl.logs.agree import read_agreeing
-from tse.impl.noise import smooth
+from tse.impl.noise import MOVING, noise_of, smooth
 from tse.impl.rows import DRIVES, Log, Reading
 from tse.impl.vehicle import SHAPE, Vehicle, fill_sensors, ordinary_car, read_vehicle
 
@@ -93,9 +93,10 @@ def _result(vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log]
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
     result = slips(problem, result, logs, vehicle)
+    notes += slip_words(problem, result)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
-    sensors = _sensors(problem, result)
+    sensors = _sensors(problem, result) | noise_along(logs, problem.config)
     return Result(vehicle, problem.config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
 
 
@@ -153,9 +154,7 @@ def _sensors(problem: Problem, result: Fit) -> dict[str, float]:
         d = result.noise[c]
         rows = sum(len(log.time) for log in problem.logs)
         fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)
-        if c == "accel_x":
-            found[f"{c}_sd"] = d.white * _as_accel_x(problem, result)
-        else:
+        if c != "accel_x":  # what is compared of it is a speed: noise_along()
             found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
         walk = d.walk / (SPEED_TIME if c == "accel_x" else 1.0)
         found[f"{c}_bias_walk"] = min(walk, MOST_GYRO_WALK) if c == "yaw_rate" else walk
@@ -169,13 +168,16 @@ def _sensors(problem: Problem, result: Fit) -> dict[str, float]:
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
 
-def _as_accel_x(problem: Problem, result: Fit) -> float:
-    """m/s2 of a row per m/s of what is compared of accel_x: the filter divides what it sees of slip by m v/C, and sees it more
-    often. So noise tells as little of the stiffness there as it does here."""
-    groups = [(g, i) for g, (i, c) in enumerate(problem.groups) if c == "accel_x"]
-    per_slip = [1.0 / (problem.slip_time(i, result.x) * problem.mean_speed(g)) for g, i in groups]
-    often = SPEED_BLOCKS * BLOCK / problem.config.sample_time
-    return float(np.sqrt(often * np.mean(np.concatenate(per_slip) ** 2)))
+def noise_along(logs: Sequence[Log], config: Config) -> dict[str, float]:
+    """Return accel_x_sd [m/s2]: white noise of a row of the log with most of it, by second differences (noise.py)."""
+    found = []
+    for log in logs:
+        with np.errstate(invalid="ignore"):
+            moving = np.abs(log.data["wheel_speed_rear"].to_numpy(float)) * config.wheel_radius_rear > MOVING
+        found.append(noise_of(log, "accel_x", moving))
+    sds = [noise.sd for noise in found if noise is not None]
+    f = config.fields["accel_x_sd"]
+    return {"accel_x_sd": float(np.clip(max(sds), f.low, f.high))} if sds else {}
 
 
 def step_of(x: np.ndarray) -> float:

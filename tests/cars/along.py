@@ -1,0 +1,175 @@
+"""Longitudinal stiffness beside a regression of the straight rows and beside nothing.
+
+    python -m tests.cars.along [--cars N] [--first SEED] [--seeds S] [--straight D] [--out FILE]
+
+Three questions: what a calibration finds of simulated manoeuvres, and of driven cars (tests.cars), and what is valid in the filter
+on straight roads where the car is known exactly. --cars 0, --straight 0 leave them out.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import tse
+from tests.cars import ROADS, make_logs
+from tests.cars.study import RESULTS
+from tse.impl.core import Config, Filter
+from tse.impl.identify.slip import longitudinal
+from tse.impl.logs.log import read_frame
+from tse.impl.rows import Log
+from tse.impl.tables import markdown_table
+from tse.impl.vehicle import SHAPE, Vehicle, fill_sensors, make_vehicle, ordinary_car
+
+OFF, SMOOTH, FEWEST = 0.1, 61, 500  # relative error; rows; rows
+SHOWN = 0.2  # ln: sd below which a log has shown the stiffness
+MANOEUVRES = ("square-waves", "double-lane-change", "step-steer", "sine-sweep", "constant-radius", "straight", "stop-and-go")
+SECONDS = 120.0
+# The simulator's manoeuvres drive the front axle
+CARS: dict[str, dict[str, Any]] = {
+    "small": {
+        "mass": 1200, "lf": 1.0, "lr": 1.45, "wheel_radius_front": 0.29, "wheel_radius_rear": 0.29,
+        "longitudinal_stiffness_front": 115e3, "longitudinal_stiffness_rear": 80e3,
+        "cornering_stiffness_front": 75e3, "cornering_stiffness_rear": 85e3, "driven_axle": "front",
+    },
+    "family": {
+        "mass": 1650, "lf": 1.2, "lr": 1.55, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32,
+        "longitudinal_stiffness_front": 240e3, "longitudinal_stiffness_rear": 200e3,
+        "cornering_stiffness_front": 105e3, "cornering_stiffness_rear": 130e3, "driven_axle": "front",
+    },
+    "van": {
+        "mass": 2500, "lf": 1.6, "lr": 1.6, "wheel_radius_front": 0.34, "wheel_radius_rear": 0.34,
+        "longitudinal_stiffness_front": 230e3, "longitudinal_stiffness_rear": 230e3,
+        "cornering_stiffness_front": 150e3, "cornering_stiffness_rear": 170e3, "driven_axle": "front",
+    },
+}  # fmt: skip
+
+
+def line_of(log: Log, vehicle: Vehicle) -> float:
+    """Return mass over the slope of slip over accel_x, by least squares: straight rows above 4 m/s without braking, means of
+    0.6 s; NaN: none. N"""
+    front, rear = (vehicle.values[f"wheel_radius_{a}"] * log.data[f"wheel_speed_{a}"] for a in ("front", "rear"))
+    free, driven = (front, rear) if vehicle.driven_axle == "rear" else (rear, front)
+    mean = [pd.Series(x).rolling(SMOOTH, center=True, min_periods=1).mean() for x in (free, driven - free, log.data["accel_x"])]
+    v, ahead, pull = (x.to_numpy(float) for x in mean)
+    turns = np.abs(v * log.data["yaw_rate"].rolling(SMOOTH, center=True, min_periods=1).mean().to_numpy(float))
+    use = (v > 4.0) & (pull > -0.1) & (turns < 1.0) & (np.abs(log.data["steer_angle"].to_numpy(float)) < 0.03)
+    if use.sum() < FEWEST:
+        return np.nan
+    slope = np.polyfit(pull[use], ahead[use] / v[use], 1)[0]
+    return float(vehicle.values["mass"] / slope) if slope > 0 else np.nan
+
+
+def config_of(vehicle: Vehicle, log: Log) -> Config:
+    """Return the settings with which a calibration begins."""
+    stated = dict(vehicle.values)
+    fill_sensors(vehicle, log)
+    config = Config(vehicle.values)
+    vehicle.values = stated
+    setattr(config, SHAPE, ordinary_car(config)[SHAPE])
+    return config
+
+
+def driven_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
+    """Return a row of the table for each car: what a calibration takes of all its drives together."""
+    drives = [make_logs(road, minutes, cars, first) for road in ROADS]
+    rows, errors = [], []
+    for i, of_car in enumerate(zip(*drives, strict=True)):
+        axle = of_car[0].car.driven_axle
+        if axle == "both":
+            continue
+        vehicle = make_vehicle(dict(of_car[0].vehicle), Path("car.toml"))
+        logs = [read_frame(pd.DataFrame(x.log)) for x in of_car]
+        config = config_of(vehicle, logs[0])
+        true = of_car[0].truth["linear_stiffness"][f"cx_{axle}"]
+        before = getattr(config, f"longitudinal_stiffness_{axle}")
+        mean, sd = longitudinal(config, {}, logs, vehicle)
+        line = np.nanmean([line_of(log, vehicle) for log in logs])
+        found = np.array([before, line, before * np.exp(mean)]) / true - 1.0
+        errors.append([*found, abs(np.log1p(found[2])) < 1.96 * sd])
+        rows.append([str(i), axle, *(f"{100 * x:+.0f}" for x in found), f"{100 * sd:.0f}"])
+    e = np.array(errors, float)
+    rms = [f"{100 * x:.1f}" for x in np.sqrt(np.mean(e[:, :3] ** 2, axis=0))]
+    return [*rows, ["rms", "", *rms, f"holds {int(e[:, 3].sum())} of {len(e)}"]]
+
+
+def manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
+    """Return errors of class, line and calibration on one simulated manoeuvre, and the calibration's sd."""
+    about = CARS[car]
+    made = tse.simulate(name, make_vehicle(dict(about), Path("car.toml")), seed=seed, duration=SECONDS)
+    vehicle = make_vehicle({k: v for k, v in about.items() if "stiffness" not in k}, Path("car.toml"))
+    log = read_frame(made.log)
+    config = config_of(vehicle, log)
+    true, before = about["longitudinal_stiffness_front"], config.longitudinal_stiffness_front
+    mean, sd = longitudinal(config, {}, [log], vehicle)
+    off = {"class": before / true, "line": line_of(log, vehicle) / true, "calibrate": before * np.exp(mean) / true}
+    held = abs(np.log(off["calibrate"])) < 1.96 * sd
+    return {"car": car, "manoeuvre": name, **{k: x - 1.0 for k, x in off.items()}, "sd": sd, "held": held}
+
+
+def straight(seed: int) -> list[float]:
+    """Return shares of valid rows, and of these of those that are more than 10 % off: ten minutes straight on, the car exact."""
+    made = tse.simulate("straight", seed=seed, duration=600.0)
+    config = Config({"driven_axle": 1})
+    out = Filter(config).over(read_frame(made.log).rows())
+    valid, error = out["cx_front_valid"] == 0, np.abs(out["cx_front"] - 1.0)
+    return [float(valid.mean()), float((error[valid] > OFF).mean()) if valid.any() else 0.0, float(error[-1])]
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cars", type=int, default=12)
+    parser.add_argument("--first", type=int, default=611, help="seed of the driven cars")
+    parser.add_argument("--minutes", type=float, default=6.0, help="of each road")
+    parser.add_argument("--seeds", type=int, default=2, help="of each manoeuvre and car")
+    parser.add_argument("--straight", type=int, default=20, help="straight drives")
+    parser.add_argument("--out", type=Path, default=RESULTS / "along.md")
+    given = parser.parse_args(arguments)
+    called = f"python -m tests.cars.along {' '.join(arguments)}".strip()
+    parts = [
+        f"# Longitudinal stiffness\n\n`{called}`. *Line*: mass over the slope of slip over accel_x in straight rows without\n"
+        "brakes, by least squares. *Calibrate*: what a calibration takes, its search left out: all else is as the prior has it."
+    ]
+    runs = [manoeuvre(c, m, s) for c in CARS for m in MANOEUVRES for s in range(1, given.seeds + 1)]
+    rows = [
+        [r["car"], r["manoeuvre"], *(signed(r[k]) for k in ("class", "line", "calibrate")), f"{100 * r['sd']:.0f}"] for r in runs
+    ]
+    shown = [r for r in runs if r["sd"] < SHOWN]
+    parts.append(
+        f"Simulated manoeuvres of {SECONDS:g} s, cars unlike the built-in one; their tyres are linear and no load moves, which\n"
+        f"the file does not say. Error and sd in %; an sd of 50 is the prior: nothing is shown. Of {len(runs)} drives "
+        f"{len(shown)} show it:\n"
+        f"median error {100 * np.median([abs(r['calibrate']) for r in shown]):.1f} %, of the line "
+        f"{100 * np.median([abs(r['line']) for r in shown]):.1f} %; 1.96 sd hold in {sum(r['held'] for r in runs)} of {len(runs)}."
+    )
+    parts.append("\n".join(markdown_table(["car", "manoeuvre", "class", "line", "calibrate", "sd"], rows, 2)))
+    if given.cars:
+        table = driven_cars(given.cars, given.first, given.minutes)
+        parts.append(
+            f"Cars of tests/cars from seed {given.first}, {given.minutes:g} minutes on each road, all drives together; "
+            "error and sd in %."
+        )
+        parts.append("\n".join(markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2)))
+    if given.straight:
+        valid, off, last = np.array([straight(seed) for seed in range(1, given.straight + 1)]).T
+        parts.append(
+            f"The filter on {given.straight} straight drives of ten minutes, car and driven axle known exactly: "
+            f"{100 * valid.min():.0f} .. {100 * valid.max():.0f} %\nof the rows are valid, of these {100 * off.mean():.1f} % "
+            f"more than 10 % off, worst "
+            f"drive {100 * off.max():.0f} %. The last row is {100 * np.sqrt(np.mean(last**2)):.1f} % off, rms."
+        )
+    given.out.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    print(given.out.read_text(encoding="utf-8"))
+    return 0
+
+
+def signed(x: float) -> str:
+    """Return an error in percent; -: none, or more than twice as much."""
+    return f"{100 * x:+.0f}" if abs(x) < 1.0 else "-"
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
