@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, _distinct
-from tselab.options import FILE, JOBS, PROGRESS, for_programs, reading, saying
+from tselab.options import FILE, JOBS, PROGRESS, ROAD, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.calibrate.result import Result
@@ -25,6 +25,7 @@ NOT_CONVERGED = 12  # exit code
 @click.option(
     "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
 )
+@ROAD
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
 @reading
 @for_programs
@@ -35,6 +36,7 @@ def calibrate(
     vehicle_path: Path,
     hold_out: tuple[Path, ...],
     out: Path,
+    road_path: Path | None,
     steps: int | None,
     jobs: int,
     progress: bool | None,
@@ -49,11 +51,13 @@ def calibrate(
     tselab calibrate log_*.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
     tselab estimate drive3.csv --vehicle calibrated.toml
 
-    Found together, with what passenger cars have as prior: how late every channel is behind the gyro, steering ratio, offset and
-    lag, wheel radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load transfer, yaw inertia, stiffness, and
-    the noise of the sensors. What these logs do not show is named, keeps its prior, and is in the intervals of the estimate. Half
-    an hour of driving with bends and some braking is a good start; a second calibration, with --vehicle calibrated.toml
-    and other logs, starts from the first.
+    Found together, with what passenger cars have as prior: bank and grade of the roads, how late every channel is behind the
+    gyro, steering ratio, offset and lag, wheel radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load
+    transfer, yaw inertia, stiffness, and the noise of the sensors. A measured velocity (columns ins_vel_x, ins_vel_y,
+    gnss_speed) is compared, too. What these logs do not show is named, keeps its prior, and is in the intervals of the estimate;
+    what would make the axles surer is said at the end, with its number. Half an hour of driving with bends and some braking is a
+    good start; a second calibration, with --vehicle calibrated.toml and other logs, starts from the first. --road: bank and
+    grade of the road are known.
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
@@ -71,6 +75,7 @@ def calibrate(
     from tse.impl.calibrate import output, page, workflow
     from tse.impl.calibrate.result import words
     from tse.impl.files import check_distinct, check_writable
+    from tse.impl.road import read_road
     from tse.impl.vehicle import read_vehicle, stiffness_words
 
     _distinct(logs, hold_out)
@@ -85,7 +90,8 @@ def calibrate(
     )
     results.check_table(table)
     with saying(progress) as say:
-        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading)
+        road = read_road(road_path) if road_path is not None else None
+        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading, road)
         output.write(out, result, [p.name for p in logs])
         say("the page")
         text = [stiffness_words(read_vehicle(out)), *words(result)]

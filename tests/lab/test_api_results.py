@@ -165,7 +165,7 @@ def test_gap_takes_logs_as_they_are_and_a_vehicle_as_its_file_has_it(folder, tmp
     class Stop(Exception):
         pass
 
-    def run(logs, *_):
+    def run(logs, *_, **__):
         taken.extend(logs)
         raise Stop
 

@@ -19,17 +19,16 @@ from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
 from tse.impl.calibrate import workflow
-from tse.impl.calibrate.result import Finding, Proof, against, misstated
+from tse.impl.calibrate.result import Channel, Finding, Proof, against, misstated, proof_words
 from tse.impl.core import NOMINAL, Config
 from tse.impl.files import read_toml
 from tse.impl.formula import Number, parse, write_formula
 from tse.impl.identify import vehicle_file
 from tse.impl.identify.discrepancy import Discrepancy
 from tse.impl.identify.fit import Fit
-from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.slip import MODEL_SD, slip_bands, slip_words, slips
 from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of
-from tse.impl.identify.vehicle_file import unexplained
+from tse.impl.identify.vehicle_file import UNLIKE_SD, unexplained
 from tse.impl.logs.log import read_frame
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle, ordinary_car, read_vehicle
@@ -77,7 +76,8 @@ def test_held_out_logs_are_explained_far_better(calibrated: tuple[Path, Result])
     proof = [p for p in json.loads(calibrated[0].with_suffix(".json").read_text())["proof"] if p["held_out"]]
     assert len(proof) == 1
     for channel in ("accel_y", "yaw_rate"):
-        assert proof[0]["after"][channel] < 0.3 * proof[0]["before"][channel]
+        one = proof[0]["channels"][channel]
+        assert one["after"] < 0.3 * one["before"]
 
 
 def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrated: tuple[Path, Result]) -> None:
@@ -184,7 +184,7 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
         run = tselab_here("calibrate", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1")
         assert run.code == 12, run.err
         assert ("has a formula (lopsided)" in run.err) == (vehicle == told)
-        proof[vehicle] = json.loads(outs[vehicle].with_suffix(".json").read_text())["proof"][0]["before"]["yaw_rate"]
+        proof[vehicle] = json.loads(outs[vehicle].with_suffix(".json").read_text())["proof"][0]["channels"]["yaw_rate"]["after"]
     assert proof[told] < 0.5 * proof[plain]
     assert read_vehicle(outs[plain]).formula is None and not outs[plain].with_suffix(".formula.toml").exists()
     found = read_vehicle(outs[told])
@@ -345,7 +345,7 @@ def searched() -> tuple[Any, Fit]:
     covariance = np.diag(prior**2)
     covariance[0, 1] = covariance[1, 0] = 0.9 * LATE_SD**2  # of one unit
     problem = SimpleNamespace(config=Config(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance)
-    return problem, Fit(x, {}, np.eye(8))
+    return problem, Fit(x, np.zeros(0), np.eye(8), x, np.eye(8), {}, [], ([], []), np.zeros(0), None)
 
 
 def driven_car(driven: str) -> Vehicle:
@@ -423,13 +423,21 @@ def test_of_two_driven_axles_wheel_torques_and_brake_show_the_stiffness() -> Non
 
 
 def test_a_log_that_contradicts_the_calibration_is_named() -> None:
-    before = {"accel_x": 0.2, "accel_y": 0.3, "yaw_rate": 0.02}
-    right = Proof("a.csv", False, before, {"accel_x": 0.1, "accel_y": 0.2, "yaw_rate": 0.0205}, 2.0)
-    likelier = replace(right, log="b.csv", after={**right.after, "yaw_rate": 0.025})
-    less = replace(right, log="c.csv", held_out=True, nats_per_second=-1.5)
-    first, second = against([right, likelier, less])
+    right = Proof("a.csv", False, {"accel_y": Channel(2.0, 0.3, 0.2, 0.03), "yaw_rate": Channel(0.1, 0.02, 0.0205, 0.001)})
+    wrong = replace(right, log="b.csv", channels={**right.channels, "yaw_rate": Channel(0.1, 0.02, 0.025, 0.001)})
+    (first,) = against([right, wrong])
     assert first.startswith("b.csv contradicts the calibration (accel_y -33 %, yaw_rate +25 %") and "another car" in first
-    assert second.startswith("c.csv") and "-1.5 nat" in second
+
+
+def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() -> None:
+    """Of two logs the root mean square; 1 - (0.3/2)^2 of a signal is explained before, 1 - (0.1/2)^2 after."""
+    logs = [Proof(f"{k}.csv", False, {"accel_y": Channel(2.0, before, 0.1, 0.03)}) for k, before in enumerate((0.3, 0.3))]
+    held = Proof("h.csv", True, {"accel_y": Channel(2.0, 0.4, 0.2, 0.03)})
+    fitted, other = proof_words([*logs, held])
+    assert fitted.startswith("accel_y of fitted logs: 0.3 m/s2 off before, 0.1 after, 0.03 is noise")
+    assert fitted.endswith("(98 % of the signal explained before, 100 % after).")
+    assert other.startswith("accel_y of held-out logs: 0.4 m/s2 off before, 0.2 after, 0.03 is noise")
+    assert other.endswith("(96 % of the signal explained before, 99 % after).")
 
 
 def test_what_the_vehicle_file_says_wrong_is_said_and_a_surprise_is_not() -> None:

@@ -24,9 +24,9 @@ from tse.impl.gap.run import plan as planning
 from tse.impl.gap.run.check import check
 from tse.impl.gap.run.posterior import UNCERTAIN, posterior
 from tse.impl.identify.data import prepare
-from tse.impl.identify.problem import UNLIKE_SD
 from tse.impl.identify.slip import longitudinal
 from tse.impl.identify.unknowns import prior_of
+from tse.impl.identify.vehicle_file import UNLIKE_SD
 from tse.impl.logs.log import read_log
 from tse.impl.results import IN_PART
 from tse.impl.rows import average

@@ -269,7 +269,7 @@ def test_what_contradicts_the_speed_or_the_acceleration_is_said(made, driven: pd
 def test_gap_compares_no_torque_switch_or_velocity(its_car, driven: pd.DataFrame) -> None:
     log = read_frame(driven.assign(ins_vel_x=20.0))
     config, _ = make_config(its_car, log)
-    assert set(prepare(log, config).measured) == {*MEASURES}
+    assert set(prepare(log, config).channels) == {*MEASURES}
 
 
 def test_a_switch_that_is_averaged_is_a_share(driven: pd.DataFrame) -> None:

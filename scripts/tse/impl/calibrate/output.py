@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,17 @@ from tse.impl.core import NOMINAL
 from tse.impl.files import atomic
 from tse.impl.formula import write_formula
 from tse.impl.identify.slip import slip_bands
-from tse.impl.identify.unknowns import ALSO, LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, UNCERTAIN, of_log
+from tse.impl.identify.unknowns import (
+    ALSO,
+    LATENCIES,
+    LATENCY,
+    LEAST_SD,
+    OF_VELOCITY,
+    SUPERELEVATION,
+    UNCERTAIN,
+    VELOCITY_SD,
+    of_log,
+)
 from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.identify.vehicle_file import toml as vehicle_toml
 from tse.impl.results import plain
@@ -28,15 +39,16 @@ def values(result: Result) -> dict[str, float]:
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
         found[setting] = float(getattr(result.config, setting) * np.exp(at[key]))
-    found["bank_superelevation"] = float(np.mean(_superelevations(result)))
+    if leans := _superelevations(result):
+        found["bank_superelevation"] = float(np.mean(leans))
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
 
 def _superelevations(result: Result) -> list[float]:
-    """Of each log."""
+    """Of each log; empty: the road is known."""
     at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
-    return [at[of_log(SUPERELEVATION, i)] for i in range(len(result.problem.logs))]
+    return [at[of_log(SUPERELEVATION, i)] for i in range(result.problem.leans)]
 
 
 def latencies(result: Result) -> dict[str, float]:
@@ -61,7 +73,7 @@ def uncertainty(result: Result) -> dict[str, float]:
         **{key: sd((name, 1.0), *([ALSO[name]] if name in ALSO else [])) for key, name in UNCERTAIN.items()},
         "yaw_inertia_sd": sd(("yaw_inertia", 1.0 / at["yaw_inertia"])),
         "wheel_radius_sd": sd(*((f"wheel_radius_{a}", k / at[f"wheel_radius_{a}"]) for a, k in (("rear", 1.0), ("front", -1.0)))),
-        "lean_sd": float(np.std(_superelevations(result))),
+        "lean_sd": float(np.std(_superelevations(result) or [0.0])),
     }
     found |= {key: max(found[key], least) for key, least in LEAST_SD.items()}
     found["roll_steer_sd"] = min(found["roll_steer_sd"], ROLL_STEER_SD)
@@ -85,24 +97,37 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
         title.append("# NOT CONVERGED: the numbers are where the search stood.")
     everything = result.config.as_dict() | found
     written = {k: v for k, v in everything.items() if k not in sensor_settings()}
-    written |= result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
+    written |= result.sensors | _velocity(result) | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
     bands = {f.name: _band(f) for f in result.findings} | slip_bands(result.problem, result.fit)
     start = calibration_toml(*_start(result, everything), result.own, everything)
     return vehicle_toml(title, vehicle, written, uncertainty(result), start, bands, {}, formula)
 
 
+def _velocity(result: Result) -> dict[str, float]:
+    """Return place, latency and heading of what measures the velocity, with their sd, where a log has it."""
+    found = {f.name: f for f in result.findings if f.name in VELOCITY_SD}
+    fields = result.config.fields
+    sds: dict[str, float] = {}
+    for name, f in found.items():
+        key = VELOCITY_SD[name]
+        sds[key] = max(sds.get(key, 0.0), f.sd)
+    values = {name: f.value for name, f in found.items()} | sds
+    return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in values.items()}
+
+
 def _start(result: Result, written: Mapping[str, float]) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, means and covariance of the unknowns of the car over the stiffness of the file that is written: fitted they were over
     that of the file that was read."""
-    names = list(result.problem.prior.names)
-    n = len(names)
-    mean, unit = result.fit.x[:n].copy(), np.ones(n)
+    of_velocity = {u.name for u in OF_VELOCITY}
+    own = [k for k, name in enumerate(result.problem.prior.names) if name not in of_velocity]
+    names = [result.problem.prior.names[k] for k in own]
+    mean, unit = result.fit.x[own].copy(), np.ones(len(own))
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
         rear = names.index("longitudinal_stiffness_rear")  # which follows the front one
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
-    return names, mean * unit, result.fit.covariance[:n, :n] * np.outer(unit, unit)
+    return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)
 
 
 def _band(f: Finding) -> str:
@@ -138,6 +163,7 @@ def as_json(result: Result) -> dict[str, Any]:
                   for c, d in result.fit.noise.items()},
         "quantisation": result.steps,
         "sensors": result.sensors,
-        "proof": [vars(p) for p in result.proofs],
+        "next": [asdict(o) for o in result.offers],
+        "proof": [asdict(p) for p in result.proofs],
         "notes": result.notes,
     }  # fmt: skip

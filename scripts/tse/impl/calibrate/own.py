@@ -237,4 +237,5 @@ def _words(result: Any, found: dict[str, Any]) -> list[str]:
     groups = {g: [f.shown for f in result.findings if f.group == g] for g in dict.fromkeys(f.group for f in result.findings)}
     hidden = [g if not any(shown) else f"part of {g}" for g, shown in groups.items() if not all(shown)]
     lines += result.along
-    return [*lines, f"could not be shown: {', '.join(hidden)}"] if hidden else lines
+    lines += [f"could not be shown: {', '.join(hidden)}"] if hidden else []
+    return [*lines, *result.surer]

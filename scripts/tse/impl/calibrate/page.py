@@ -18,8 +18,8 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
     sections: list[tuple[str, str, go.Figure]] = [
         ("What is known now, and was before", "Each number with its 95 % interval, in units of its sd before (0: what "
          "cars usually have; -2 .. 2: their 95 % range). Grey: these logs do not show it.", bands(result)),
-        ("Residuals before and after", "Rms of measured less simulated, without its mean over 4 s (road bank, grade, drift of the "
-         "sensors); nothing of a held-out log is fitted. Before: the car as the vehicle file tells it, its stiffness fitted.",
+        ("Measured less simulated, before and after", "Rms about the mean of each log. Before: the car of the vehicle file. After: "
+         "the calibrated car; of a fitted log on the road that was found, of a held-out log on one that leans into its curves.",
          misfit(result.proofs)),
     ]  # fmt: skip
     write_page(path, "calibrate.html.j2", sections,
@@ -66,9 +66,11 @@ def misfit(proofs: Sequence[Proof]) -> go.Figure:
     names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
     figure = make_subplots(1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True)
     for column, c in enumerate(MEASURED, 1):
+        mine = [p.channels.get(c) for p in proofs]
         for title, colour, values in (
-            ("before", ORANGE, [p.before.get(c, np.nan) for p in proofs]),
-            ("after", BLUE, [p.after.get(c, np.nan) for p in proofs]),
+            ("before", ORANGE, [x.before if x else np.nan for x in mine]),
+            ("after", BLUE, [x.after if x else np.nan for x in mine]),
+            ("noise of the sensor", GREY, [x.noise if x else np.nan for x in mine]),
         ):
             figure.add_trace(
                 go.Bar(x=values, y=names, orientation="h", name=title, legendgroup=title, showlegend=column == 1,

@@ -1,16 +1,18 @@
 """What a calibration leaves: what it found, number by number, in words."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from tse.impl.core import Config
-from tse.impl.identify.fit import Fit
+from tse.impl.identify.advice import Offer
+from tse.impl.identify.advice import words as offer_words
+from tse.impl.identify.fit import Fit, covariance_of
 from tse.impl.identify.problem import Problem
 from tse.impl.identify.slip import slip_words
-from tse.impl.identify.unknowns import LATENCIES, UNKNOWNS, Unknown, unit_of
+from tse.impl.identify.unknowns import CHANNEL_UNIT, LATENCIES, MEASURED, OF_VELOCITY, UNKNOWNS, VELOCITY, Unknown, unit_of
 from tse.impl.vehicle import Vehicle
 
 LEAST_SECONDS = 20.0  # of all logs together: of fewer the search converges, near its prior, on what happens to fit
@@ -29,6 +31,7 @@ CHANNEL_WORDS = {
     "steer_angle": "steering angle", "wheel_speed_front": "front wheel speed", "wheel_speed_rear": "rear wheel speed",
     "accel_x": "accel_x", "accel_y": "accel_y",
 }  # fmt: skip
+AXLES = {"cy_front": "front", "cy_rear": "rear"}
 REAR = "longitudinal_stiffness_rear"
 NOT_ZERO = f", less than {SURE:g} sd from 0, or too small to matter"
 
@@ -75,7 +78,11 @@ def findings(problem: Problem, fit: Fit, before: Mapping[str, float]) -> list[Fi
     known, found = np.sqrt(np.diag(fit.covariance)), fit.x
     times = rear_follows(problem, fit)
     rows = []
-    for k, u in enumerate(UNKNOWNS):
+    known_names = list(problem.prior.names)
+    for u in (*UNKNOWNS, *OF_VELOCITY):
+        if u.name not in known_names:
+            continue
+        k = known_names.index(u.name)
         shown = bool(known[k] < SHOWN * problem.sd[k])
         by = float(getattr(problem.config, u.name)) if u.relative else 1.0
         follows = times if u.name == REAR else 1.0
@@ -131,22 +138,36 @@ def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
 def known_before(config: Config) -> dict[str, float]:
     """What the settings say of each unknown; a latency that they do not know is 0."""
     values = config.as_dict()
-    return {u.name: float(values.get(u.name, 0.0)) for u in UNKNOWNS}
+    return {u.name: float(values.get(u.name, 0.0)) for u in (*UNKNOWNS, *OF_VELOCITY)}
 
 
 # ---- the result as a whole
 
 
 @dataclass(frozen=True)
+class Channel:
+    """A channel of a log, in its unit, as means over 40 ms: rms of what was measured, and of measured less simulated before and
+    after, each about its mean; and the sensor's noise."""
+
+    signal: float
+    before: float
+    after: float
+    noise: float
+
+    @property
+    def explained(self) -> tuple[float, float]:
+        """Share of the signal's square that the simulation explains, before and after."""
+        return tuple(1.0 - (x / max(self.signal, 1e-12)) ** 2 for x in (self.before, self.after))
+
+
+@dataclass(frozen=True)
 class Proof:
-    """A log against the car of its file and as calibrated: rms of measured less simulated without its mean over workflow.SLOW, in
-    which are road bank, grade and drift of the sensors; and how much likelier the calibrated car makes it."""
+    """A log against the car of its file, and as calibrated. Of a fitted log the road is known; of a held-out one nothing is fitted
+    but biases and how far its road leans into its curves."""
 
     log: str
     held_out: bool
-    before: dict[str, float]
-    after: dict[str, float]
-    nats_per_second: float
+    channels: dict[str, Channel]
 
 
 @dataclass
@@ -163,6 +184,7 @@ class Result:
     sensors: dict[str, float]
     steps: dict[str, float]  # quantisation of each channel as logged; 0: none that shows
     notes: list[str] = field(default_factory=list)
+    offers: list[Offer] = field(default_factory=list)  # what would make the axles surer
     own: bool = False  # on the logs that are estimated: their rows count once
 
     @property
@@ -175,22 +197,60 @@ class Result:
         return slip_words(self.problem, self.fit)
 
     @property
+    def surer(self) -> list[str]:
+        """What to drive or to find out next, a line each."""
+        sd = np.sqrt(np.diag(self.fit.covariance))
+        return offer_words({k: float(sd[self.problem.names.index(k)]) for k in AXLES}, self.offers)
+
+    @property
     def misstated(self) -> str:
         """What the vehicle file says and the logs contradict, in words; empty: nothing."""
         return misstated(self.findings)
 
 
+def bought(result: Result) -> list[str]:
+    """Return what a measured velocity brings: the 95 % intervals of the axles without and with it."""
+    if not any(c in result.problem.channels for c in VELOCITY):
+        return []
+    without = np.sqrt(np.diag(covariance_of(result.problem, result.fit, MEASURED)))
+    found = np.sqrt(np.diag(result.fit.covariance))
+    parts = []
+    for key, axle in AXLES.items():
+        k = result.problem.names.index(key)
+        parts.append(f"{axle} +- {196 * without[k]:.0f} -> +- {196 * found[k]:.1f} %")
+    return [f"The measured velocity makes the stiffness surer: {', '.join(parts)}."]
+
+
 def against(proofs: Sequence[Proof]) -> list[str]:
-    """Return which logs are less likely with the calibrated car than with that of the file, or turn less as it does."""
+    """Return which logs turn less as the calibrated car does than as that of the file."""
     found = []
     for p in proofs:
-        more = {c: p.after[c] / p.before[c] for c in ("accel_y", "yaw_rate") if p.before.get(c, 0.0) > 0}
-        if p.nats_per_second < 0 or max(more.values(), default=0.0) > WORSE:
+        more = {c: p.channels[c].after / p.channels[c].before for c in ("accel_y", "yaw_rate") if c in p.channels}
+        if max(more.values(), default=0.0) > WORSE:
             parts = ", ".join(f"{c} {100 * (x - 1):+.0f} %" for c, x in more.items())
-            found.append(
-                f"{p.log} contradicts the calibration ({parts}; {p.nats_per_second:+.1f} nat a second): another car, tyres, load?"
-            )
+            found.append(f"{p.log} contradicts the calibration ({parts}): another car, tyres, load?")
     return found
+
+
+def over(proofs: Sequence[Proof], channel: str) -> Channel:
+    """Return a channel of several logs as one: rms over the logs."""
+    mine = [p.channels[channel] for p in proofs if channel in p.channels]
+    return Channel(*(float(np.sqrt(np.mean([getattr(x, f.name) ** 2 for x in mine]))) for f in fields(Channel)))
+
+
+def proof_words(proofs: Sequence[Proof]) -> list[str]:
+    """Return a line for each channel, of the fitted logs and of those held out."""
+    lines = []
+    for held, title in ((False, "fitted"), (True, "held-out")):
+        mine = [p for p in proofs if p.held_out == held]
+        for c in dict.fromkeys(c for p in mine for c in p.channels):
+            x = over(mine, c)
+            was, now = (100 * e for e in x.explained)
+            lines.append(
+                f"{c} of {title} logs: {x.before:.3g} {CHANNEL_UNIT[c]} off before, {x.after:.3g} after, {x.noise:.2g} is noise"
+                f" ({was:.0f} % of the signal explained before, {now:.0f} % after)."
+            )
+    return lines
 
 
 def words(result: Result) -> list[str]:
@@ -203,16 +263,8 @@ def words(result: Result) -> list[str]:
         lines = [
             f"From {logs}: NOT converged after {result.fit.steps} steps (last step {result.fit.moved:.2g} sd); --steps allows more."
         ]
-    for held in (False, True):
-        mine = [p for p in result.proofs if p.held_out == held]
-        if mine:
-            parts = []
-            for c in mine[0].before:
-                before, after = (sum(getattr(p, w).get(c, 0.0) ** 2 for p in mine) ** 0.5 for w in ("before", "after"))
-                parts.append(f"{c} {100 * (after / max(before, 1e-12) - 1):+.0f} %")
-            likelier = sum(p.nats_per_second for p in mine) / len(mine)
-            title = "held-out" if held else "fitted"
-            lines.append(f"Residuals of {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second.")
+    lines += proof_words(result.proofs)
+    lines += bought(result)
     lines += against(result.proofs)
     if wrong := result.misstated:
         lines.append(f"Check the vehicle file: {wrong}.")
@@ -223,4 +275,4 @@ def words(result: Result) -> list[str]:
     hidden = [f.name for f in result.findings if not f.shown]
     if hidden:
         lines.append(f"Not shown by these logs: {', '.join(hidden)}.")
-    return lines
+    return lines + result.surer

@@ -8,22 +8,24 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.impl.calibrate.result import Proof, Result, findings, groups, known_before
+from tse.impl.calibrate.result import Channel, Proof, Result, findings, groups, known_before
 from tse.impl.core import Config
 from tse.impl.errors import UserError
-from tse.impl.identify.data import BLOCK, Prepared, prepare
-from tse.impl.identify.discrepancy import cost
+from tse.impl.identify import advice
+from tse.impl.identify.data import Prepared, blocks, prepare
 from tse.impl.identify.fit import Fit, fit
-from tse.impl.identify.problem import SPEED_TIME, Problem
+from tse.impl.identify.laps import laps
+from tse.impl.identify.problem import LEAN, SPEED_TIME, Problem, known_car
 from tse.impl.identify.slip import slip_words, slips
-from tse.impl.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
+from tse.impl.identify.unknowns import MEASURED, SUPERELEVATION, VELOCITY, of_log, prior_of
 from tse.impl.logs.agree import read_agreeing
-from tse.impl.noise import MOVING, noise_of, smooth
+from tse.impl.noise import MOVING, noise_of
+from tse.impl.road import Road
+from tse.impl.road_match import on_road
 from tse.impl.rows import DRIVES, Log, Reading
 from tse.impl.vehicle import SHAPE, Vehicle, fill_sensors, ordinary_car, read_vehicle
 
 Say = Callable[[str], None]
-SLOW = 4.0  # s
 LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
 MOST_GYRO_WALK = 0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
 FEWEST_STEPS = 10  # between values, to speak of quantisation
@@ -37,27 +39,30 @@ def run(
     say: Say,
     most: int | None = None,
     reading: Reading | None = None,
+    road: Road | None = None,
 ) -> Result:
-    """Calibrate, and prove it on the logs. `most`: steps of the search."""
+    """Calibrate, and prove it on the logs. `most`: steps of the search; `road`: that all logs are on, if it is known."""
     vehicle = read_vehicle(vehicle_path)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
-    read = read_agreeing(logs, notes, reading)
-    problem, ready = _problem(read, vehicle, jobs, notes, say)
-    config = problem.config
-
-    say("stiffness alone, the car as in the file")
-    plain_problem = Problem(ready, config, _stiffness_of(problem.prior), jobs, unlike=False)
-    plain = fit(plain_problem, say=say)
-
-    result = fit(problem, say=say, most=most)
+    read = on_known(road, read_agreeing(logs, notes, reading), vehicle)
+    problem = _problem(read, vehicle, jobs, notes, say)
+    result = slips(problem, fit(problem, say=say, most=most), read, vehicle)
 
     say("proof")
-    proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
+    proofs = _proofs(problem, result)
     if held_out:
-        held = _prepare(read_agreeing(held_out, notes, reading), config, notes, say)
-        proofs += _proofs(problem, result, plain_problem, plain, held, True)
+        held = _prepare(on_known(road, read_agreeing(held_out, notes, reading), vehicle), problem.config, notes, say)
+        proofs += _held_out(problem, result, [log for log in held if log is not None])
     return _result(vehicle, problem, result, read, proofs, notes)
+
+
+def on_known(road: Road | None, logs: Sequence[Log], vehicle: Vehicle) -> list[Log]:
+    """Return logs with the bank and grade of a road. UserError: one is on another."""
+    if road is None:
+        return list(logs)
+    config = Config(vehicle.values)
+    return [on_road(log, road, config)[0] for log in logs]
 
 
 def of_logs(
@@ -66,14 +71,15 @@ def of_logs(
     """Calibrate on logs that are read and agree, without proof. UserError: they cannot be compared with a simulation for `least`
     seconds."""
     notes = list(notes)
-    problem, _ = _problem(logs, vehicle, 1, notes, say)
+    problem = _problem(logs, vehicle, 1, notes, say)
     if (seconds := sum(log.seconds for log in problem.logs)) < least:
         raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:.0f} s are needed")
-    return _result(vehicle, problem, fit(problem, say=say), logs, [], notes)
+    result = slips(problem, fit(problem, say=say), logs, vehicle)
+    return _result(vehicle, problem, result, logs, [], notes)
 
 
-def _problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say) -> tuple[Problem, list[Prepared]]:
-    """What is fitted, and the logs as they are simulated."""
+def _problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say) -> Problem:
+    """Return what is fitted."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
     config = Config(vehicle.values)
@@ -81,33 +87,39 @@ def _problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str],
     if SHAPE not in stated:
         setattr(config, SHAPE, ordinary_car(config)[SHAPE])
     ready = _prepare(logs, config, notes, say)
-    if not any(p.stretches for p in ready):
+    if not any(p is not None and p.stretches for p in ready):
         raise UserError("; ".join(notes) or "no log can be used")
-    problem = Problem(ready, config, prior_of(vehicle, config), jobs)
+    velocity = any(c in log.measured for log in ready if log is not None for c in VELOCITY)
+    usable = [(one, log) for one, log in zip(ready, logs, strict=True) if one is not None and one.stretches]
+    knots = laps([log for _, log in usable], config).knots()
+    problem = Problem([one for one, _ in usable], config, prior_of(vehicle, config, velocity), jobs, knots)
     if not problem.groups:
         raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
-    return problem, ready
+    return problem
 
 
 def _result(vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log], proofs: list[Proof], notes: list[str]) -> Result:
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
-    result = slips(problem, result, logs, vehicle)
     notes += slip_words(problem, result)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result) | noise_along(logs, problem.config)
-    return Result(vehicle, problem.config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
+    found = Result(vehicle, problem.config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
+    found.offers = advice.offers(problem, result, vehicle)
+    return found
 
 
-def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) -> list[Prepared]:
-    ready = []
+def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) -> list[Prepared | None]:
+    """Return each log ready to be simulated; None: it cannot be."""
+    ready: list[Prepared | None] = []
     for log in logs:
         say(f"smoothing {log.path.name}")
         try:
             ready.append(_with_all(prepare(log, config)))
         except UserError as error:
             notes.append(f"left out: {error}")
+            ready.append(None)
             continue
         notes += ready[-1].notes
     return ready
@@ -119,38 +131,56 @@ def _with_all(log: Prepared) -> Prepared:
     return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURED, *log.measured)})
 
 
-def _stiffness_of(prior: Prior) -> Prior:
-    at = [prior.names.index(s) for s in STIFFNESS]
-    return Prior(STIFFNESS, prior.mean[at], prior.covariance[np.ix_(at, at)], prior.low[at], prior.high[at])
+# ---- proof
 
 
-def _proofs(
-    problem: Problem, result: Fit, plain_problem: Problem, plain: Fit, logs: Sequence[Prepared], held_out: bool
-) -> list[Proof]:
-    """Each log by itself; of one that is held out nothing is fitted but the sensors' bias."""
-    found = []
-    for i, log in enumerate(x for x in logs if x.stretches):
-        before, old = _misfit(plain_problem, plain, log, None if held_out else i)
-        after, new = _misfit(problem, result, log, None if held_out else i)
-        found.append(Proof(log.path.name, held_out, before, after, (old - new) / max(log.seconds, 1.0)))
-    return found
+def _proofs(problem: Problem, result: Fit) -> list[Proof]:
+    """Return each fitted log with the car and the road that were found."""
+    before, after = _left(*_as_filed(problem)), _left(problem, problem.to_search(result.x), result.z)
+    return [_proof(problem, i, False, before, after) for i in range(len(problem.logs))]
 
 
-def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) -> tuple[dict[str, float], float]:
-    """Rms of each channel, and minus the log likelihood. `fitted`: the log's index among those that were fitted."""
-    other = Problem([log], problem.config, problem.prior, unlike=False)
-    own = other.mean[other.car :] if fitted is None else result.x[problem.car + len(OWN) * fitted :][: len(OWN)]
-    residuals = other.residuals(np.append(result.x[: problem.car], own))
-    rows = round(SLOW / BLOCK)
-    fast = [r - smooth(r, rows) if len(r) else r for r in other.as_sensed(np.append(result.x[: problem.car], own))]
-    rms = {c: float(np.std(fast[g])) for g, (_, c) in enumerate(other.groups) if len(fast[g])}
-    return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in other.channels if c in result.noise)
+def _held_out(problem: Problem, result: Fit, logs: Sequence[Prepared]) -> list[Proof]:
+    """Return each log that was not fitted: of it only biases are, and how far its road leans into its curves."""
+    car = known_car(problem, problem.to_search(result.x))
+    other = Problem(logs, car, problem.prior.only(()), problem.jobs, road=False)
+    filed = Problem(logs, problem.config, problem.prior.only(()), problem.jobs, road=False)
+    before, after = _left(*_as_filed(filed)), _left(other, fit(other).search)
+    return [_proof(other, i, True, before, after) for i in range(len(other.logs))]
+
+
+def _as_filed(problem: Problem) -> tuple[Problem, np.ndarray]:
+    """Return the car of the vehicle file, on roads as it says, and what is then unknown."""
+    filed = Problem(problem.logs, problem.config, problem.prior.only(()), problem.jobs, road=False)
+    x = filed.mean.copy()
+    for i in range(filed.leans):
+        x[filed.names.index(of_log(SUPERELEVATION, i))] = getattr(problem.config, LEAN)
+    return filed, x
+
+
+def _left(problem: Problem, x: np.ndarray, z: np.ndarray | None = None) -> dict[tuple[int, str], float]:
+    """Return the rms of measured less simulated by log and channel, about its mean."""
+    z = np.zeros(problem.knots) if z is None else z
+    return {g: float(np.std(e)) for g, e in zip(problem.groups, problem.as_sensed(x, z), strict=True)}
+
+
+def _proof(problem: Problem, i: int, held_out: bool, before: dict, after: dict) -> Proof:
+    log = problem.logs[i]
+    channels = {}
+    for g, (k, c) in enumerate(problem.groups):
+        if k == i:
+            per_block = log.noise[c] / float(np.sqrt(max(np.median(blocks(log, log.measured[c])[1]), 1)))
+            channels[c] = Channel(float(np.std(problem.measured(g))), before[i, c], after[i, c], per_block)
+    return Proof(log.path.name, held_out, channels)
+
+
+# ---- sensors
 
 
 def _sensors(problem: Problem, result: Fit) -> dict[str, float]:
     """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
     found: dict[str, float] = {}
-    for c in problem.channels:
+    for c in result.noise:
         d = result.noise[c]
         rows = sum(len(log.time) for log in problem.logs)
         fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)

@@ -1,2 +1,2 @@
-"""What a car and its sensors are, from logs: simulation error under priors, with a discrepancy of each channel that no model
-explains. One engine: calibration asks it for the car and its sensors."""
+"""What a car, its sensors and its roads are, from logs: one fit, robust least squares with the priors of cars and roads, which
+`tselab calibrate`, the calibration on the log itself and the first step of `tselab gap` share."""

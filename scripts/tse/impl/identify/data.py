@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from tse.impl.core import Config, Replay
 from tse.impl.errors import UserError
-from tse.impl.identify.unknowns import MOST_LATENCY
+from tse.impl.identify.unknowns import MOST_LATENCY, VELOCITY
 from tse.impl.noise import channel_noise, filled, fresh, noise_of
 from tse.impl.rows import DRIVES, MEASURES, Log
 
@@ -30,7 +30,6 @@ BLOCK = 0.04  # s: residuals are averaged over so long
 BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
 SHORTEST = 3.0  # s: shorter stretches say less than their start costs
 LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
-CALM = 0.15  # s: sd of the smoothing: wheels and body pitch at 1 to 2 Hz on uneven roads, a driver brakes below that
 CURVE_LENGTH = 12.0  # m: sd of the smoothing: over which a road goes from level to leaning into its curve
 
 
@@ -60,6 +59,7 @@ class Prepared:
     held: dict[str, float] = field(default_factory=dict)  # s since the value of a row was new, mean, where a slow signal is held
     wheel_noise: float = 0.0  # rad/s, rms of what smoothing took from the wheel speeds
     late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
+    road: dict[str, np.ndarray] = field(default_factory=dict)  # rad: bank and grade of each row, where they are known
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -87,6 +87,16 @@ class Prepared:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
         return spline(np.clip(self.time[rows] + by, self.time[0], self.time[-1]))
 
+    def earlier(self, x: np.ndarray, by: float) -> np.ndarray:
+        """What is simulated, a value per row, as a channel has it that is `by` [s] late; NaN between stretches."""
+        if not by:
+            return x
+        out = np.full(len(x), np.nan)
+        for s in self.stretches:
+            time = self.time[s.first : s.last]
+            out[s.first : s.last] = np.interp(time - by, time, x[s.first : s.last])
+        return out
+
 
 def prepare(log: Log, config: Config) -> Prepared:
     """Smooth the inputs, find the stretches, measure the noise."""
@@ -110,6 +120,10 @@ def prepare(log: Log, config: Config) -> Prepared:
     per_block = max(1, round(BLOCK / log.sample_time))
     stretches = _stretches(log.time, good, per_block)
     distance = np.append(0.0, np.cumsum(np.maximum(v[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
+    for name in (n for n in VELOCITY if n in log.extra):
+        x = log.extra[name].to_numpy(float)
+        measured[name] = np.where(fresh(x), x, np.nan)
+        noise[name] = _plain_noise(measured[name])
     absent = [name for name in MEASURES if name not in measured]
     notes = [f"{log.path.name}: without {', '.join(absent)}: what only that shows is not asked of it"] if absent else []
     if not stretches:
@@ -119,7 +133,10 @@ def prepare(log: Log, config: Config) -> Prepared:
     held = {name: age for name in (*DRIVES, *MEASURES) if (age := _age(log.time, log.data[name].to_numpy(float))) > 0}
     off = [np.concatenate([(raw[n] - inputs[n])[s.first : s.last] for s in stretches]) for n in DRIVES[1:] if stretches]
     wheel_noise = max((float(np.sqrt(np.nanmean(x**2))) for x in off), default=0.0)
-    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held, wheel_noise)
+    road = {n: np.nan_to_num(log.extra[n].to_numpy(float)) for n in ("bank", "grade") if n in log.extra}
+    return Prepared(
+        log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held, wheel_noise, road=road
+    )
 
 
 def speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
@@ -271,11 +288,12 @@ def simulate(
 
     `later`: s, by channel: how much later it is than the vehicle file says."""
     later = later or {}
+    road = {n: profiles.get(n, 0.0) + log.road.get(n, 0.0) for n in {**profiles, **log.road}}
     out = {c: np.full(len(log.time), np.nan) for c in channels}
     for s in log.stretches:
         rows = slice(s.first, s.last)
         dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
-        inputs = {n: x[rows] for n, x in (log.inputs | profiles).items()}
+        inputs = {n: x[rows] for n, x in (log.inputs | road).items()}
         inputs |= {n: log.later(n, by, rows) for n, by in later.items() if by and n in log.inputs}
         replay = Replay(tuple(channels), dt=dt, **inputs)
         gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
@@ -284,23 +302,11 @@ def simulate(
         )
         for c, x in found.items():
             late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
-            out[c][rows] = CubicSpline(t, x)(np.clip(t - late, t[0], t[-1])) if late else x
+            out[c][rows] = np.interp(t - late, t, x) if late else x
     return out
 
 
 # ---- what is made of a log before calibration compares it with a simulation
-
-
-def calm(log: Prepared) -> Prepared:
-    """The log with wheel speeds and accel_x smoothed alike, which leaves what is between them as it was. An uneven road moves the
-    wheels without the body; what the simulation makes of that would count as error of the car."""
-    rows = CALM / log.step
-    wheels = {n: gaussian_filter1d(x, rows) if n.startswith("wheel") else x for n, x in log.inputs.items()}
-    along = log.measured["accel_x"]
-    there = np.isfinite(along)
-    weight = gaussian_filter1d(there.astype(float), rows)
-    value = gaussian_filter1d(np.where(there, along, 0.0), rows) / np.maximum(weight, 1e-9)
-    return replace(log, inputs=wheels, measured=log.measured | {"accel_x": np.where(there, value, np.nan)})
 
 
 def curves(log: Prepared, config: Config) -> np.ndarray:

@@ -1,201 +1,318 @@
-"""The likeliest unknowns: Gauss-Newton with damping and bounds, the discrepancies found anew as the residuals shrink; and what
-their covariance is, from the information of the logs and from how far pieces of them contradict each other."""
+"""The likeliest car and road: Gauss-Newton on robust least squares with the priors of both.
+
+What is made small, over x (car, leans, biases) and z (values of bank and grade):
+    sum over residuals e of rho(e)/scale^2 + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2,
+with rho the loss of Huber, and scale, by channel, what a residual counts as (`left_of`). z is eliminated: its information is
+banded, and one sparse factor gives the Schur complement that x is solved in.
+
+How far the model is from the car decides how sure x is, and hardly what it is: a residual is noise of the sensor, which is new in
+each value, and what the model lacks, which lasts MODEL_TIME and counts once in it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import lsq_linear
+from scipy.sparse import csc_matrix, diags, identity
+from scipy.sparse.linalg import splu
 
-from tse.impl.identify.discrepancy import Discrepancy, Piece, without_bias
+from tse.impl.identify.discrepancy import Discrepancy, found
+from tse.impl.identify.problem import Problem
+from tse.impl.identify.unknowns import MEASURED
 
+HUBER = 4.0  # rms of the channel: a larger residual counts as its size, not its square
+MODEL_TIME = 2.0  # s: what the model lacks lasts so long
 MOST_STEPS = 40  # of a fit
+FARTHEST = 1.5  # prior sd, of one step
+NEAR = 0.9  # of the rms of every channel: a step that leaves more is near a fit
 SETTLED = 0.1  # posterior sd: a step below it ends the search,
-LITTLE = 0.1  # nats: or one that is expected to gain less
-LEAST_GAIN = 0.25  # of the gain that slopes predict: below it they are simulated anew, or the step is damped
-# posterior sd: from a step below it on the discrepancies are free. A prior of the slow part's size in its place does not do: far
-# from a fit residuals gain more by what follows them than a half-normal of 0.05 m/s2 takes, of less than roads have
-NEAR = 1.0
-SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
-MOST_REFITS = 12  # of the discrepancies
-WINDOW = 15.0  # s: pieces that are asked separately how far they contradict each other
+LITTLE = 0.1  # nats: or one that gains less
+LEAST_GAIN = 0.25  # of the gain that slopes predict: below it they are simulated anew
+HALVINGS = 6  # of a step that gains nothing
 
 
-class Problem(Protocol):
-    """What is fitted: unknowns with a normal prior and bounds, residuals by group (log, channel) with their slopes, and what is
-    known of discrepancies."""
+@dataclass(frozen=True)
+class Left:
+    """What is left of a channel: rms, and what one value counts as, in the unit of the residuals."""
 
-    power: Mapping[str, float]  # by channel: how much the likelihood counts
-    names: Sequence[str]
-    mean: np.ndarray
-    sd: np.ndarray
-    information: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    logs: Sequence
-    groups: list[tuple[int, str]]
-    time: list[np.ndarray]
-    channels: Sequence[str]
-
-    def residuals(self, x: np.ndarray) -> list[np.ndarray]: ...
-
-    def slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]: ...
-
-    def piece(self, g: int, residual: np.ndarray) -> Piece: ...
-
-    def one_at_speed(self, g: int) -> np.ndarray: ...  # a yaw rate of 1 m/s2 across, in the unit of the residuals
-
-    def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]: ...
-
-    def found(self, pieces: Sequence[Piece], start: Discrepancy | None, far: bool) -> Discrepancy: ...
-
-    def cost(self, d: Discrepancy, pieces: Sequence[Piece]) -> float: ...
+    rms: float
+    scale: float
 
 
 @dataclass
 class Fit:
-    """Where the search stands, or ended."""
+    """Where the search stands, or ended.
+
+    Attributes
+    ----------
+    x, covariance
+        Unknowns of the problem, stiffness in ln over the vehicle file's.
+    z, road_sd
+        Values of bank and grade, and their sd [rad].
+    search, information
+        x as it is searched, and the information of the logs and the prior there, the road eliminated.
+    left
+        By channel.
+    noise
+        By channel that the filter measures: what is left where the roads are level, as a process (for its settings).
+    """
 
     x: np.ndarray
-    noise: dict[str, Discrepancy]
+    z: np.ndarray
     covariance: np.ndarray
+    search: np.ndarray
+    information: np.ndarray
+    left: dict[str, Left]
+    residuals: list[np.ndarray]
+    slopes: tuple[list[np.ndarray], list[csc_matrix]]  # of the residuals, by x and by z
+    road_sd: np.ndarray
+    equations: Normal
     converged: bool = False
     steps: int = 0
     moved: float = np.inf  # posterior sd, in the last step
-    residuals: list[np.ndarray] = field(default_factory=list)  # at x
-    slopes: list[np.ndarray] = field(default_factory=list)  # whitened, at x
+    noise: dict[str, Discrepancy] = field(default_factory=dict)
 
 
-def whitened(
-    problem: Problem, noise: dict[str, Discrepancy], residuals: list[np.ndarray], slopes: list[np.ndarray] | None = None
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Residuals and slopes of each group in units of their own uncertainty, less what the bias of the group explains."""
-    white_r, white_j = [], []
-    for g, (_, channel) in enumerate(problem.groups):
-        piece = problem.piece(g, residuals[g])
-        columns = np.column_stack([residuals[g], piece.bias] + ([slopes[g]] if slopes is not None else []))
-        z = noise[channel].whiten(piece, columns)[0]
-        z = problem.power[channel] ** 0.5 * without_bias(np.delete(z, 1, axis=1), z[:, 1])
-        white_r.append(z[:, 0])
-        white_j.append(z[:, 1:])
-    return white_r, white_j
+def left_of(
+    problem: Problem, residuals: list[np.ndarray], before: Mapping[str, Left] | None = None, near: bool = True
+) -> dict[str, Left]:
+    """Return what residuals leave of each channel. `near`: they are of a fit; else each of them counts by itself.
+
+    rms^2 = noise^2 + model^2: of the first part every value is a new one, of the second one in MODEL_TIME. In the second part are
+    errors of a measured velocity, too, as large as the settings say."""
+    found: dict[str, Left] = {}
+    for c in problem.channels:
+        mine = [g for g, (_, channel) in enumerate(problem.groups) if channel == c]
+        e = np.concatenate([residuals[g] for g in mine])
+        size = before[c].rms if before else 1.4826 * float(np.median(np.abs(e)))
+        noise = float(np.sqrt(np.average([problem.noise(g) ** 2 for g in mine], weights=[len(residuals[g]) for g in mine])))
+        rms = float(np.sqrt(np.mean(np.minimum(np.abs(e), HUBER * max(size, noise)) ** 2)))
+        rms = max(rms, float(np.hypot(noise, problem.lasting(c))), 1e-9)
+        share = min(1.0, (noise / rms) ** 2) if near else 1.0
+        values = max(1.0, MODEL_TIME / problem.step(mine[0]))
+        found[c] = Left(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
+    return found
 
 
-def half_square(problem: Problem, noise: dict[str, Discrepancy], x: np.ndarray, residuals: list[np.ndarray]) -> float:
-    """What the search makes small, with the discrepancies as they are."""
+def cost(problem: Problem, left: Mapping[str, Left], x: np.ndarray, z: np.ndarray, residuals: list[np.ndarray]) -> float:
+    """Return what the search makes small, with the scales as they are."""
     away = x - problem.mean
-    far = sum(float(np.einsum("i,i", r, r)) for r in whitened(problem, noise, residuals)[0])
-    return 0.5 * (far + float(away @ problem.information @ away))
+    total = 0.5 * float(away @ problem.information @ away) + 0.5 * float(z @ z) / problem.knot_sd**2
+    for e, (_, c) in zip(residuals, problem.groups, strict=True):
+        end = HUBER * left[c].rms
+        a = np.abs(e)
+        total += float(np.where(a <= end, 0.5 * a * a, end * (a - 0.5 * end)).sum()) / left[c].scale ** 2
+    return total
 
 
-def discrepancies(
-    problem: Problem, residuals: list[np.ndarray], before: dict[str, Discrepancy], far: bool
-) -> tuple[dict[str, Discrepancy], float]:
-    """Those of all channels, and by how much likelier [nats] they make the residuals than those before. `far`: from a fit."""
-    now = {c: problem.found(problem.pieces(residuals, c), before.get(c), far) for c in problem.channels}
-    if not before:
-        return now, np.inf
-    pieces = {c: problem.pieces(residuals, c) for c in now}
-    better = sum(problem.cost(before[c], pieces[c]) - problem.cost(now[c], pieces[c]) for c in now)
-    return now, better
+@dataclass
+class Normal:
+    """Normal equations about a point: the road eliminated (Schur complement), and what it is for a step of x."""
+
+    information: np.ndarray  # of x
+    gradient: np.ndarray  # of x
+    across: np.ndarray  # of z, by x
+    own: np.ndarray  # gradient of z
+    factor: object | None
+
+    def road(self, step: np.ndarray) -> np.ndarray:
+        """Return the step of z that goes with one of x."""
+        if self.factor is None:
+            return np.zeros(0)
+        return -self.factor.solve(self.own + self.across @ step)
+
+    def worth(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
+        """Return by how many nats the logs are likelier with some values of the road than with none of them.
+
+        Savage-Dickey: the density of nothing there, in the prior over in the posterior, car and other values free."""
+        if self.factor is None:
+            return 0.0
+        chosen = np.zeros((len(z), values.stop - values.start))
+        chosen[values] = np.eye(chosen.shape[1])
+        inner = self.factor.solve(chosen)
+        along = inner.T @ self.across
+        covariance = inner[values] + along @ np.linalg.solve(self.information, along.T)
+        root = np.linalg.cholesky(covariance)
+        away = np.linalg.solve(root, z[values])
+        return float(0.5 * away @ away + np.log(np.diag(root)).sum() - len(away) * np.log(prior_sd))
+
+    def road_sd(self) -> np.ndarray:
+        """Return the sd of each value of the road, x known."""
+        if self.factor is None:
+            return np.zeros(0)
+        return np.sqrt(np.diag(self.factor.solve(np.eye(len(self.own)))))
 
 
-def step(information: np.ndarray, gradient: np.ndarray, damping: float, x: np.ndarray, problem: Problem) -> np.ndarray:
-    """Where to go: the least of the damped quadratic within the bounds."""
-    scale = 1.0 / np.sqrt(np.diag(information))
-    root = cholesky(information * np.outer(scale, scale) + damping * np.eye(len(x)))  # root' root
-    target = -solve_triangular(root, gradient * scale, trans="T")
-    bounds = ((problem.low - x) / scale - 1e-12, (problem.high - x) / scale + 1e-12)
-    return np.clip(x + scale * lsq_linear(root, target, bounds, method="bvls").x, problem.low, problem.high)
+def normal(
+    problem: Problem,
+    left: Mapping[str, Left],
+    x: np.ndarray,
+    z: np.ndarray,
+    residuals: list[np.ndarray],
+    tables: list[np.ndarray],
+    roads: list[csc_matrix],
+    channels: Collection[str] | None = None,
+) -> Normal:
+    """Return the normal equations of residuals with these slopes; `channels`: of some of them alone."""
+    information = problem.information.copy()
+    gradient = problem.information @ (x - problem.mean)
+    size = len(z)
+    across = np.zeros((size, len(x)))
+    own = z / problem.knot_sd**2
+    inner = identity(size, format="csc") / problem.knot_sd**2 if size else None
+    for e, j, r, (_, c) in zip(residuals, tables, roads, problem.groups, strict=True):
+        if channels is not None and c not in channels:
+            continue
+        weight = np.minimum(1.0, HUBER * left[c].rms / np.maximum(np.abs(e), 1e-300)) / left[c].scale ** 2
+        weighted = weight[:, None] * j
+        information += j.T @ weighted
+        gradient += weighted.T @ e
+        if size:
+            across += r.T @ weighted
+            own += r.T @ (weight * e)
+            inner = inner + r.T @ (diags(weight) @ r)
+    if not size:
+        return Normal(information, gradient, across, own, None)
+    factor = splu(inner.tocsc())
+    solved = factor.solve(np.column_stack([across, own]))
+    return Normal(information - across.T @ solved[:, :-1], gradient - across.T @ solved[:, -1], across, own, factor)
+
+
+def step(problem: Problem, equations: Normal, x: np.ndarray) -> np.ndarray:
+    """Return the step of x to the least of the quadratic within the bounds, FARTHEST at most."""
+    scale = 1.0 / np.sqrt(np.diag(equations.information))
+    root = cholesky(equations.information * np.outer(scale, scale))  # root' root
+    target = -solve_triangular(root, equations.gradient * scale, trans="T")
+    low = np.maximum(problem.low - x, -FARTHEST * problem.sd)
+    high = np.minimum(problem.high - x, FARTHEST * problem.sd)
+    found = scale * lsq_linear(root, target, (low / scale - 1e-12, high / scale + 1e-12), method="bvls").x
+    return np.clip(found, low, high)
 
 
 def fit(
     problem: Problem,
     x: np.ndarray | None = None,
-    noise: dict[str, Discrepancy] | None = None,
+    z: np.ndarray | None = None,
+    left: Mapping[str, Left] | None = None,
     say: Callable[[str], None] = lambda _: None,
     most: int | None = None,
-    chords: bool = False,
 ) -> Fit:
-    """Search from the prior, or from `x` and discrepancies `noise`. `most`: steps; None: MOST_STEPS.
+    """Search.
 
-    Slopes are simulated at the start, where a step gains much less than they predict, and where the search would end; between they
-    follow what the steps have shown (Broyden 1965). `chords`: where it would end they are only simulated for the covariance. A
-    search from the prior begins with discrepancies that cannot follow the car (`far`): until it is near."""
-    most = MOST_STEPS if most is None else most
+    Parameters
+    ----------
+    problem
+        What is fitted.
+    x, z
+        Where to begin, x in the coordinates of the search; None: at the prior.
+    left
+        Scales that are kept; None: those of what is left, found again after every step.
+    say
+        Called with what is done now.
+    most
+        Steps; None: MOST_STEPS.
+
+    Notes
+    -----
+    The search begins with least squares: a model that does not fit yet lacks what it is about to explain, and would be believed so
+    little that it stays where it is. When it is near, what is left decides how much it counts.
+
+    Slopes are simulated at the start, where a step gains much less than they predict, and where the search ends; between they
+    follow what the steps have shown (Broyden 1965). A simulation of all logs for each of fifty unknowns is nearly all the cost.
+    """
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
-    far, noise, steps, refits, damping = noise is None, dict(noise or {}), 0, 0, 1e-3
-    residuals = problem.residuals(x)
-    converged, moved, changed = False, np.inf, np.inf
-    steep, exact, due = problem.slopes(x, residuals), True, False
+    z = np.zeros(problem.knots) if z is None else z
+    residuals = problem.residuals(x, z)
+    kept, near = left, left is not None
+    left = kept or left_of(problem, residuals, near=near)
+    tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+    if not near:  # the road first: a car that is far from it would be asked to climb it
+        level = [np.zeros_like(j) for j in tables]
+        hills = z + normal(problem, left, x, z, residuals, level, roads).road(np.zeros(len(x)))
+        there = problem.residuals(x, hills)
+        if cost(problem, left, x, hills, there) < cost(problem, left, x, z, residuals):
+            z, residuals = hills, there
+            left = left_of(problem, residuals, left, near)
+    exact, converged, moved, steps = True, False, np.inf, 0
+    most = MOST_STEPS if most is None else most
     while True:
-        if refits < MOST_REFITS and changed > SAME:
-            noise, changed = discrepancies(problem, residuals, noise, far)
-            refits += 1
-        ends = converged or steps >= most
-        if not exact and (due or ends):
-            steep, exact = problem.slopes(x, residuals), True
-        r, j = whitened(problem, noise, residuals, steep)
-        information = sum(a.T @ a for a in j) + problem.information
-        if ends:
+        equations = normal(problem, left, x, z, residuals, tables, roads)
+        if converged or steps >= most:
             break
-        gradient = sum(a.T @ b for a, b in zip(j, r, strict=True)) + problem.information @ (x - problem.mean)
-        here = half_square(problem, noise, x, residuals)
-        for _ in range(10):
-            there = step(information, gradient, damping, x, problem)
-            new = problem.residuals(there)
-            gain = here - half_square(problem, noise, there, new)
+        here = cost(problem, left, x, z, residuals)
+        whole = step(problem, equations, x)
+        for halving in range(HALVINGS):
+            by = whole * 0.5**halving
+            along = equations.road(whole) * 0.5**halving
+            new = problem.residuals(x + by, z + along)
+            gain = here - cost(problem, left, x + by, z + along, new)
             if gain > 0 or not exact:
                 break
-            damping = max(10 * damping, 1e-3)
-        if not gain > 0:
-            due = not exact
-            if not due:  # nowhere to go
-                converged = not far and (changed <= SAME or refits >= MOST_REFITS)
-                far, changed, steps = False, SAME if converged else np.inf, steps + 1
-            continue
-        by = there - x
-        moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(information)))))
-        expected = -float(gradient @ by + 0.5 * by @ information @ by)
-        good, settled = gain > LEAST_GAIN * expected, moved < SETTLED or expected < LITTLE
-        if good or exact:
-            damping = max(damping / 10, 1e-6) if good else max(10 * damping, 1e-2)
-        due = not exact and (not good or (settled and not chords))
-        steep, exact = _followed(steep, residuals, new, by / problem.sd, problem.sd), exact and settled
-        x, residuals, steps = there, new, steps + 1
-        converged = settled and not (far or due) and (changed <= SAME or refits >= MOST_REFITS)
-        if (moved < NEAR if far else settled and not due) and not converged:
-            far, changed = False, np.inf
-        say(f"step {steps}: the largest change is {moved:.2g} sd")
-    return Fit(x, noise, covariance(problem, information, r, j), converged, steps, moved, residuals, j)
+        expected = _expected(problem, left, x, z, residuals, tables, roads, by, along)
+        moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(equations.information)))))
+        settled = moved < SETTLED or expected < LITTLE
+        converged = near and exact and (settled or gain <= 0)
+        if gain > 0:
+            tables = _followed(problem, tables, roads, residuals, new, by, along)
+            x, z, residuals = x + by, z + along, new
+            steps += 1
+            say(f"step {steps}: the largest change is {moved:.2g} sd")
+        exact = not converged and ((near and settled) or gain < LEAST_GAIN * expected)
+        if exact:
+            tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+        before, left = left, kept or left_of(problem, residuals, left, near)
+        near = near or (gain > 0 and all(left[c].rms > NEAR * before[c].rms for c in left))
+    ln = problem.ln_slope(x)
+    covariance = np.linalg.inv(equations.information) * np.outer(ln, ln)
+    return Fit(
+        problem.to_ln(x), z, covariance, x, equations.information, dict(left), residuals, (tables, roads),
+        equations.road_sd(), equations, converged, steps, moved, discrepancies(problem, x),
+    )  # fmt: skip
+
+
+def _expected(
+    problem: Problem,
+    left: Mapping[str, Left],
+    x: np.ndarray,
+    z: np.ndarray,
+    residuals: list[np.ndarray],
+    tables: list[np.ndarray],
+    roads: list[csc_matrix],
+    by: np.ndarray,
+    along: np.ndarray,
+) -> float:
+    """Return the gain that slopes predict of a step."""
+    there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
+    return cost(problem, left, x, z, residuals) - cost(problem, left, x + by, z + along, there)
 
 
 def _followed(
-    slopes: list[np.ndarray], before: list[np.ndarray], after: list[np.ndarray], by: np.ndarray, unit: np.ndarray
+    problem: Problem,
+    tables: list[np.ndarray],
+    roads: list[csc_matrix],
+    before: list[np.ndarray],
+    after: list[np.ndarray],
+    by: np.ndarray,
+    along: np.ndarray,
 ) -> list[np.ndarray]:
-    """Slopes that agree with what a step did: the least change of them in units of the unknowns. `by`: the step in these."""
-    along = by / max(float(by @ by), 1e-300)
-    return [t + np.outer(b - a - t @ (by * unit), along / unit) for t, a, b in zip(slopes, before, after, strict=True)]
+    """Return slopes that agree with what a step did: the least change of them in units of the prior."""
+    unit = by / problem.sd**2
+    size = max(float(by @ unit), 1e-300)
+    return [j + np.outer(b - a - j @ by - r @ along, unit / size) for j, r, a, b in zip(tables, roads, before, after, strict=True)]
 
 
-def covariance(problem: Problem, information: np.ndarray, r: list[np.ndarray], j: list[np.ndarray]) -> np.ndarray:
-    """Inverse information, made wider where pieces of WINDOW of the logs ask for more different things than chance allows: the
-    model is then wrong in a way that no discrepancy of the channels stands for (sandwich: White 1982)."""
-    bread = np.linalg.inv(information)
-    meat = problem.information.copy()
-    for i in range(len(problem.logs)):
-        scores: dict[int, np.ndarray] = {}
-        for g in (g for g, (log, _) in enumerate(problem.groups) if log == i):
-            window = (problem.time[g] // WINDOW).astype(int)
-            for w in np.unique(window):
-                rows = window == w
-                scores[w] = scores.get(w, np.zeros(len(bread))) + j[g][rows].T @ r[g][rows]
-        for score in scores.values():
-            meat += np.outer(score, score)
-    wide = bread @ meat @ bread
-    widening = np.sqrt(np.maximum(np.diag(wide) / np.diag(bread), 1.0))
-    return bread * np.outer(widening, widening)
+def covariance_of(problem: Problem, fit: Fit, channels: Collection[str]) -> np.ndarray:
+    """Return what the covariance of a fit were with some of its channels alone, stiffness in ln."""
+    equations = normal(problem, fit.left, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
+    ln = problem.ln_slope(fit.search)
+    return np.linalg.inv(equations.information) * np.outer(ln, ln)
+
+
+def discrepancies(problem: Problem, x: np.ndarray) -> dict[str, Discrepancy]:
+    """Return what is left of each channel of the filter where nobody tells it the roads."""
+    level = problem.residuals(x, np.zeros(problem.knots))
+    return {c: found(problem.pieces(level, c)) for c in problem.channels if c in MEASURED}

@@ -6,7 +6,7 @@ prior is around a usual size, not around nothing: a log that cannot show it leav
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ from tse.impl.core import NOMINAL, Config
 from tse.impl.vehicle import GRAVITY, Vehicle
 
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
+VELOCITY = ("ins_vel_x", "ins_vel_y", "gnss_speed")  # channels of a log that are compared where it has them
+CHANNEL_UNIT = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"} | dict.fromkeys(VELOCITY, "m/s")
 LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
 LATENCY = "_latency"
 LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
@@ -25,11 +27,13 @@ MOST_LATENCY = 0.2  # s: of a channel behind the gyro, or before it
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 STIFFNESS_SD = 0.5  # ln: of the car's over the vehicle file's
 MOST_STIFFNESS = 1.8  # ln: the same, most
-# ln, ln, ln, 1: of each log: its stiffnesses over the car's - warmth, load, road - and how much of the sideways
-# acceleration in its curves the bank of the road takes over: roads are built so, and a bank left out passes for a
-# scale of accel_y and for other tyres
-OWN_MEAN = (0.0, 0.0, 0.0, 0.12)
-OWN_SD = (0.1, 0.1, 0.1, 0.05)  # ln, ln, ln, 1: of the same
+# Searched as its inverse: what a car does is nearly linear in the compliance of its axles, and a search in the
+# stiffness goes past the end of a valley
+COMPLIANCE = ("cy_front", "cy_rear")
+# 1: how much of the sideways acceleration in its curves the bank of a road takes over, of each log: roads are built so, and
+# a bank left out passes for a scale of accel_y and for other tyres
+LEAN_MEAN, LEAN_SD = 0.12, 0.05
+BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # m/s2, rad/s: of each log
 # 1, m, 1, m, rad: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of
 # the logs, steering moves with force, axles differ in relaxation, a rack's zero is not that of another day
 LEAST_SD = {"lean_sd": 0.1, "trail_sd": 0.02, "gyro_scale_sd": 0.005, "relaxation_sd": 0.12, "steer_offset_sd": 0.0003}
@@ -96,9 +100,19 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
     Unknown("tyre_saturation_inverse_friction", "tyres", 1.0, 0.25, 0.0, 5.0, worth=0.2),
+    # axles with other tyres, or with another camber: 0.8 .. 1.2 of each other
+    Unknown("tyre_saturation_balance", "tyres", 0.0, 0.1, -0.5, 0.5),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
 )  # fmt: skip
+# Of what measures the velocity, where a log has it: sd from the settings of the filter (sensors.toml).
+OF_VELOCITY: tuple[Unknown, ...] = (
+    Unknown("velocity_latency", "velocity", 0.0, 0.03, -MOST_LATENCY, MOST_LATENCY, worth=0.002),
+    Unknown("velocity_lever_x", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
+    Unknown("velocity_lever_y", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
+    Unknown("velocity_heading", "velocity", 0.0, 0.02, -0.5, 0.5, worth=0.001),
+)
+VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}  # settings
 # Settings of [uncertainty], and the parameters that they are the sd of: prior of a fit, and what is written of its posterior.
 UNCERTAIN = {
     "cg_sd": "cg_shift_distance", "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle",
@@ -106,14 +120,18 @@ UNCERTAIN = {
     "gyro_scale_sd": "gyro_scale_error", "trail_sd": "aligning_moment_trail",
 }  # fmt: skip
 ALSO = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}  # by which accel_y reads more, as by its scale
-STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's
-SUPERELEVATION = "superelevation"
-OWN = (*STIFFNESS, SUPERELEVATION)  # of each log, of_log(); OWN_MEAN, OWN_SD
+STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's
+SUPERELEVATION = "superelevation"  # of each log, of_log()
 
 
 def of_log(name: str, log: int) -> str:
-    """What a number of OWN goes by that is of one log."""
+    """Return what a number goes by that is of one log."""
     return f"{name}@{log}"
+
+
+def bias_of(channel: str, log: int) -> str:
+    """Return what the bias of a channel in one log goes by."""
+    return f"{channel}~{log}"
 
 
 def unit_of(name: str) -> str:
@@ -138,25 +156,32 @@ class Prior:
     def sd(self) -> np.ndarray:
         return np.sqrt(np.diag(self.covariance))
 
+    def only(self, names: Sequence[str]) -> Prior:
+        """Return that of some of the unknowns; the others are what the settings say."""
+        at = [self.names.index(n) for n in names]
+        return Prior(tuple(names), self.mean[at], self.covariance[np.ix_(at, at)], self.low[at], self.high[at])
 
-def prior_of(vehicle: Vehicle, config: Config) -> Prior:
+
+def prior_of(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
     """What is known before any log: the table, around what the vehicle file tells; or the whole result of an earlier
-    calibration, if the file holds one."""
-    names = tuple(u.name for u in UNKNOWNS) + STIFFNESS
+    calibration, if the file holds one. `velocity`: a log has one that is measured."""
+    known = UNKNOWNS + (OF_VELOCITY if velocity else ())
+    names = tuple(u.name for u in known) + STIFFNESS
     mean, sd, low, high = (np.zeros(len(names)) for _ in range(4))
-    scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in UNKNOWNS]
+    scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in known]
     stated = {name: key for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
     stated |= {"yaw_inertia": "yaw_inertia_sd"} if "yaw_inertia_sd" in vehicle.given_uncertainty else {}
-    for k, (u, by) in enumerate(zip(UNKNOWNS, scale, strict=True)):
+    for k, (u, by) in enumerate(zip(known, scale, strict=True)):
         own = max(vehicle.values[stated[u.name]], 0.01 * u.sd) if u.name in stated and not u.message else u.sd
+        own = max(float(getattr(config, VELOCITY_SD[u.name])), 0.01 * u.sd) if u.name in VELOCITY_SD else own
         mean[k], sd[k], low[k], high[k] = u.mean * by, own * by, u.low * by, u.high * by
         if not u.relative and u.name in vehicle.values:
             mean[k] = vehicle.values[u.name]
-    n = len(UNKNOWNS)
+    n = len(known)
     sd[n:], low[n:], high[n:] = STIFFNESS_SD, -MOST_STIFFNESS, MOST_STIFFNESS
     covariance = np.diag(sd**2)
-    for i, u in enumerate(UNKNOWNS):
-        for k, v in enumerate(UNKNOWNS):
+    for i, u in enumerate(known):
+        for k, v in enumerate(known):
             both = scale[i] * scale[k] * COMMON_SD[u.message] ** 2
             covariance[i, k] += both if u.message == v.message else 0.0
     earlier: Mapping = vehicle.calibration

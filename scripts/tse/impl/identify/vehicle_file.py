@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from tse.impl.core import Config, library
-from tse.impl.identify.fit import Fit, Problem
-from tse.impl.identify.problem import UNLIKE_SD
+from tse.impl.identify.fit import Fit
+from tse.impl.identify.problem import Problem
 from tse.impl.vehicle import HINT_ONLY, Vehicle, formula_toml, is_set, latency_settings, sensor_settings, vehicle_settings
 
+UNLIKE_SD = 0.03  # share by which a car that logs have been fitted to is unlike the model
 LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
 
 

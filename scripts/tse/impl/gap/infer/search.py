@@ -17,11 +17,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tse.impl.gap.catalogue import Parameter
-from tse.impl.gap.infer import noise
+from tse.impl.gap.infer import engine, noise
 from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal, start_of
 from tse.impl.gap.infer.space import REACH, Layout, Space, raw, slopes
 from tse.impl.gap.parallel import apart
-from tse.impl.identify import fit as engine
 from tse.impl.identify.discrepancy import Discrepancy, without_bias
 
 REFIT = 5  # candidates of a screening that are fitted in full

@@ -1,7 +1,7 @@
 """How well the improved car is known: the covariance of its stiffness, of what was named, and of what every car has a little of and
 these logs did not show, which moves no mean and widens the others.
 
-The covariance is that of the engine of the search (identify/fit.py) at the values that stand: residuals are as correlated as the
+The covariance is that of the engine of the search (infer/engine.py) at the values that stand: residuals are as correlated as the
 discrepancy of their channel, and pieces that contradict each other make it wider. The prior of what has no name is what the vehicle
 file says of it in [uncertainty], or its class."""
 
@@ -16,11 +16,11 @@ import numpy as np
 from tse.impl.core import NOMINAL
 from tse.impl.gap.catalogue import Key, catalogue
 from tse.impl.gap.fit import Fit, gap
+from tse.impl.gap.infer import engine
 from tse.impl.gap.infer.formula_search import NOISE_LIMIT
 from tse.impl.gap.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
 from tse.impl.gap.infer.space import Layout, Space
 from tse.impl.gap.problem import Problem
-from tse.impl.identify import fit as engine
 from tse.impl.identify.discrepancy import found as likeliest
 from tse.impl.identify.slip import STIFFNESS, longitudinal
 from tse.impl.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
