@@ -12,11 +12,12 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, all_checked
+from tse._log import LogLike, PathLike, all_checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
 from tse.impl.gap.run import pictures, workflow
 from tse.impl.gap.run.output import Written, write_all
+from tse.impl.road import Road
 from tse.impl.vehicle import Vehicle
 
 
@@ -68,6 +69,7 @@ def gap(
     out: PathLike | None = None,
     jobs: int = 1,
     formula: bool = False,
+    road: PathLike | Road | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Gap:
     """Find where simulation and logs disagree, and name the effect that is missing, as `tselab gap` does.
@@ -86,6 +88,8 @@ def gap(
         Simulations at once.
     formula
         Seek a formula also where names leave nothing.
+    road
+        road.csv, or what read_road() returned: bank and grade of the road of all logs. None: they are found where they show.
     progress
         Called with what is done now; some minutes pass.
 
@@ -99,5 +103,5 @@ def gap(
     folder.mkdir(parents=True, exist_ok=True)
     say = progress or (lambda _: None)
     car, read = vehicle_file(vehicle, folder), read_vehicle(vehicle)
-    result = workflow.run(all_checked(logs, read), car, all_checked(hold_out, read, 0), jobs, say, formula)
+    result = workflow.run(all_checked(logs, read), car, all_checked(hold_out, read, 0), jobs, say, formula, road=known_road(road))
     return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)

@@ -12,7 +12,7 @@ import click
 
 from tse.impl.errors import UserError
 from tse.impl.files import make_directory, real
-from tselab.options import FILE, JOBS, JSON, PROGRESS, for_programs, reading, saying
+from tselab.options import FILE, JOBS, JSON, PROGRESS, ROAD, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -28,7 +28,7 @@ HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
     """What every command takes that runs the whole workflow: the arguments of _run(), by name."""
-    for take in (JSON, PROGRESS, JOBS, reading, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
+    for take in (JSON, PROGRESS, JOBS, reading, ROAD, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
         command = take(command)
     return command
 
@@ -86,15 +86,17 @@ def run(**given: Any) -> int:
     tselab gap check log_*.csv --vehicle car.toml
 
     The single-track model is driven by the logged steering angle and wheel speeds; what it says of accel_x, accel_y and
-    yaw_rate is compared with what was measured. Stiffness is the car's and a little each log's own, sensor biases are those of
-    each log. Sets of effects of the catalogue, and how late messages are, are judged by their evidence beside what no model
-    explains; a name needs a probability of 90 %. Held-out logs take no part in it.
+    yaw_rate is compared with what was measured. First car and road are fitted together: where bank or grade shows, the logs are
+    put on it; laps of one road have one profile, and held-out laps of it use it. Then sets of effects of the catalogue, and how
+    late messages are, are judged by their evidence beside what no model explains; a name needs a probability of 90 %. Held-out
+    logs take no part in it. --road: the bank and grade are known, and not sought.
 
     \b
     DIR/verdict.json           what was found, for programs
     DIR/report.html            the same for people
     DIR/vehicle_improved.toml  stiffness and effects: for tselab estimate and simulate
     DIR/effects.h              the same for C: sets a tse_config
+    DIR/road.csv               bank and grade of the road, where they show: for --road; road_2.csv of a second one
     DIR/formula.toml           a formula for what no effect of the catalogue explains, if one was found; tse_formula.h: in C
     DIR/residuals.parquet      before and after, every block of 40 ms
     DIR/gap.png                the picture (with matplotlib)
@@ -114,18 +116,21 @@ def _run(
     jobs: int,
     progress: bool | None,
     reading: Reading,
+    road_path: Path | None,
     formula: bool = False,
     as_json: bool = False,
 ) -> int:
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
     from tse.impl.gap.run import workflow
     from tse.impl.gap.run.output import words, write_all
+    from tse.impl.road import read_road
 
     _there(logs, hold_out)
     make_directory(out)
     _distinct(logs, hold_out)
     with saying(progress) as say:
-        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, formula, reading)
+        road = read_road(road_path) if road_path is not None else None
+        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, formula, reading, road)
         written = write_all(out, result, vehicle_path, jobs, say)
     if as_json:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
@@ -167,16 +172,11 @@ def discover(**given: Any) -> int:
 
 
 def changes(result: Any) -> list[str]:
-    """The gap before and after, in words."""
-    lines = []
-    for title, before, after in (
-        ("fitted logs", result.fit_before, result.fit_after),
-        ("held-out logs", *({k: getattr(c, w) for k, c in result.held_out.items()} for w in ("before", "after"))),
-    ):
-        if before:
-            parts = [f"{c} {before[c]:.2f} -> {after[c]:.2f}" for c in before]
-            lines.append(f"Gap on {title}, residual over sensor noise: {', '.join(parts)}.")
-    return lines
+    """What is left in three stages, in words."""
+    from tse.impl.gap.run import stages
+    from tse.impl.gap.run.workflow import FIT
+
+    return stages.words(result.stages, lambda part: "fitted logs" if part == FIT else "held-out logs")
 
 
 @gap.command(short_help="What these logs can and cannot show, before any fit.")

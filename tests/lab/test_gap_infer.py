@@ -9,21 +9,22 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.integrate import quad
+from scipy.optimize import minimize
 from scipy.stats import multivariate_normal, norm
 from test_identify import dense as dense_without_bias
 
 from gap_logs import car, problem_of, write_log
 from tse.impl.core import Config
 from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
-from tse.impl.gap.infer import forms, naming, noise
+from tse.impl.gap.infer import forms, naming, noise, roads
 from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
 from tse.impl.gap.infer.naming import Named, Probability, matters, settings
 from tse.impl.gap.infer.remainder import Remainder
 from tse.impl.gap.infer.search import Search, judge
 from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout, Space, raw, slopes
-from tse.impl.gap.problem import STIFFNESS, Problem, Rows, profile_size
+from tse.impl.gap.problem import STIFFNESS, Problem, Rows
 from tse.impl.gap.run import workflow
-from tse.impl.identify.data import BLOCK, CHANNELS
+from tse.impl.identify.data import BLOCK, CHANNELS, prepare
 from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.vehicle import read_vehicle
 
@@ -266,7 +267,6 @@ def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
     values = {"cy_rear": 0.9, Own("cy_rear", 1): 0.05, Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01, Own("grade", 0, 0): 0.02}
     assert of_the_car(values) == {"cy_rear": 0.9}
     assert profiles(values, "bank") == {Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01}
-    assert profile_size(catalogue()["bank"], values) == pytest.approx(0.01)
     assert [str(k) for k in values] == ["cy_rear", "cy_rear@1", "bank@0:0", "bank@0:1", "grade@0:0"]
 
 
@@ -322,18 +322,33 @@ def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path
     assert workflow.judge(result, [], left)[1] == 20
 
 
-def test_what_is_sure_closes_a_channel_where_hills_fill_another(tmp_path: Path) -> None:
-    """A delay of the IMU that shows in yaw_rate, beside a grade of which accel_x is full."""
+def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_path: Path) -> None:
+    """A delay of the IMU that shows in yaw_rate, beside a grade of which accel_x is full: 0.08 rad, 0.057 rms."""
     vehicle = car(tmp_path)
     path = write_log(tmp_path / "log.csv", vehicle, "sweep", {"imu_delay_time": 0.008}, 5)
     table = pd.read_csv(path)
     table["accel_x"] += 9.81 * 0.08 * np.sin(2 * np.pi * table["time"] / 12.0)
     table.to_csv(path, index=False)
-    problem = problem_of(vehicle, path)
-    found = naming.name(problem, [catalogue()[e] for e in ("imu_delay", "grade")])
-    late = next(n for n in found.named if n.effect.id == "imu_delay")
-    assert late.share < naming.LEAST_CLOSED < late.alone
+    read = read_vehicle(vehicle)
+    logs, config = workflow.read([path], read)
+    found = roads.find([prepare(log, config) for log in logs], config, read, 1)
+    assert [r.effect.id for r in found.found] == ["grade"]
+    assert found.found[0].size == pytest.approx(0.057, abs=0.012)  # knots are 2 s apart, and a prior of 0.03 rad holds them
+    problem = Problem(found.logs, config)
+    level = naming.plain_car(problem_of(vehicle, path))
+    names = naming.name(problem, [catalogue()["imu_delay"]], baseline=level, roads=found.found)
+    late = next(n for n in names.named if n.effect.id == "imu_delay")
     assert late.values["imu_delay_time"] == pytest.approx(0.008, abs=0.002)
+    assert names.named[-1].effect.id == "grade"
+
+
+def test_a_level_road_has_no_name(tmp_path: Path) -> None:
+    vehicle = car(tmp_path)
+    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009}, 4)
+    read = read_vehicle(vehicle)
+    logs, config = workflow.read([log], read)
+    found = roads.find([prepare(log, config) for log in logs], config, read, 1)
+    assert found.found == [] and found.fit is None and not found.logs[0].road
 
 
 def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
@@ -377,16 +392,37 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
     assert not idle.named and {p["id"]: p["why"] for p in idle.possible}["body_roll"] == "it closes next to nothing"
 
 
-def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
+def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
     vehicle = car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 3)
-    problem = problem_of(vehicle, log)
-    baseline, grade = naming.plain_car(problem), catalogue()["grade"]
-    road = Named(grade, {"grade_angle": 0.01}, {"grade_angle": (0.005, 0.015)}, 0.5, 40.0, 0.99)
-    found = naming.Naming(baseline, naming._with_roads(problem, baseline, [grade]), [road], 0.5, [], [], True)
+    level = problem_of(vehicle, log)
+    profile = {"grade": 0.01 * np.sin(level.logs[0].distance / 50)}
+    problem = level.of([replace(level.logs[0], road=profile)])
+    baseline, fitted = naming.plain_car(level), naming.plain_car(problem)
+    road = roads.FoundRoad(catalogue()["grade"], 0.007, (0.006, 0.008), 40.0, 0.99)
+    assert naming.named_roads(problem, baseline, fitted, [road]) == []  # the log was driven on a level road: it closes nothing
+    (named,) = naming.named_roads(problem, fitted, baseline, [road])  # and the other way round
+    assert named.values == {"grade_angle": 0.007} and 0.0 <= named.share <= 1.0
+    found = naming.Naming(baseline, baseline, [named], 0.5, [], [], True)
     kept = naming.without(problem, found, frozenset({"grade"}), "a reason")
-    assert kept.named == [road] and kept.possible == []
-    assert kept.final.values == found.final.values
+    assert kept.named == [named] and kept.possible == []
+    assert kept.final.values == naming.plain_car(problem).values
+
+
+def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
+    """Of a car with rolls and delays: no other stiffness leaves less, by a search of scipy without slopes."""
+    vehicle = car(tmp_path)
+    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "imu_delay_time": 0.03}, 3)
+    problem = problem_of(vehicle, log)
+    keys = [p.name for p in STIFFNESS]
+
+    def left(x: np.ndarray) -> float:
+        e = problem.residuals(dict(zip(keys, np.exp(x), strict=True)))
+        return float(e @ e)
+
+    best = minimize(left, np.zeros(3), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6 * left(np.zeros(3))})
+    plain = naming.plain_car(problem).residuals
+    assert float(plain @ plain) == pytest.approx(best.fun, rel=2e-3)
 
 
 def test_an_axle_may_be_late_by_a_length(late: Problem) -> None:
@@ -410,7 +446,8 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     """Which has one number, where the effect has two strengths; and a delay below zero is a message that is late."""
     bank = Named(catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99)
     assert not bank.message
-    assert "angle 0.012 rad (0.01 .. 0.014); probability 99 %" in workflow._sentence(bank)
+    assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._sentence(bank)
+    assert "rms, the same on 3 laps (bank)" in workflow._sentence(bank, 3)
     assert workflow._as_json(bank)["parameters"].keys() == {"angle"}
     delay = Named(catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0)
     assert delay.message and "logged late" in workflow._sentence(delay)

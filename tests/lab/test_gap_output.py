@@ -56,7 +56,7 @@ def case(tmp_path_factory):
 
 def test_names_the_hidden_effect_in_words_and_by_exit_code(case):
     assert case.done.code in (10, 11), case.done.err
-    assert "imu_delay" in case.done.out and "Gap on held-out logs" in case.done.out
+    assert "imu_delay" in case.done.out and "yaw_rate of held-out logs" in case.done.out
     assert "Traceback" not in case.done.err
     effect = next(e for e in case.verdict["effects"] if e["id"] == "imu_delay")
     assert abs(effect["parameters"]["time"]["value"] - 0.02) < 0.002

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tse.impl.gap.catalogue import Key, Parameter, catalogue, of_the_car, profiles
+from tse.impl.gap.catalogue import Key, Parameter, of_the_car
 from tse.impl.gap.problem import Problem
 from tse.impl.identify.data import BLOCK
 
@@ -154,10 +154,5 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
 
 
 def on_others(problem: Problem, after: Mapping[str, float]) -> dict[str, float]:
-    """What was fitted elsewhere, for other logs: what is own to a log is left out, and profiles of a road that was named are found
-    anew, because it is another road."""
-    car = of_the_car(after)
-    road = [e for e in catalogue().values() if profiles(after, e.id)]
-    if not road:
-        return car
-    return car | fit(problem.holding(car), [p for e in road for p in problem.strengths(e)], {}).values
+    """What was fitted elsewhere, for other logs: what is own to a log is left out."""
+    return of_the_car(after)

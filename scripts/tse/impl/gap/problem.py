@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tse.impl.core import NOMINAL, Config
-from tse.impl.gap.catalogue import Effect, Key, Own, Parameter, of_the_car, profiles
+from tse.impl.gap.catalogue import Effect, Key, Own, Parameter, of_the_car
 from tse.impl.gap.parallel import is_copy
 from tse.impl.identify.data import CHANNELS, Prepared, blocks, simulate
 from tse.impl.rows import MEASURES
@@ -33,14 +33,6 @@ PROFILES = tuple(PRIOR)
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
 NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
-
-
-def profile_size(effect: Effect, values: Mapping[Key, float]) -> float:
-    """Rms of a profile about its mean of each log (the mean is the sensor's bias), rad."""
-    logs: dict[int, list[float]] = {}
-    for key, value in profiles(values, effect.id).items():
-        logs.setdefault(key.log, []).append(value)
-    return float(np.sqrt(np.mean([np.var(v) for v in logs.values()]))) if logs else 0.0
 
 
 @dataclass(frozen=True)

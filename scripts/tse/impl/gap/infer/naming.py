@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import norm
 
-from tse.impl.gap.catalogue import Effect, Key, catalogue, of_the_car, profiles
+from tse.impl.gap.catalogue import Effect, Key, catalogue, of_the_car
 from tse.impl.gap.fit import Fit, excess, excess_of, fit
-from tse.impl.gap.infer import noise
 from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
+from tse.impl.gap.infer.roads import FoundRoad
 from tse.impl.gap.infer.search import Judged, Search, judge
 from tse.impl.gap.infer.space import Layout
-from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
+from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem
 from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.rows import DRIVES
 from tse.impl.vehicle import latency_settings
@@ -33,14 +33,8 @@ LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel
 ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
 LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close; a road has no name to earn
-ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
-ROAD_ODDS = float(np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)))
-ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
-# nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
-ROAD_HARM = 3.0
-MOST_SETS = 8  # that are written with their probability
-MOST_KNOTS = 600  # of a road's profile: every one is a number that is fitted
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
+MOST_SETS = 8  # that are written with their probability
 # Why an effect is possible and has no name.
 SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
 
@@ -96,10 +90,15 @@ class Naming:
 
 
 def name(
-    problem: Problem, effects: Sequence[Effect], say: Callable[[str], None] = lambda _: None, baseline: Fit | None = None
+    problem: Problem,
+    effects: Sequence[Effect],
+    say: Callable[[str], None] = lambda _: None,
+    baseline: Fit | None = None,
+    roads: Sequence[FoundRoad] = (),
 ) -> Naming:
-    """`baseline`: plain_car()."""
-    baseline = baseline or plain_car(problem)
+    """`baseline`: plain_car() on level roads; `roads`: that the logs of the problem are on."""
+    plain = plain_car(problem)
+    baseline = baseline or plain
     search = Search(Layout(problem), hypotheses(effects), problem.jobs, say)
     best = search.run()
     probability = Probability(search, best.ids)
@@ -109,24 +108,20 @@ def name(
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best)
         # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
-        plain = judge(Layout(problem), final.effects, final.values, None)
-        small = {h.id for h in final.effects if negligible(h.effect, plain.values)}
+        sized = judge(Layout(problem), final.effects, final.values, None)
+        small = {h.id for h in final.effects if negligible(h.effect, sized.values)}
         if small:
             names = final.ids - small
             dropped |= dict.fromkeys(small, SMALL)
             continue
-        last = as_fit(problem, plain) if final.effects else baseline
-        filled = [c for c in ROAD_CHANNEL.values() if road_shows(final, c)]
-        named = [_named(problem, search, final, plain, last, h, probability, full, filled) for h in final.effects]
+        last = as_fit(problem, sized) if final.effects else plain
+        named = [_named(problem, search, final, sized, last, h, probability, full) for h in final.effects]
         idle = min((n for n in named if n.effect.id != SUPERELEVATION), key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= LEAST_CLOSED:
             break
         names = final.ids - {idle.effect.id}
         dropped[idle.effect.id] = IDLE
-    named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
-    roads = [n.effect for n in named if n.effect.id in PROFILES]
-    if roads:
-        last = _with_roads(problem, last, roads)
+    named += named_roads(problem, baseline, plain, roads)
     stated = {n.effect.id for n in named}
     possible = [
         {"id": i, "probability": p, "why": dropped.get(i, UNSURE)}
@@ -151,32 +146,42 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
     return replace(left, possible=possible)
 
 
-def on_all(problem: Problem, naming: Naming) -> Naming:
-    """The same names, fitted to more logs than they were found in."""
-    return _again(problem, naming, frozenset(n.effect.id for n in naming.named), plain_car(problem))
+def on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
+    """The same names, fitted to more logs than they were found in. `baseline`: plain_car() of these on level roads."""
+    return _again(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
 
 
 def plain_car(problem: Problem) -> Fit:
-    """The car of the vehicle file with its stiffness fitted, nothing added; what is own to a log is left out, since it would hide
-    what goes with speed or load."""
-    values = of_the_car(judge(Layout(problem), (), {}, None).values)
-    residuals = problem.residuals(values)
-    return Fit(list(STIFFNESS), values, residuals, problem.jacobian(values, residuals, STIFFNESS))
+    """The car of the vehicle file with its stiffness fitted by least squares, nothing added."""
+    return fit(problem, STIFFNESS, {})
+
+
+def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
+    """Return the profiles that logs are on as names: each closes what the plain car on them does of its own channel, at least as
+    much of it as a name must."""
+    full, before, after = excess(problem, level.residuals), *(excess_of(problem, f.residuals) for f in (level, on_road))
+    found = []
+    for r in roads:
+        p, channel = r.effect.strengths[0].name, ROAD_CHANNEL[r.effect.id]
+        closed = before.get(channel, 0.0) - after.get(channel, 0.0)
+        if closed < LEAST_CLOSED * before.get(channel, 0.0):
+            continue
+        share = closed / max(full, 1e-300)
+        found.append(Named(r.effect, {p: r.size}, {p: r.ci95}, share, r.nats, r.probability, whole=r.probability))
+    return found
 
 
 def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
     """Some of the names fitted anew. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
-    roads = [n for n in naming.named if n.effect.id in kept and profiles(naming.final.values, n.effect.id)]
+    roads = [n for n in naming.named if n.effect.id in PROFILES]
     flat = kept - {n.effect.id for n in roads}
-    final, named, converged = baseline, [], naming.converged
+    final, named, converged = plain_car(problem), [], naming.converged
     asked = {e.id: e for e in catalogue().values()} | {n.effect.id: n.effect for n in naming.named if n.effect.id in catalogue()}
     if effects := [h for h in hypotheses(asked.values()) if h.id in flat]:
         plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
         final, converged = as_fit(problem, plain), plain.converged
         there = [n for n in naming.named if n.effect.id in flat]
         named = [n.at(final.values) for n in there if not negligible(n.effect, final.values)]
-    if short := [n.effect for n in roads if len(problem.strengths(n.effect)) <= MOST_KNOTS]:
-        final = _with_roads(problem, final, short)
     full = excess(problem, baseline.residuals)
     closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
     named += roads
@@ -241,9 +246,7 @@ def ln_stiffness(judged: Judged) -> np.ndarray:
 
 def _named(
     problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float,
-    roads: Sequence[str],
 ) -> Named:  # fmt: skip
-    """`roads`: channels that a road fills."""
     found = _sized(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final)
     found.evidence = final.evidence - without.evidence
@@ -256,9 +259,6 @@ def _named(
         return 1.0 - sum(after[c] for c in channels) / max(sum(before[c] for c in channels), 1e-300)
 
     found.alone = closed([*before])
-    # a hill that fills accel_x is no reason to see nothing of what is sure in the other channels
-    if found.probability >= NAME_AT and (others_than_roads := [c for c in before if c not in roads]):
-        found.alone = max(found.alone, closed(others_than_roads))
     return found
 
 
@@ -281,70 +281,6 @@ def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
     residuals = problem.residuals(values)
     jacobian = problem.jacobian(values, residuals, parameters) if slopes else np.zeros((len(residuals), 0))
     return Fit(parameters, values, residuals, jacobian)
-
-
-# ---- the road
-
-
-def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], full: float) -> list[Named]:
-    """Profiles of the road: where something slow is left in a channel, and a road explains it."""
-    found: list[Named] = []
-    for e in roads:
-        channel = ROAD_CHANNEL[e.id]
-        if not road_shows(final, channel) or len(problem.strengths(e)) > MOST_KNOTS:
-            continue
-        gain = slow_nats(final, channel)
-        with_it = _with_roads(problem, last, [e])
-        size = profile_size(e, with_it.values)
-        mine = problem.rows.of(channel) & (problem.weight > 0)
-        before, after = (float(f.residuals[mine] @ f.residuals[mine]) - int(mine.sum()) for f in (last, with_it))
-        if size < e.strengths[0].negligible or before - after < ROAD_SHARE * before or _harms(problem, last, with_it, channel):
-            continue
-        p = e.strengths[0].name
-        share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
-        spread = size / np.sqrt(2.0 * max(len(problem.strengths(e)), 1))
-        z = float(norm.ppf(0.975))
-        odds = float(np.exp(min(gain + ROAD_ODDS, 50.0)))
-        found.append(
-            Named(
-                e,
-                {p: size},
-                {p: (max(0.0, size - z * spread), size + z * spread)},
-                share,
-                gain,
-                odds / (1 + odds),
-                whole=odds / (1 + odds),
-            )
-        )
-    return found
-
-
-def _harms(problem: Problem, before: Fit, after: Fit, but: str) -> bool:
-    """Whether a channel other than this one is explained worse than before."""
-    for c in {c for log in problem.logs for c in log.channels} - {but}:
-        mine = problem.rows.of(c) & (problem.weight > 0)
-        one, two = (float(f.residuals[mine] @ f.residuals[mine]) for f in (before, after))
-        scale = max(1.0, one / max(int(mine.sum()), 1))  # in units of what is left, where that is more than noise
-        if 0.5 * (two - one) / scale > ROAD_HARM:
-            return True
-    return False
-
-
-def road_shows(judged: Judged, channel: str) -> bool:
-    """Whether a road is as likely in a channel as a name must be."""
-    return channel in judged.noise and slow_nats(judged, channel) + ROAD_ODDS >= np.log(NAME_AT / (1.0 - NAME_AT))
-
-
-def slow_nats(judged: Judged, channel: str) -> float:
-    """Nats by which something slow in a channel is likelier than nothing but the walk of its bias."""
-    d, series = judged.noise[channel], noise.Series.of(judged.space.pieces(judged.residuals, channel))
-    return noise.worth(d, series) - noise.worth(replace(d, slow=min(d.slow, noise.MEDIAN[2])), series)
-
-
-def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
-    """The same car on roads with profiles, which alone are fitted."""
-    found = fit(problem.holding(last.values), [p for e in roads for p in problem.strengths(e)], {})
-    return Fit(last.parameters, dict(last.values) | found.values, found.residuals, last.jacobian)
 
 
 def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:

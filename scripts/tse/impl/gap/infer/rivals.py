@@ -25,7 +25,8 @@ from tse.impl.gap.fit import Fit, fit, lengths, on_others
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery, discover, on_all
 from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
-from tse.impl.gap.infer.naming import ROAD_PROBABILITY, Naming
+from tse.impl.gap.infer.naming import Naming
+from tse.impl.gap.infer.roads import ROAD_PROBABILITY
 from tse.impl.gap.infer.space import EPISODE
 from tse.impl.gap.parallel import apart
 from tse.impl.gap.problem import Problem

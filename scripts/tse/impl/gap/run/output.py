@@ -24,11 +24,12 @@ from tse.impl.gap.run import add, pictures, report
 from tse.impl.gap.run.workflow import FIT, HELD_OUT, Result
 from tse.impl.identify.data import CHANNELS
 from tse.impl.results import plain
+from tse.impl.road import write_road
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle, fill_sensors, read_vehicle, stiffness_words
 from tse.impl.verdict import NAMES
 
-VERDICT, RESIDUALS, REPORT, PICTURE = "verdict.json", "residuals.parquet", "report.html", "gap.png"
+VERDICT, RESIDUALS, REPORT, PICTURE, ROAD = "verdict.json", "residuals.parquet", "report.html", "gap.png", "road.csv"
 COLUMNS = (
     "part", "log", "channel", "time", "block", "measured", "predicted_before", "predicted_after", "residual_before",
     "residual_after", "noise",
@@ -49,7 +50,7 @@ def write_all(out: Path, result: Result, vehicle_path: Path, jobs: int = 1, say:
     """Add and Show."""
     problem, naming = result.problem, result.naming
     before, after = naming.baseline.values, result.after
-    parts = {FIT: problem} | ({HELD_OUT: result.held} if result.held is not None else {})
+    parts = {FIT: (result.level, problem)} | ({HELD_OUT: (result.held_level, result.held)} if result.held is not None else {})
     say("writing the improved vehicle")
     improved, header = add.write(out, vehicle_path, problem, result)
     result.words.insert(0, stiffness_words(read_vehicle(improved)))
@@ -75,11 +76,30 @@ def write_all(out: Path, result: Result, vehicle_path: Path, jobs: int = 1, say:
     with atomic(out / VERDICT) as file:
         json.dump(plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}), file, indent=1, allow_nan=False)
         file.write("\n")
-    files = [out / VERDICT, improved, header, *add.formula_files(out, improved), out / REPORT, out / RESIDUALS]
+    files = [
+        out / VERDICT,
+        improved,
+        header,
+        *add.formula_files(out, improved),
+        *road_files(out, result),
+        out / REPORT,
+        out / RESIDUALS,
+    ]
     if importlib.util.find_spec("matplotlib") is not None:
         pictures.picture(out / PICTURE, rows, headline(result))
         files.append(out / PICTURE)
     return Written(files, gained, changes)
+
+
+def road_files(out: Path, result: Result) -> list[Path]:
+    """Write the roads that were found; files of an earlier run that are none go."""
+    found = result.roads.profiles() if result.roads is not None else []
+    files = [out / (f"road_{k}.csv" if k > 1 else ROAD) for k in range(1, len(found) + 1)]
+    for path, road in zip(files, found, strict=True):
+        write_road(road, path)
+    for old in {*out.glob("road_*.csv"), out / ROAD} - {*files}:
+        old.unlink(missing_ok=True)
+    return files
 
 
 def headline(result: Result) -> str:
@@ -96,11 +116,13 @@ def headline(result: Result) -> str:
 # ---- residuals before and after: what the report draws
 
 
-def table(parts: Mapping[str, Problem], before: Mapping[str, float], after: Mapping[str, float]) -> pd.DataFrame:
-    """Every block of 40 ms of every log and channel. predicted_*: with the bias of the log; residual_*: measured less predicted
+def table(parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]) -> pd.DataFrame:
+    """`parts`: of each its logs on level roads, which are those before, and on the roads that were found.
+
+    Every block of 40 ms of every log and channel. predicted_*: with the bias of the log; residual_*: measured less predicted
     over `noise`, which is what the sensor's noise leaves of a block: 1 is nothing but noise. NaN: not measured."""
     frames = []
-    for part, problem in parts.items():
+    for part, (level, problem) in parts.items():
         rows = problem.rows
         columns: dict[str, object] = {
             "part": part,
@@ -111,9 +133,9 @@ def table(parts: Mapping[str, Problem], before: Mapping[str, float], after: Mapp
             "measured": problem.measured,
         }
         mine = after if part == FIT else on_others(problem, after)
-        for when, values in (("before", before), ("after", mine)):
+        for when, values, model in (("before", before, level), ("after", mine, problem)):
             measured = np.nan_to_num(problem.measured)
-            left = problem.unbiased(measured - problem.predict(values))
+            left = problem.unbiased(measured - model.predict(values))
             columns[f"predicted_{when}"] = measured - left
             columns[f"residual_{when}"] = np.where(problem.weight > 0, problem.weight * left, np.nan)
         columns["noise"] = np.where(problem.weight > 0, 1.0 / np.where(problem.weight > 0, problem.weight, 1.0), np.nan)

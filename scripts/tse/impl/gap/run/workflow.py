@@ -23,10 +23,15 @@ from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery
 from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
+from tse.impl.gap.infer.roads import Roads
+from tse.impl.gap.infer.roads import find as find_roads
 from tse.impl.gap.problem import PROFILES, Problem
-from tse.impl.identify.data import prepare_all
+from tse.impl.gap.run.stages import Stage, calibrated, stages
+from tse.impl.identify.data import Prepared, in_time, prepare
 from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.logs.agree import read_agreeing
+from tse.impl.road import Road
+from tse.impl.road_match import along, on_road
 from tse.impl.rows import Log, Reading
 from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
@@ -46,6 +51,13 @@ class Found:
     discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
     rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
     read: list[tuple[str, Log]] = field(default_factory=list)  # part, log
+    roads: Roads | None = None  # under the fitted logs
+
+    @property
+    def most_laps(self) -> int:
+        """How many fitted logs are on the road that most of them are on."""
+        laps = self.roads.laps if self.roads is not None else None
+        return max(map(laps.count, range(len(laps.path)))) if laps is not None else 1
 
     @property
     def formula(self) -> Formula | None:
@@ -70,7 +82,9 @@ class Result(Found):
     verdict: str  # none, named, possible, not_in_catalogue
     exit_code: int
     words: list[str]
-    problem: Problem  # what was fitted
+    problem: Problem  # what was fitted, on the roads that were found
+    level: Problem  # the same on level roads
+    stages: dict[str, dict[str, Stage]]  # of each part: its channels in their units
     conditions: list[where.Condition]
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]
@@ -81,7 +95,8 @@ class Result(Found):
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
-    held: Problem | None = None  # what was not
+    held: Problem | None = None  # what was not, on the roads of the fitted logs where it is on one
+    held_level: Problem | None = None  # the same on level roads
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
@@ -102,6 +117,7 @@ class Result(Found):
                     for w, of in (("before", "before"), ("after", "after"), ("change_ci95", "ci95"))
                 },
             },
+            "stages": {part: {c: asdict(s) for c, s in channels.items()} for part, channels in self.stages.items()},
             "closed": self.naming.closed,
             "remainder": [asdict(r) for r in self.remainders],
             "undetectable": [asdict(d) for d in self.undetectable],
@@ -144,35 +160,47 @@ def run(
     say: Callable[[str], None] = lambda _: None,
     formula: bool = False,
     reading: Reading | None = None,
+    road: Road | None = None,
 ) -> Result:
-    """Find what is missing. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even
+    """Find what is missing. `road`: that all logs are on, if it is known; else laps of one road are found to be that.
+    Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even
     when the names leave nothing; else where they leave something."""
     say("reading the logs")
     vehicle, notes = read_vehicle(vehicle_path), []
     reading = replace(reading or Reading(), car=vehicle)
     fitted, config = read(logs, vehicle, reading, notes)
     others = read_agreeing(hold_out, notes, reading)
-    problem = Problem(prepare_all(fitted, config), config, jobs)
-    held = Problem(prepare_all(others, config), config, jobs) if others else None
-    said = [n for p in (problem, held) if p is not None for n in p.notes]
-    if not problem.logs:
+    if road is not None:
+        fitted, others = ([on_road(log, road, config)[0] for log in part] for part in (fitted, others))
+    ready = [prepare(log, config) for log in fitted]
+    level = Problem([in_time(log, config) for log in ready], config, jobs)
+    ready_held = [prepare(log, config) for log in others]
+    held = Problem([in_time(log, config) for log in ready_held], config, jobs) if others else None
+    said = [n for p in (level, held) if p is not None for n in p.notes]
+    if not level.logs:
         raise UserError("; ".join(said) or "no log can be compared")
     held = held if held is not None and held.logs else None
+    say("car and road")
+    roads = find_roads(ready, config, vehicle, jobs, say, fitted)
+    held_level = held
+    if held is not None:
+        held = on_found(roads.profiles(), held, ready_held, others, config, notes)
+    problem = level.of([in_time(log, config) for log in roads.logs])
     say("fitting stiffness and biases")
-    baseline = few_baseline = name.plain_car(problem)
+    baseline = few_baseline = name.plain_car(level)
     few, few_held = problem, held
     if is_long(problem):
         say("which stretches say most?")
-        few = excerpt(problem, baseline)
-        few_baseline = name.plain_car(few)
+        few = excerpt(problem, name.plain_car(problem))
+        few_baseline = name.plain_car(few.of([replace(log, road={}) for log in few.logs]))
         notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
     if held is not None and is_long(held):
         few_held = excerpt(held, name.plain_car(held))
     say("where do they disagree?")
-    conditions = where.conditions(problem, baseline.residuals, baseline.values)
+    conditions = where.conditions(level, baseline.residuals, baseline.values)
     entries = where.entries(few, few_baseline)
 
-    naming = name.name(few, known_of(vehicle), say, few_baseline)
+    naming = name.name(few, known_of(vehicle), say, few_baseline, roads.found)
     notes += said
     say("what is left?")
     found = Found(naming)
@@ -185,7 +213,7 @@ def run(
     seen = detect.detectable(few, found.naming.final, [e for e in catalogue().values() if e.id not in named])
     if few is not problem:
         say("all logs")
-        naming = name.on_all(problem, found.naming)
+        naming = name.on_all(problem, found.naming, baseline)
         found = replace(found, naming=naming, discovery=found.discovery and search.on_all(problem, naming.final, found.discovery))
 
     if found.formula:  # beside it sizes are others: those that are said are those that are written
@@ -197,23 +225,50 @@ def run(
         say("held-out logs")
         values = on_others(held, found.after)
         after = held.residuals(values)
-        changes = compare(held, held.residuals(found.naming.baseline.values), after)
+        changes = compare(held, held_level.residuals(found.naming.baseline.values), after)
         elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
+    say("as the file says, calibrated, with what is named")
+    every_car = calibrated(ready, config, vehicle, jobs)
+    in_stages = {FIT: stages(level, ready, every_car, (problem, found.after))}
+    if held is not None:
+        in_stages[HELD_OUT] = stages(held_level, ready_held, every_car, (held, on_others(held, found.after)))
     if not found.naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
     left = remainder.remainder(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
+    found.roads = roads
     found.read = [(FIT, x) for x in fitted] + [(HELD_OUT, x) for x in others]
     verdict, exit_code, words = judge(found, entries, left, elsewhere)
     alike = {i for n in found.naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     return Result(
-        **vars(found), verdict=verdict, exit_code=exit_code, words=words, problem=problem, conditions=conditions, entries=entries,
-        remainders=left, elsewhere=elsewhere, fit_before=gap(problem, found.naming.baseline.residuals),
+        **vars(found), verdict=verdict, exit_code=exit_code, words=words, problem=problem, level=level, stages=in_stages,
+        conditions=conditions, entries=entries, remainders=left, elsewhere=elsewhere,
+        fit_before=gap(level, found.naming.baseline.residuals),
         fit_after=gap(problem, found.final.residuals), held_out=changes,
         undetectable=[d for d in seen if not d.visible and d.id not in alike], detectable=seen, notes=notes, held=held,
+        held_level=held_level,
     )  # fmt: skip
 
 
 # ---- the steps of a run
+
+
+def on_found(
+    roads: Sequence[Road], held: Problem, ready: list[Prepared], logs: Sequence[Log], config: Config, notes: list[str]
+) -> Problem:
+    """Return held-out logs on the roads that were found of the fitted ones, where they are on one of them."""
+    placed = []
+    for log, one in zip(logs, ready, strict=True):
+        for road in roads:
+            try:
+                found = along(road, log, config)
+            except UserError:  # it is on another one
+                continue
+            notes.append(f"{log.path.name} is on the road of fitted logs: {found.words()}")
+            placed.append(replace(one, road={n: np.nan_to_num(getattr(found, n)) for n in ("bank", "grade")}))
+            break
+        else:
+            placed.append(one)
+    return held.of([in_time(log, config) for log in placed])
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
@@ -243,7 +298,7 @@ def judge(
     logs."""
     naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
-    words = [_sentence(n) for n in naming.named]
+    words = [_sentence(n, found.most_laps) for n in naming.named]
     roads = sum(n.share for n in naming.named if n.effect.id in (*PROFILES, SUPERELEVATION))
     of_the_car = naming.closed - roads
     enough = of_the_car > LEAST_NAMED * max(1.0 - roads, 0.0)
@@ -328,7 +383,23 @@ def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str])
     return {k: float(np.sqrt(x)) for k, x in squares.items()}
 
 
-def _sentence(n: Named) -> str:
+ROAD_WORDS = {"bank": "The road banks", "grade": "The road climbs and falls"}
+
+
+def _road_sentence(n: Named, laps: int) -> str:
+    """Return it of a profile: its size, on how many laps it is the same, what it closes."""
+    ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
+    degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
+    same = f", the same on {laps} laps" if laps > 1 else ""
+    return (
+        f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees ({degrees}), rms{same} ({n.effect.id}); probability "
+        f"{_percent(n.probability)}, it closes {100 * n.share:.0f} % of the gap."
+    )
+
+
+def _sentence(n: Named, laps: int = 1) -> str:
+    if n.effect.id in PROFILES:
+        return _road_sentence(n, laps)
     units = {p.name: p for p in n.effect.parameters}
     sizes = ", ".join(
         f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
