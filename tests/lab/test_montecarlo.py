@@ -564,7 +564,7 @@ def test_a_small_part_of_each_study(name, tmp_path):
 
 
 def _accuracy(lines, text):
-    for name, limit in (("cx_front", 10.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
+    for name, limit in (("cx_front", 12.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
         assert lines.loc["accuracy", "tse"][f"{name}_rms"] < limit and lines.loc["accuracy", "tse"][f"{name}_covered"] > 90
 
 
@@ -592,7 +592,7 @@ def _robust(lines, text):
 def _peers(lines, text):
     for name in ("tse", "ekf", "known"):
         line = lines.loc["nominal", name]
-        assert line["cx_front_rms"] < 10 and (line[[f"{s}_rms" for s in STIFFNESS[1:]]] < 8).all()
+        assert line["cx_front_rms"] < 12 and (line[[f"{s}_rms" for s in STIFFNESS[1:]]] < 8).all()
     assert lines.loc["road-change", "ekf"]["cy_front_settle_1"] < 10
     assert np.isnan(lines.loc["nominal", "ekf"]["cy_front_settle_1"])
     assert "over EKF" in text

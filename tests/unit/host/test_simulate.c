@@ -422,7 +422,7 @@ static void test_a_road_given_row_by_row_acts_as_that_of_the_settings(void)
     start(way ? leans : c, s);
     for (int row = 0; row < 50; row++) {
       tse_sim_input u = driver(0.01, 100, 0.01);
-      if (!way) u.bank = real(setting(0.03)), u.grade = real(setting(-0.02));
+      if (!way) u.bank = r_from_setting(setting(0.03)), u.grade = r_from_setting(setting(-0.02));
       step(u, &y[way]);
     }
     memcpy(&kept, &sim, sizeof kept);
