@@ -166,11 +166,6 @@ def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
     assert (nothing.returncode, nothing.stdout, nothing.stderr) == (2, "", "no row was used\n")
 
 
-def test_the_changelog_has_at_most_thirty_lines_a_version():
-    versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.M)[1:]
-    assert versions and [v.split("\n")[0] for v in versions if v.count("\n") > 30] == []
-
-
 # ---- CITATION.cff is of this version, and what the format wants is there (Citation File Format 1.2.0, required keys and
 # types).
 

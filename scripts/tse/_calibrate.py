@@ -9,13 +9,14 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, all_checked
+from tse._log import LogLike, PathLike, all_checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.impl.calibrate import output, page, workflow
 from tse.impl.calibrate.result import Result, words
 from tse.impl.files import loads
 from tse.impl.logs.agree import read_agreeing
+from tse.impl.road import Road
 from tse.impl.rows import Reading
 from tse.impl.vehicle import Vehicle, make_vehicle
 
@@ -64,7 +65,11 @@ class Calibration(Shown):
 
 
 def calibrate(
-    logs: LogLike | Sequence[LogLike], vehicle: VehicleLike, *, progress: Callable[[str], None] | None = None
+    logs: LogLike | Sequence[LogLike],
+    vehicle: VehicleLike,
+    *,
+    road: PathLike | Road | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Calibration:
     """Calibrate a car on logs of ordinary driving, as `tselab calibrate` does.
 
@@ -74,6 +79,9 @@ def calibrate(
         A log or several: files, frames, or what read_log() returned. Half an hour with bends and some braking is a good start.
     vehicle
         As in estimate().
+    road
+        road.csv, or what read_road() returned: bank and grade of the road of all logs. None: they
+        are found with the car.
     progress
         Called with what is done now; a minute or two pass.
 
@@ -90,5 +98,6 @@ def calibrate(
     car = read_vehicle(vehicle)
     notes: list[str] = []
     read = read_agreeing(all_checked(logs, car), notes, Reading(car=car))
+    read = workflow.on_known(known_road(road), read, car)
     result = workflow.of_logs(read, car, progress or (lambda _: None), notes=notes)
     return Calibration(result, [log.path.name for log in read])

@@ -89,7 +89,8 @@ def gap(
     formula
         Seek a formula also where names leave nothing.
     road
-        road.csv, or what read_road() returned: bank and grade of the road of all logs. None: they are found where they show.
+        road.csv, or what read_road() returned: bank and grade of the road of all logs.
+        None: they are found where they show.
     progress
         Called with what is done now; some minutes pass.
 

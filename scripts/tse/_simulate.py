@@ -57,7 +57,8 @@ def simulate(
     settings
         Any of the simulator (`tselab settings --simulator`) or of the car.
     road
-        road.csv: its bank and grade lie under the car, by the distance that it has travelled; the log has its positions.
+        road.csv: its bank and grade lie under the car, by the distance that it has
+        travelled; the log has its positions.
 
     Returns
     -------
@@ -133,7 +134,8 @@ def replay(
     settings
         Any settings by name; they win.
     road
-        road.csv, whose bank and grade lie under the car; None: level, but for columns bank and grade of the log.
+        road.csv, whose bank and grade lie under the car; None: level, but for columns
+        bank and grade of the log.
 
     Returns
     -------

@@ -51,13 +51,15 @@ def calibrate(
     tselab calibrate log_*.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
     tselab estimate drive3.csv --vehicle calibrated.toml
 
-    Found together, with what passenger cars have as prior: bank and grade of the roads, how late every channel is behind the
-    gyro, steering ratio, offset and lag, wheel radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load
-    transfer, yaw inertia, stiffness, and the noise of the sensors. A measured velocity (columns ins_vel_x, ins_vel_y,
-    gnss_speed) is compared, too. What these logs do not show is named, keeps its prior, and is in the intervals of the estimate;
-    what would make the axles surer is said at the end, with its number. Half an hour of driving with bends and some braking is a
-    good start; a second calibration, with --vehicle calibrated.toml and other logs, starts from the first. --road: bank and
-    grade of the road are known.
+    Found together, with what passenger cars have as prior: bank and grade of the roads,
+    how late every channel is behind the gyro, steering ratio, offset and lag, wheel
+    radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load transfer,
+    yaw inertia, stiffness, and the noise of the sensors. A measured velocity (columns
+    ins_vel_x, ins_vel_y, gnss_speed) is compared, too. What these logs do not show is
+    named, keeps its prior, and is in the intervals of the estimate; what would make the
+    axles surer is said at the end, with its number. Half an hour of driving with bends
+    and some braking is a good start; a second calibration, with --vehicle calibrated.toml
+    and other logs, starts from the first. --road: bank and grade of the road are known.
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu

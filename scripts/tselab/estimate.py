@@ -133,10 +133,12 @@ def estimate(
     A learnt state holds stiffness, grip, sensor biases and steering, with their covariance. It fits the vehicle it was learnt
     with, and is trusted the less the older it is (settings learnt_floor, learnt_walk_day).
 
-    --road gives the filter the bank and grade of the road under each row: the log is found on it by gnss_latitude and
-    gnss_longitude, else by its path, the yaw rate over the speed. Columns of road.csv: distance [m], bank (left side high > 0),
-    grade (uphill > 0), bank_sd, grade_sd [rad]; of its path latitude, longitude [deg], x, y [m] or curvature [1/m]; closed, 1 of
-    a circuit, whose last row is the first one again. A log that is on another road is refused.
+    --road gives the filter the bank and grade of the road under each row: the log is
+    found on it by gnss_latitude and gnss_longitude, else by its path, the yaw rate over
+    the speed. Columns of road.csv: distance [m], bank (left side high > 0), grade (uphill
+    > 0), bank_sd, grade_sd [rad]; of its path latitude, longitude [deg], x, y [m] or
+    curvature [1/m]; closed, 1 of a circuit, whose last row is the first one again. A log
+    that is on another road is refused.
 
     Each stiffness is given with its 95 % interval at the end of each stretch of road between changes, valid or not, and smoothed
     over the stretch: what came after counts, too. It says whether to act on it. With them grip and the largest sideslip angle.

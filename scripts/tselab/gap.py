@@ -86,20 +86,23 @@ def run(**given: Any) -> int:
     tselab gap check log_*.csv --vehicle car.toml
 
     The single-track model is driven by the logged steering angle and wheel speeds; what it says of accel_x, accel_y and
-    yaw_rate is compared with what was measured. First car and road are fitted together: where bank or grade shows, the logs are
-    put on it; laps of one road have one profile, and held-out laps of it use it. Then sets of effects of the catalogue, and how
-    late messages are, are judged by their evidence beside what no model explains; a name needs a probability of 90 %. Held-out
-    logs take no part in it. --road: the bank and grade are known, and not sought.
+    yaw_rate is compared with what was measured. First car and road are fitted together:
+    where bank or grade shows, the logs are put on it; laps of one road have one profile,
+    and held-out laps of it use it. Then sets of effects of the catalogue, and how late
+    messages are, are judged by their evidence beside what no model explains; a name needs
+    a probability of 90 %. Held-out logs take no part in it. --road: the bank and grade
+    are known, and not sought.
 
     \b
     DIR/verdict.json           what was found, for programs
     DIR/report.html            the same for people
     DIR/vehicle_improved.toml  stiffness and effects: for tselab estimate and simulate
     DIR/effects.h              the same for C: sets a tse_config
-    DIR/road.csv               bank and grade of the road, where they show: for --road; road_2.csv of a second one
-    DIR/formula.toml           a formula for what no effect of the catalogue explains, if one was found; tse_formula.h: in C
-    DIR/residuals.parquet      before and after, every block of 40 ms
-    DIR/gap.png                the picture (with matplotlib)
+    DIR/road.csv               bank and grade of the road, where they show: for --road;
+    road_2.csv of a second one DIR/formula.toml           a formula for what no effect of
+    the catalogue explains, if one was found; tse_formula.h: in C DIR/residuals.parquet
+    before and after, every block of 40 ms DIR/gap.png                the picture (with
+    matplotlib)
 
     \b
     Exit code: 0 nothing is missing that these logs could show, 10 named, 11 possible, below 90 %, or look-alikes cannot be

@@ -62,8 +62,9 @@ def simulate(
     tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6 --with-ref
     tselab simulate --maneuver straight --out log.csv --duration 300 --noise 2 --set true_bias_yaw_rate=0.01
 
-    --road: the bank and grade of a road lie under the car, by the distance that it has travelled. The log has the positions of the
-    road there, but the car steers as the manoeuvre says, whatever the bends of the road.
+    --road: the bank and grade of a road lie under the car, by the distance that it has
+    travelled. The log has the positions of the road there, but the car steers as the
+    manoeuvre says, whatever the bends of the road.
     """
     from tse.impl.core import STIFFNESS, Config, SimConfig
     from tse.impl.estimate import write_table

@@ -2,8 +2,9 @@
 
     python -m tests.cars.along [--cars N] [--first SEED] [--seeds S] [--straight D] [--out FILE]
 
-Three questions: what a calibration finds of simulated manoeuvres, and of driven cars (tests.cars), and what is valid in the filter
-on straight roads where the car is known exactly. --cars 0, --straight 0 leave them out.
+Three questions: what a calibration finds of simulated manoeuvres, and of driven cars
+(tests.cars), and what is valid in the filter on straight roads where the car is known
+exactly. --cars 0, --straight 0 leave them out.
 """
 
 import argparse
@@ -49,8 +50,8 @@ CARS: dict[str, dict[str, Any]] = {
 
 
 def line_of(log: Log, vehicle: Vehicle) -> float:
-    """Return mass over the slope of slip over accel_x, by least squares: straight rows above 4 m/s without braking, means of
-    0.6 s; NaN: none. N"""
+    """Return mass over the slope of slip over accel_x, by least squares: straight rows
+    above 4 m/s without braking, means of 0.6 s; NaN: none. N"""
     front, rear = (vehicle.values[f"wheel_radius_{a}"] * log.data[f"wheel_speed_{a}"] for a in ("front", "rear"))
     free, driven = (front, rear) if vehicle.driven_axle == "rear" else (rear, front)
     mean = [pd.Series(x).rolling(SMOOTH, center=True, min_periods=1).mean() for x in (free, driven - free, log.data["accel_x"])]
@@ -111,7 +112,8 @@ def manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
 
 
 def straight(seed: int) -> list[float]:
-    """Return shares of valid rows, and of these of those that are more than 10 % off: ten minutes straight on, the car exact."""
+    """Return shares of valid rows, and of these of those that are more than 10 % off: ten
+    minutes straight on, the car exact."""
     made = tse.simulate("straight", seed=seed, duration=600.0)
     config = Config({"driven_axle": 1})
     out = Filter(config).over(read_frame(made.log).rows())

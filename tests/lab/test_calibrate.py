@@ -136,7 +136,8 @@ def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
 
 @pytest.mark.parametrize("sd", [0.06, 0.3])
 def test_noise_of_accel_x_is_that_of_the_rows(sd: float) -> None:
-    """Within a tenth, of 240 s beside which the car speeds up and brakes; of two logs that of the noisier one."""
+    """Within a tenth, of 240 s beside which the car speeds up and brakes; of two logs
+    that of the noisier one."""
     log, rng = drive("front", 0.0, 7), np.random.default_rng(8)
     t = log.time
     loud = log.data.assign(accel_x=np.sin(t) + sd * rng.standard_normal(len(t)))
@@ -268,8 +269,8 @@ LATE_SD = 0.025
 
 
 def slip_of(config: Config, driven: str, stiffness: float, push: float, share: float = 1.0) -> float:
-    """Return the slip at which the tyres of an axle take their share of what pushes the car [m/s2], found by search: the curve of
-    the class, grip 1, load moving."""
+    """Return the slip at which the tyres of an axle take their share of what pushes the
+    car [m/s2], found by search: the curve of the class, grip 1, load moving."""
     base = config.lf + config.lr
     rest = config.mass * 9.81 * (config.lr if driven == "front" else config.lf) / base
     load = rest + (1 if driven == "rear" else -1) * config.mass * push * HEIGHT / base
@@ -284,7 +285,8 @@ def slip_of(config: Config, driven: str, stiffness: float, push: float, share: f
 
 
 def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: float = 1.0) -> Log:
-    """Return a log of a car that speeds up and coasts; front wheels later; its stiffness the file's times the factor.
+    """Return a log of a car that speeds up and coasts; front wheels later; its stiffness
+    the file's times the factor.
 
     faster: times 5 .. 13 m/s, by which it speeds up"""
     config, rng = Config(), np.random.default_rng(seed)
@@ -345,7 +347,7 @@ def searched() -> tuple[Any, Fit]:
     covariance = np.diag(prior**2)
     covariance[0, 1] = covariance[1, 0] = 0.9 * LATE_SD**2  # of one unit
     problem = SimpleNamespace(config=Config(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance)
-    return problem, Fit(x, np.zeros(0), np.eye(8), x, np.eye(8), {}, [], ([], []), np.zeros(0), None)
+    return problem, Fit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
 
 
 def driven_car(driven: str) -> Vehicle:
@@ -385,7 +387,8 @@ def test_what_logs_do_not_show_is_left_as_it_was() -> None:
 
 
 def test_what_they_hardly_show_is_shrunk() -> None:
-    """Noisy wheels: a latency that is less than three sd from 0 is not applied, and the stiffness is less sure."""
+    """Noisy wheels: a latency that is less than three sd from 0 is not applied, and the
+    stiffness is less sure."""
     problem, fit = searched()
     log = drive("front", 0.03, 3)
     rng = np.random.default_rng(4)
@@ -411,7 +414,8 @@ def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
 
 
 def test_of_two_driven_axles_wheel_torques_and_brake_show_the_stiffness() -> None:
-    """Within 3 %, as of one. Without the brake switch nothing is shown: torques may be those of the engine alone."""
+    """Within 3 %, as of one. Without the brake switch nothing is shown: torques may be
+    those of the engine alone."""
     problem, fit = searched()
     log = drive("both", 0.0, 6, 0.8)
     found = slips(problem, fit, [log], driven_car("both"))
@@ -430,7 +434,8 @@ def test_a_log_that_contradicts_the_calibration_is_named() -> None:
 
 
 def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() -> None:
-    """Of two logs the root mean square; 1 - (0.3/2)^2 of a signal is explained before, 1 - (0.1/2)^2 after."""
+    """Of two logs the root mean square; 1 - (0.3/2)^2 of a signal is explained before, 1
+    - (0.1/2)^2 after."""
     logs = [Proof(f"{k}.csv", False, {"accel_y": Channel(2.0, before, 0.1, 0.03)}) for k, before in enumerate((0.3, 0.3))]
     held = Proof("h.csv", True, {"accel_y": Channel(2.0, 0.4, 0.2, 0.03)})
     fitted, other = proof_words([*logs, held])

@@ -392,7 +392,8 @@ def test_the_next_drive_is_right_at_once(first, form):
     mean = [np.mean(list(errors.values())) for errors in (without, learnt)]
     if form == "default":
         assert mean[0] > 0.1 and mean[1] < 0.05
-        # along the car the radii are found anew with every drive, which is most of the error there: 10 % for 13 %
+        # along the car the radii are found anew with every drive, which is most of the
+        # error there: 10 % for 13 %
         share = {"cx_front": 0.9}
         assert all(learnt[key] < share.get(key, 0.6) * without[key] for key in STIFFNESS)
     else:  # particles start 1 m/s off sideways, and what they knew of the mean is soon forgotten

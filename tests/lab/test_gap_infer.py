@@ -15,7 +15,7 @@ from test_identify import dense as dense_without_bias
 
 from gap_logs import car, problem_of, write_log
 from tse.impl.core import Config
-from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
+from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car
 from tse.impl.gap.infer import forms, naming, noise, roads
 from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
 from tse.impl.gap.infer.naming import Named, Probability, matters, settings
@@ -266,7 +266,6 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
 def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
     values = {"cy_rear": 0.9, Own("cy_rear", 1): 0.05, Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01, Own("grade", 0, 0): 0.02}
     assert of_the_car(values) == {"cy_rear": 0.9}
-    assert profiles(values, "bank") == {Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01}
     assert [str(k) for k in values] == ["cy_rear", "cy_rear@1", "bank@0:0", "bank@0:1", "grade@0:0"]
 
 
@@ -323,7 +322,8 @@ def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path
 
 
 def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_path: Path) -> None:
-    """A delay of the IMU that shows in yaw_rate, beside a grade of which accel_x is full: 0.08 rad, 0.057 rms."""
+    """A delay of the IMU that shows in yaw_rate, beside a grade of which accel_x is full:
+    0.08 rad, 0.057 rms."""
     vehicle = car(tmp_path)
     path = write_log(tmp_path / "log.csv", vehicle, "sweep", {"imu_delay_time": 0.008}, 5)
     table = pd.read_csv(path)

@@ -16,9 +16,22 @@ from tse.impl.errors import UserError
 from tse.impl.identify import advice, discrepancy
 from tse.impl.identify.data import Prepared, curves, prepare, smoothed, speed, together
 from tse.impl.identify.discrepancy import Discrepancy, Piece
-from tse.impl.identify.fit import HUBER, LITTLE, MODEL_TIME, Fit, Left, Normal, cost, covariance_of, fit, left_of, normal, step
-from tse.impl.identify.knots import KNOT, Knots
-from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem, as_measured
+from tse.impl.identify.fit import (
+    HUBER,
+    LITTLE,
+    MODEL_TIME,
+    Fit,
+    Normal,
+    Scale,
+    cost,
+    covariance_of,
+    fit,
+    measure_scales,
+    normal,
+    step,
+)
+from tse.impl.identify.knots import Knots
+from tse.impl.identify.problem import SPEED_TIME, Problem, as_measured
 from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, prior_of
 from tse.impl.logs.log import read_log
 from tse.impl.rows import Slower
@@ -38,8 +51,9 @@ def made(
     hidden: dict[str, float] | None = None,
     steer: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Rows of a drive with steering sweeps, driving and braking, of a car with effects; channels late by linear interpolation.
-    `steer`: another steering angle, at a steady speed."""
+    """Rows of a drive with steering sweeps, driving and braking, of a car with effects;
+    channels late by linear interpolation. `steer`: another steering angle, at a steady
+    speed."""
     n = round(seconds / DT)
     settings = {f"true_{k}": v for k, v in STIFF.items()} | {f"spread_{k}": 0.0 for k in STIFF}
     simulator = Simulator(Config(QUIET | (hidden or {})), SimConfig({"seed": seed, "speed": 18.0} | settings))
@@ -253,7 +267,8 @@ def test_slopes_are_differences_of_the_residuals(found: tuple[Problem, Fit]) -> 
 
 
 def test_slopes_of_the_road_are_those_of_one_value_after_the_other(found: tuple[Problem, Fit]) -> None:
-    """Every knot by itself, against those that are moved together: a car forgets a knot before the next one that is."""
+    """Every knot by itself, against those that are moved together: a car forgets a knot
+    before the next one that is."""
     problem, first = found
     x, z = first.search, first.z
     base = problem.residuals(x, z)
@@ -277,7 +292,7 @@ def test_stiffness_is_searched_as_compliance_and_its_prior_goes_with_it(found: t
     np.testing.assert_allclose(problem.to_search(problem.to_ln(first.search)), first.search, rtol=1e-12)
     other = problem.names.index("relaxation_length")
     assert first.search[other] == first.x[other] and problem.mean[other] == problem.prior.mean[other]
-    sd = np.sqrt(np.linalg.inv(first.information)[k, k]) / first.search[k]
+    sd = np.sqrt(np.linalg.inv(first.equations.information)[k, k]) / first.search[k]
     assert np.sqrt(first.covariance[k, k]) == pytest.approx(sd)
 
 
@@ -312,7 +327,7 @@ def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
     t = 0.04 * np.arange(500)
     wheels = 0.3 * np.sin(0.7 * t)  # m/s about 20 m/s
     problem = Problem.__new__(Problem)
-    problem.groups, problem._time, problem._speed, problem.config = [(0, "accel_x")], [t], [np.full(500, 20.0)], config
+    problem.groups, problem._time, problem._speed, problem.config = ([(0, "accel_x")], [t], [np.full(500, 20.0)], config)
 
     def accelerating(stiffness: float) -> np.ndarray:
         lag = config.mass * 20 / stiffness
@@ -343,7 +358,6 @@ def test_noise_of_what_is_compared_is_that_of_the_sensor_through_the_comparison(
         made_of = [problem.compared(g, sd * rng.standard_normal(len(sd)))[problem._together[g]].mean(axis=1) for _ in range(1000)]
         late = np.array(made_of)[:, 12:]  # after the start, from which the leak has not yet let go
         assert np.sqrt(np.mean(late**2)) == pytest.approx(problem.noise(g), rel=0.03), channel
-    assert SPEED_BLOCKS > 1
 
 
 def test_a_measured_velocity_is_that_of_its_place_in_its_axes(tmp_path: Path) -> None:
@@ -436,26 +450,28 @@ def test_eliminating_the_road_leaves_what_the_whole_normal_equations_say(found: 
     x, z = first.search, first.z + 0.001
     residuals = problem.residuals(x, z)
     tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
-    got = normal(problem, first.left, x, z, residuals, tables, roads)
+    got = normal(problem, first.scales, x, z, residuals, tables, roads)
     n = len(x)
     whole = np.zeros((n + len(z), n + len(z)))
     whole[:n, :n], whole[n:, n:] = problem.information, np.eye(len(z)) / problem.knot_sd**2
     gradient = np.concatenate([problem.information @ (x - problem.mean), z / problem.knot_sd**2])
     for e, j, r, (_, c) in zip(residuals, tables, roads, problem.groups, strict=True):
         both = np.hstack([j, r.toarray()])
-        weight = np.minimum(1.0, HUBER * first.left[c].rms / np.abs(e)) / first.left[c].scale ** 2
+        weight = np.minimum(1.0, HUBER * first.scales[c].rms / np.abs(e)) / first.scales[c].sd ** 2
         whole += both.T @ (weight[:, None] * both)
         gradient += both.T @ (weight * e)
     inverse = np.linalg.inv(whole)
     sd = np.sqrt(np.diag(inverse)[:n])
     np.testing.assert_allclose(np.linalg.inv(got.information) / np.outer(sd, sd), inverse[:n, :n] / np.outer(sd, sd), atol=1e-6)
+    np.testing.assert_allclose(got.road_sd(), np.sqrt(np.diag(inverse)[n:]), rtol=1e-6)
     by = np.linalg.solve(got.information, -got.gradient)
     np.testing.assert_allclose(np.concatenate([by, got.road(by)]), -inverse @ gradient, rtol=1e-5, atol=1e-7)
 
 
 def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
-    """Stiffness alone on level roads, with the scales that it has left: scipy.optimize.least_squares of the same residuals and
-    the prior. No residual is beyond the end of the loss's square."""
+    """Stiffness alone on level roads, with the scales that it has left:
+    scipy.optimize.least_squares of the same residuals and the prior. No residual is
+    beyond the end of the loss's square."""
     config = Config(QUIET)
     prior = prior_of(default_vehicle(), config).only(STIFFNESS)
     problem = Problem(ready(tmp_path, config, 1, hidden={"relaxation_length": 0.3}), config, prior, road=False)
@@ -463,17 +479,17 @@ def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
     root = np.linalg.cholesky(problem.information).T
 
     def weighted(x: np.ndarray) -> np.ndarray:
-        parts = [e / ended.left[c].scale for e, (_, c) in zip(problem.residuals(x, np.zeros(0)), problem.groups, strict=True)]
+        parts = [e / ended.scales[c].sd for e, (_, c) in zip(problem.residuals(x, np.zeros(0)), problem.groups, strict=True)]
         return np.concatenate([*parts, root @ (x - problem.mean)])
 
     other = least_squares(weighted, problem.mean, x_scale=problem.sd, diff_step=1e-6)
     sd = np.sqrt(np.diag(np.linalg.inv(other.jac.T @ other.jac)))
     assert np.max(np.abs(ended.search - other.x) / sd) < 0.15  # a search ends where a step is below a tenth
-    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(ended.information))), sd, rtol=0.03)
-    assert cost(problem, ended.left, ended.search, ended.z, ended.residuals) == pytest.approx(other.cost, rel=0.02)
+    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(ended.equations.information))), sd, rtol=0.03)
+    assert cost(problem, ended.scales, ended.search, ended.z, ended.residuals) == pytest.approx(other.cost, rel=0.02)
 
 
-def test_what_is_left_counts_as_noise_where_it_is_noise_and_once_in_model_time_where_it_is_not() -> None:
+def test_noise_counts_in_every_value_and_an_error_of_the_model_once_in_model_time() -> None:
     class One:
         channels, groups = ("yaw_rate",), [(0, "yaw_rate")]
 
@@ -487,15 +503,16 @@ def test_what_is_left_counts_as_noise_where_it_is_noise_and_once_in_model_time_w
             return 0.0
 
     rng = np.random.default_rng(1)
-    quiet = left_of(One(), [0.008 * rng.standard_normal(5000)])["yaw_rate"]
-    assert quiet == Left(0.01, 0.01)
-    loud = left_of(One(), [np.hypot(0.01, 0.03) * rng.standard_normal(50_000)])["yaw_rate"]
+    quiet = measure_scales(One(), [0.008 * rng.standard_normal(5000)])["yaw_rate"]
+    assert quiet == Scale(0.01, 0.01)
+    loud = measure_scales(One(), [np.hypot(0.01, 0.03) * rng.standard_normal(50_000)])["yaw_rate"]
     assert loud.rms == pytest.approx(np.hypot(0.01, 0.03), rel=0.02)
-    assert loud.scale**2 == pytest.approx(0.01**2 + 0.03**2 * MODEL_TIME / 0.04, rel=0.05)
+    assert loud.sd**2 == pytest.approx(0.01**2 + 0.03**2 * MODEL_TIME / 0.04, rel=0.05)
 
 
 def test_the_bank_of_a_road_is_found_and_the_car_with_it(tmp_path: Path) -> None:
-    """A road whose bank no lean into curves has, by the model itself: rms 1.4 degrees. Without it the stiffness is off."""
+    """A road whose bank no lean into curves has, by the model itself: rms 1.4 degrees.
+    Without it the stiffness is off."""
     config, rows = Config(QUIET), made(1, 80.0)
     log = prepare(read_log(written(tmp_path / "log.csv", rows)), config)
     bank = 0.035 * np.sin(2 * np.pi * log.distance / 350)
@@ -514,7 +531,6 @@ def test_the_bank_of_a_road_is_found_and_the_car_with_it(tmp_path: Path) -> None
     sd = np.sqrt(np.diag(whole.covariance))[:3]
     for k, name in enumerate(STIFFNESS):
         assert abs(whole.x[k] - np.log(STIFF[name])) < 3.5 * sd[k], name
-    assert KNOT == 40.0
     off = [abs(f.x[2] - np.log(STIFF["cy_rear"])) for f in (flat, whole)]
     assert off[1] < 0.5 * off[0]
 
@@ -545,7 +561,7 @@ def test_a_search_simulates_few_slopes_and_ends_where_those_there_predict_little
     assert ended.converged and 2 <= len(asked) < ended.steps
     x, z = ended.search, ended.z
     slopes = inner(problem, x, z, ended.residuals), problem.road_slopes(x, z, ended.residuals)
-    there = normal(problem, ended.left, x, z, ended.residuals, *slopes)
+    there = normal(problem, ended.scales, x, z, ended.residuals, *slopes)
     inside = (x > problem.low + 1e-9) & (x < problem.high - 1e-9)
     gradient = there.gradient[inside]
     by = np.linalg.solve(there.information[np.ix_(inside, inside)], gradient)
@@ -569,7 +585,7 @@ def test_a_search_from_elsewhere_ends_at_the_same_place(found: tuple[Problem, Fi
     part = fit(problem, most=2)
     rest = fit(problem, part.search, part.z)
     assert rest.converged
-    here, there = (cost(problem, whole.left, f.search, f.z, f.residuals) for f in (whole, rest))
+    here, there = (cost(problem, whole.scales, f.search, f.z, f.residuals) for f in (whole, rest))
     assert abs(here - there) < 1.0  # nat: as likely, in a valley of fifty numbers
 
 

@@ -564,6 +564,7 @@ def test_a_small_part_of_each_study(name, tmp_path):
 
 
 def _accuracy(lines, text):
+    # along: radii, which are exact here, are known to 0.2 %, and a drive of seconds hardly finds them
     for name, limit in (("cx_front", 12.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
         assert lines.loc["accuracy", "tse"][f"{name}_rms"] < limit and lines.loc["accuracy", "tse"][f"{name}_covered"] > 90
 

@@ -11,6 +11,8 @@ import tse
 from conftest import tselab
 from tse.impl.core import Config
 from tse.impl.errors import NoFile, UserError
+from tse.impl.identify.knots import KNOT, Knots
+from tse.impl.identify.laps import laps, profile
 from tse.impl.logs.log import read_frame, read_log
 from tse.impl.road import Road, curvature_of, make_road, read_road, write_road
 from tse.impl.road_match import along, by_path, by_position, common, track_of
@@ -280,6 +282,30 @@ def test_laps_have_one_distance():
         assert np.nanmax(np.abs(distance - at)) < 10.0
 
 
+def test_laps_of_one_road_share_its_knots_and_another_road_has_its_own():
+    s, bend = winding(2200.0, 23)
+    other_s, other_bend = winding(1500.0, 31)
+    (first, at), (other, _), (second, later) = (
+        driven(s, bend, seed=1), driven(other_s, other_bend, seed=2), driven(s, bend, 150.0, 1900.0, 1.02, seed=3),
+    )  # fmt: skip
+    found = laps([first, other, second], CAR)
+    assert found.of == [0, 1, 0] and (found.count(0), found.count(1)) == (2, 1)
+    for distance, true in ((found.distance[0], at), (found.distance[2], later)):
+        assert np.nanmax(np.abs(distance - true)) < 10.0
+    assert [len(found.knots().places(k)) for k in (0, 1)] == pytest.approx([2200 / KNOT, 1500 / KNOT], abs=3)
+
+
+def test_a_profile_that_was_not_fitted_is_not_known():
+    """A bank alone: the grade of the road stays open, and no log gets one."""
+    s, bend = winding(400.0, 5)
+    knots = Knots.of([s], kinds=("bank",))
+    z = 0.01 * np.arange(len(knots))
+    found = profile(plain(s, bend), knots, 0, z, np.full(len(z), 0.002))
+    np.testing.assert_allclose(found.bank, np.interp(s, knots.places(0), z), atol=1e-12)
+    np.testing.assert_allclose(found.bank_sd, 0.002)
+    assert np.isnan(found.grade).all() and np.isnan(found.grade_sd).all()
+
+
 def test_rounds_of_one_log_are_found_to_be_a_circuit():
     s, bend = circuit()
     (first, at), (second, later) = (
@@ -348,7 +374,8 @@ def banked():
 
 
 def estimated(log, **more):
-    """Rms error of both cornering stiffnesses, their mean sd (shares of the truth), share of valid rows, last three quarters."""
+    """Rms error of both cornering stiffnesses, their mean sd (shares of the truth), share
+    of valid rows, last three quarters."""
     result = tse.estimate(log, ROAD_CAR, calibrate=False, settings=ORDINARY, **more)
     rows = result.to_frame().iloc[len(log) // 4 :]
     true = {"cy_front": 0.8 * KNOWN.cornering_stiffness_front, "cy_rear": 0.85 * KNOWN.cornering_stiffness_rear}
@@ -372,7 +399,8 @@ def test_the_simulated_car_is_on_the_road(banked):
 
 
 def test_a_known_road_makes_the_estimate_better(banked):
-    """Without it, the error is 10 % of either axle: bank passes for side force, in waves as long as a manoeuvre."""
+    """Without it, the error is 10 % of either axle: bank passes for side force, in waves
+    as long as a manoeuvre."""
     road, (log, truth) = banked
     error, sd, valid, plain = estimated(log)
     error_on, sd_on, valid_on, known = estimated(log, road=road)

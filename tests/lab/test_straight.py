@@ -21,8 +21,8 @@ DOES_NOT_FIT = get_args(Reason).index("does not fit")
 
 
 def estimate(seed: int, rear: float) -> np.ndarray:
-    """Return what the filter makes of two minutes straight on at 30 m/s, of a car that is known exactly but for the radius of its
-    rear wheels, which is so much larger."""
+    """Return what the filter makes of two minutes straight on at 30 m/s, of a car that is
+    known exactly but for the radius of its rear wheels, which is so much larger."""
     made = tse.simulate("straight", seed=seed, duration=120.0)
     rows = read_frame(made.log).rows()
     rows["wheel_speed_rear"] /= 1.0 + rear
@@ -31,8 +31,9 @@ def estimate(seed: int, rear: float) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_slip_without_force_is_no_stiffness(seed: int) -> None:
-    """Within 10 %: rms of the last row of 20 drives of ten minutes is 3.3 %. Tyres of the free axle that roll with 0.0005 less slip
-    than the filter thinks made 27 .. 80 % of it while radii counted as exact."""
+    """Within 10 %: rms of the last row of 20 drives of ten minutes is 3.3 %. Tyres of the
+    free axle that roll with 0.0005 less slip than the filter thinks made 27 .. 80 % of it
+    while radii counted as exact."""
     out = estimate(seed, 0.0)
     assert abs(out["cx_front"][-1] - 1.0) < 0.1
     assert (out["cx_front_valid"][SETTLED:] == 0).mean() > 0.9
@@ -48,8 +49,9 @@ def test_the_stiffness_along_of_other_wheels_is_never_valid(rear: float) -> None
 
 @pytest.mark.parametrize("stiffness", [110e3, 230e3])
 def test_a_calibration_is_not_misled_by_the_noise_of_accel_x(stiffness: float) -> None:
-    """Two minutes straight on, where accel_x changes by 0.1 m/s2 and has noise of 0.15 a row: within 10 %, and within 1.96 sd. A
-    line through the same rows is 13 .. 30 % too stiff: noise in the force makes its slope flat, and brakes are in it."""
+    """Two minutes straight on, where accel_x changes by 0.1 m/s2 and has noise of 0.15 a
+    row: within 10 %, and within 1.96 sd. A line through the same rows is 13 .. 30 % too
+    stiff: noise in the force makes its slope flat, and brakes are in it."""
     car = {"mass": 1650, "lf": 1.2, "lr": 1.55, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32}
     known = make_vehicle(dict(car), Path("car.toml"))
     true = {"longitudinal_stiffness_front": stiffness, "longitudinal_stiffness_rear": stiffness}

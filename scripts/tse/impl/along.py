@@ -30,9 +30,10 @@ class Apart:
 
 
 def along(log: Log, config: Config) -> pd.DataFrame:
-    """Return time, accel_x, accel_y, yaw_rate as logged, and simulated with the end _simulated; vel_x, vel_y. The road is level
-    but for columns bank and grade of the log, and the settings. Inputs are read as
-    much later as the settings call them late, and what is simulated is as late as the settings call it."""
+    """Return time, accel_x, accel_y, yaw_rate as logged, and simulated with the end
+    _simulated; vel_x, vel_y. The road is level but for columns bank and grade of the log,
+    and the settings. Inputs are read as much later as the settings call them late, and
+    what is simulated is as late as the settings call it."""
     late = {c: float(getattr(config, f"{c}_latency", 0.0)) for c in (*DRIVES, *MEASURES)}
     inputs = {c: log.data[c].to_numpy(float) for c in DRIVES}
     for c, x in inputs.items():
@@ -48,8 +49,9 @@ def along(log: Log, config: Config) -> pd.DataFrame:
 
 
 def _road(log: Log, config: Config, inputs: Mapping[str, Values]) -> tuple[Config, dict[str, Values]]:
-    """Return settings and profiles of the road [rad]: what the log says of bank and grade, the whole of it, and the settings where
-    it does not. The lean into curves of the settings is a bank of -share v r/g there."""
+    """Return settings and profiles of the road [rad]: what the log says of bank and
+    grade, the whole of it, and the settings where it does not. The lean into curves of
+    the settings is a bank of -share v r/g there."""
     given = {n: log.extra[n].to_numpy(float) for n in ROAD if n in log.extra}
     profiles = {}
     if "grade" in given:

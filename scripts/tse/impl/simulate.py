@@ -38,8 +38,9 @@ def simulate(
     progress: bool = False,
     road: Road | None = None,
 ) -> Simulation:
-    """Drive the manoeuvre; the log and the truth as they are written to files. On a road the log has positions: those of the road
-    at the distance that the car has travelled, whatever it steers."""
+    """Drive the manoeuvre; the log and the truth as they are written to files. On a road
+    the log has positions: those of the road at the distance that the car has travelled,
+    whatever it steers."""
     inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
     log, truth = _log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config)
     if road is not None:
@@ -64,8 +65,9 @@ def drive(
     progress: bool = False,
     road: Road | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drive the manoeuvre; inputs and outputs of the simulator. `road`: whose bank and grade lie under the car, by the distance
-    that it has travelled; level where they are not known, and beyond its end."""
+    """Drive the manoeuvre; inputs and outputs of the simulator. `road`: whose bank and
+    grade lie under the car, by the distance that it has travelled; level where they are
+    not known, and beyond its end."""
     sim_config.speed = maneuver.speed
     simulator = Simulator(config, sim_config)
     n = len(maneuver.time)

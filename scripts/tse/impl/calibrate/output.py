@@ -89,7 +89,7 @@ def formula_beside(path: Path) -> Path:
 
 def toml(result: Result, logs: list[str], formula: Path) -> str:
     """The calibrated vehicle file. `formula`: where its formula is, if it has one."""
-    vehicle, found = result.vehicle, values(result) | {f"{c}{LATENCY}": v for c, v in latencies(result).items()}
+    vehicle, found = (result.vehicle, values(result) | {f"{c}{LATENCY}": v for c, v in latencies(result).items()})
     title = [
         f"# {vehicle.path.name if vehicle.path else 'the built-in car'}, calibrated by tselab {__version__} from {', '.join(logs)}"
     ]

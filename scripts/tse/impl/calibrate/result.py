@@ -146,8 +146,9 @@ def known_before(config: Config) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel of a log, in its unit, as means over 40 ms: rms of what was measured, and of measured less simulated before and
-    after, each about its mean; and the sensor's noise."""
+    """A channel of a log, in its unit, as means over 40 ms: rms of what was measured, and
+    of measured less simulated before and after, each about its mean; and the sensor's
+    noise."""
 
     signal: float
     before: float
@@ -162,8 +163,9 @@ class Channel:
 
 @dataclass(frozen=True)
 class Proof:
-    """A log against the car of its file, and as calibrated. Of a fitted log the road is known; of a held-out one nothing is fitted
-    but biases and how far its road leans into its curves."""
+    """A log against the car of its file, and as calibrated. Of a fitted log the road is
+    known; of a held-out one nothing is fitted but biases and how far its road leans into
+    its curves."""
 
     log: str
     held_out: bool

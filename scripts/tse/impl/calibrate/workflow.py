@@ -12,7 +12,7 @@ from tse.impl.calibrate.result import Channel, Proof, Result, findings, groups, 
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.identify import advice
-from tse.impl.identify.data import Prepared, blocks, prepare
+from tse.impl.identify.data import Prepared, blocks, prepare, with_all
 from tse.impl.identify.fit import Fit, fit
 from tse.impl.identify.laps import laps
 from tse.impl.identify.problem import LEAN, SPEED_TIME, Problem, known_car
@@ -41,7 +41,8 @@ def run(
     reading: Reading | None = None,
     road: Road | None = None,
 ) -> Result:
-    """Calibrate, and prove it on the logs. `most`: steps of the search; `road`: that all logs are on, if it is known."""
+    """Calibrate, and prove it on the logs. `most`: steps of the search; `road`: that all
+    logs are on, if it is known."""
     vehicle = read_vehicle(vehicle_path)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
@@ -116,19 +117,13 @@ def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) ->
     for log in logs:
         say(f"smoothing {log.path.name}")
         try:
-            ready.append(_with_all(prepare(log, config)))
+            ready.append(with_all(prepare(log, config)))
         except UserError as error:
             notes.append(f"left out: {error}")
             ready.append(None)
             continue
         notes += ready[-1].notes
     return ready
-
-
-def _with_all(log: Prepared) -> Prepared:
-    """A sensor that the log does not have has nothing to say anywhere: a column of NaN."""
-    nothing = np.full(len(log.time), np.nan)
-    return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURED, *log.measured)})
 
 
 # ---- proof
@@ -141,7 +136,8 @@ def _proofs(problem: Problem, result: Fit) -> list[Proof]:
 
 
 def _held_out(problem: Problem, result: Fit, logs: Sequence[Prepared]) -> list[Proof]:
-    """Return each log that was not fitted: of it only biases are, and how far its road leans into its curves."""
+    """Return each log that was not fitted: of it only biases are, and how far its road
+    leans into its curves."""
     car = known_car(problem, problem.to_search(result.x))
     other = Problem(logs, car, problem.prior.only(()), problem.jobs, road=False)
     filed = Problem(logs, problem.config, problem.prior.only(()), problem.jobs, road=False)
@@ -199,7 +195,8 @@ def _sensors(problem: Problem, result: Fit) -> dict[str, float]:
 
 
 def noise_along(logs: Sequence[Log], config: Config) -> dict[str, float]:
-    """Return accel_x_sd [m/s2]: white noise of a row of the log with most of it, by second differences (noise.py)."""
+    """Return accel_x_sd [m/s2]: white noise of a row of the log with most of it, by
+    second differences (noise.py)."""
     found = []
     for log in logs:
         with np.errstate(invalid="ignore"):

@@ -84,8 +84,8 @@ def assemble(
     road: Road | None = None,
 ) -> Prepared:
     """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
-    what else is a warning; `calibrate`: what is done with a car that nobody has calibrated; `road`: whose bank and grade the
-    filter is given."""
+    what else is a warning; `calibrate`: what is done with a car that nobody has
+    calibrated; `road`: whose bank and grade the filter is given."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)

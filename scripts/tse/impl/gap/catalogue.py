@@ -30,11 +30,6 @@ def of_the_car(values: Mapping[Key, float]) -> dict[Key, float]:
     return {k: v for k, v in values.items() if not isinstance(k, Own)}
 
 
-def profiles(values: Mapping[Key, float], effect: str) -> dict[Own, float]:
-    """Of fitted values those that make the profiles of an effect of the road."""
-    return {k: v for k, v in values.items() if isinstance(k, Own) and k.of == effect and k.knot is not None}
-
-
 @dataclass(frozen=True)
 class Parameter:
     """One number that is fitted: a stiffness, or a parameter of an effect."""

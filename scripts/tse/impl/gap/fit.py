@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tse.impl.gap.catalogue import Key, Parameter, of_the_car
+from tse.impl.gap.catalogue import Key, Parameter
 from tse.impl.gap.problem import Problem
 from tse.impl.identify.data import BLOCK
 
@@ -151,8 +151,3 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
             (float(np.quantile(ratio, 0.025)), float(np.quantile(ratio, 0.975))),
         )
     return found
-
-
-def on_others(problem: Problem, after: Mapping[str, float]) -> dict[str, float]:
-    """What was fitted elsewhere, for other logs: what is own to a log is left out."""
-    return of_the_car(after)

@@ -18,6 +18,7 @@ from tse.impl.core import NOMINAL, Config
 from tse.impl.gap.catalogue import Effect, Key, Own, Parameter, of_the_car
 from tse.impl.gap.parallel import is_copy
 from tse.impl.identify.data import CHANNELS, Prepared, blocks, simulate
+from tse.impl.identify.knots import KNOT, KNOT_SD, PROFILES
 from tse.impl.rows import MEASURES
 
 STIFFNESS = tuple(
@@ -25,10 +26,6 @@ STIFFNESS = tuple(
 )
 
 
-# Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
-PRIOR = {"grade": 0.03, "bank": 0.02}  # rad: sd of roads, of the values of their profiles
-KNOT = 40.0  # m: between two values of a profile, which is smooth over that
-PROFILES = tuple(PRIOR)
 # What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
@@ -90,7 +87,7 @@ class Problem:
         """What is fitted to say how strong an effect is: its strengths, or the profile of a road in each log."""
         if effect.id not in PROFILES:
             return effect.strengths
-        p, prior = effect.strengths[0], PRIOR[effect.id]
+        p, prior = effect.strengths[0], KNOT_SD
         return tuple(
             Parameter(
                 Own(effect.id, i, k), "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,

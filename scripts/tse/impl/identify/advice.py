@@ -1,7 +1,9 @@
-"""What to drive next: how sure both axles would be after a manoeuvre, with a measured velocity, or with what a workshop can tell.
+"""What to drive next: how sure both axles would be after a manoeuvre, with a measured
+velocity, or with what a workshop can tell.
 
-By the information of the fit's own model: that of the logs, and that of what is not driven yet, where residuals are taken to be as
-large and as lasting as those that the logs leave.
+By the information of the fit's own model: that of the logs, and that of what is not
+driven yet, where residuals are taken to be as large and as lasting as those that the logs
+leave.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tse.impl.identify.data import BURN_IN, Prepared, Stretch
-from tse.impl.identify.fit import Fit, Left, normal
+from tse.impl.identify.fit import Fit, Scale, normal
 from tse.impl.identify.problem import LASTING, Problem
 from tse.impl.identify.unknowns import MEASURED, VELOCITY, prior_of
 from tse.impl.vehicle import Vehicle
@@ -64,8 +66,8 @@ MANOEUVRES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def offers(problem: Problem, fit: Fit, vehicle: Vehicle) -> list[Offer]:
-    """Return what would make the intervals of the axles narrower, in the order of what it costs; what is hardly worth it is left
-    out.
+    """Return what would make the intervals of the axles narrower, in the order of what it
+    costs; what is hardly worth it is left out.
 
     Cost: slopes of 40 s for each manoeuvre, and of all logs for a velocity."""
     now = sd_of(problem, fit, _information(problem, fit))
@@ -102,7 +104,7 @@ def sd_of(problem: Problem, fit: Fit, information: np.ndarray) -> dict[str, floa
 def _information(problem: Problem, fit: Fit) -> np.ndarray:
     """Return that of the numbers of the car, whatever is each log's own."""
     n = problem.car
-    return np.linalg.inv(np.linalg.inv(fit.information)[:n, :n])
+    return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
 
 
 def _latencies(problem: Problem) -> list[str]:
@@ -119,7 +121,7 @@ def _known(problem: Problem, fit: Fit, names: list[str], sd: float) -> dict[str,
 
 def driven(problem: Problem, fit: Fit, steer: Callable[[np.ndarray], np.ndarray]) -> dict[str, float]:
     """Return how sure the axles are after a manoeuvre of SECONDS, by its steering angle over time."""
-    return sd_of(problem, fit, _information(problem, fit) + _of(problem, fit, [_log(problem, steer)], fit.left))
+    return sd_of(problem, fit, _information(problem, fit) + _of(problem, fit, [_log(problem, steer)], fit.scales))
 
 
 def _with_velocity(problem: Problem, fit: Fit, vehicle: Vehicle) -> dict[str, float]:
@@ -127,34 +129,35 @@ def _with_velocity(problem: Problem, fit: Fit, vehicle: Vehicle) -> dict[str, fl
     logs = [replace(log, measured=log.measured | {"ins_vel_y": np.zeros(len(log.time))}, noise=log.noise | {"ins_vel_y": 0.0})
             for log in problem.logs]  # fmt: skip
     lasting = LASTING * float(problem.config.ins_velocity_sd)
-    yaw = fit.left["yaw_rate"] if "yaw_rate" in fit.left else next(iter(fit.left.values()))
-    left = fit.left | {"ins_vel_y": Left(lasting, lasting * yaw.scale / yaw.rms)}
+    yaw = fit.scales["yaw_rate"] if "yaw_rate" in fit.scales else next(iter(fit.scales.values()))
+    scales = fit.scales | {"ins_vel_y": Scale(lasting, lasting * yaw.sd / yaw.rms)}
     prior = prior_of(vehicle, problem.config, velocity=True)
     other = Problem(logs, problem.config, prior, problem.jobs, problem.road, problem.leans > 0)
     at = dict(zip(problem.names, fit.search, strict=True))
     x = np.array([at.get(n, m) for n, m in zip(other.names, other.mean, strict=True)])
-    found = _normal(other, x, fit.z, left)
+    found = _normal(other, x, fit.z, scales)
     own = [other.names.index(n) for n in problem.prior.names]
     return sd_of(problem, fit, np.linalg.inv(np.linalg.inv(found)[np.ix_(own, own)]))
 
 
-def _of(problem: Problem, fit: Fit, logs: list[Prepared], left: dict[str, Left]) -> np.ndarray:
+def _of(problem: Problem, fit: Fit, logs: list[Prepared], scales: dict[str, Scale]) -> np.ndarray:
     """Return the information that logs bring of the numbers of the car."""
     other = Problem(logs, problem.config, problem.prior, problem.jobs)
     x = np.append(fit.search[: problem.car], other.mean[other.car :])
-    found, n = _normal(other, x, np.zeros(other.knots), left), problem.car
+    found, n = _normal(other, x, np.zeros(other.knots), scales), problem.car
     return np.linalg.inv(np.linalg.inv(found)[:n, :n]) - problem.information[:n, :n]
 
 
-def _normal(problem: Problem, x: np.ndarray, z: np.ndarray, left: dict[str, Left]) -> np.ndarray:
-    """Return the information of logs that are explained as far as `left` says."""
+def _normal(problem: Problem, x: np.ndarray, z: np.ndarray, scales: dict[str, Scale]) -> np.ndarray:
+    """Return the information of logs that are explained with residuals of these sizes."""
     base = problem.residuals(x, z)
     slopes = problem.slopes(x, z, base), problem.road_slopes(x, z, base)
-    return normal(problem, left, x, z, [np.zeros(len(e)) for e in base], *slopes).information
+    return normal(problem, scales, x, z, [np.zeros(len(e)) for e in base], *slopes).information
 
 
 def _log(problem: Problem, steer: Callable[[np.ndarray], np.ndarray]) -> Prepared:
-    """Return a log of a manoeuvre at SPEED, with the channels that the logs have; what is measured in it counts nowhere."""
+    """Return a log of a manoeuvre at SPEED, with the channels that the logs have; what is
+    measured in it counts nowhere."""
     like = problem.logs[0]
     time = like.step * np.arange(round(SECONDS / like.step) // like.rows_per_block * like.rows_per_block)
     spin = {f"wheel_speed_{a}": np.full(len(time), SPEED / getattr(problem.config, f"wheel_radius_{a}")) for a in ("front", "rear")}

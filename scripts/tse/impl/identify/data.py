@@ -88,7 +88,8 @@ class Prepared:
         return spline(np.clip(self.time[rows] + by, self.time[0], self.time[-1]))
 
     def earlier(self, x: np.ndarray, by: float) -> np.ndarray:
-        """What is simulated, a value per row, as a channel has it that is `by` [s] late; NaN between stretches."""
+        """What is simulated, a value per row, as a channel has it that is `by` [s] late;
+        NaN between stretches."""
         if not by:
             return x
         out = np.full(len(x), np.nan)
@@ -137,6 +138,12 @@ def prepare(log: Log, config: Config) -> Prepared:
     return Prepared(
         log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held, wheel_noise, road=road
     )
+
+
+def with_all(log: Prepared) -> Prepared:
+    """Return the log with a column of NaN for a sensor that it does not have."""
+    nothing = np.full(len(log.time), np.nan)
+    return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURES, *log.measured)})
 
 
 def speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:

@@ -1,12 +1,15 @@
-"""The likeliest car and road: Gauss-Newton on robust least squares with the priors of both.
+"""Maximum a posteriori of car and road: Gauss-Newton on robust least squares.
 
-What is made small, over x (car, leans, biases) and z (values of bank and grade):
-    sum over residuals e of rho(e)/scale^2 + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2,
-with rho the loss of Huber, and scale, by channel, what a residual counts as (`left_of`). z is eliminated: its information is
-banded, and one sparse factor gives the Schur complement that x is solved in.
+Minimize over x (car, leans, biases) and z (values of bank and grade)
+    sum over residuals e of rho(e)/sd^2
+    + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2,
+with the loss rho of Huber and the sd of one value of the channel (measure_scales). z is
+eliminated: its information is banded, and one sparse factor gives the Schur complement in
+which x is solved.
 
-How far the model is from the car decides how sure x is, and hardly what it is: a residual is noise of the sensor, which is new in
-each value, and what the model lacks, which lasts MODEL_TIME and counts once in it.
+A residual is noise of the sensor and error of the model. The first is new in each value. The
+second lasts MODEL_TIME and counts once in it. So the error of the model decides how sure x
+is, and hardly its value.
 """
 
 from __future__ import annotations
@@ -36,11 +39,12 @@ HALVINGS = 6  # of a step that gains nothing
 
 
 @dataclass(frozen=True)
-class Left:
-    """What is left of a channel: rms, and what one value counts as, in the unit of the residuals."""
+class Scale:
+    """Size of the residuals of a channel, in their unit: rms, and the sd that one value
+    counts as."""
 
     rms: float
-    scale: float
+    sd: float
 
 
 @dataclass
@@ -51,40 +55,44 @@ class Fit:
     ----------
     x, covariance
         Unknowns of the problem, stiffness in ln over the vehicle file's.
-    z, road_sd
-        Values of bank and grade, and their sd [rad].
-    search, information
-        x as it is searched, and the information of the logs and the prior there, the road eliminated.
-    left
+    z
+        Values of bank and grade [rad].
+    search
+        x as it is searched.
+    scales
         By channel.
+    residuals, slopes, equations
+        There: slopes by x and by z, and their normal equations.
+    steps, moved
+        Of the search, and the largest change of its last step [posterior sd].
     noise
-        By channel that the filter measures: what is left where the roads are level, as a process (for its settings).
+        By channel of the filter: residuals on level roads as a process, for its settings.
     """
 
     x: np.ndarray
     z: np.ndarray
     covariance: np.ndarray
     search: np.ndarray
-    information: np.ndarray
-    left: dict[str, Left]
+    scales: dict[str, Scale]
     residuals: list[np.ndarray]
-    slopes: tuple[list[np.ndarray], list[csc_matrix]]  # of the residuals, by x and by z
-    road_sd: np.ndarray
+    slopes: tuple[list[np.ndarray], list[csc_matrix]]
     equations: Normal
     converged: bool = False
     steps: int = 0
-    moved: float = np.inf  # posterior sd, in the last step
+    moved: float = np.inf
     noise: dict[str, Discrepancy] = field(default_factory=dict)
 
 
-def left_of(
-    problem: Problem, residuals: list[np.ndarray], before: Mapping[str, Left] | None = None, near: bool = True
-) -> dict[str, Left]:
-    """Return what residuals leave of each channel. `near`: they are of a fit; else each of them counts by itself.
+def measure_scales(
+    problem: Problem, residuals: list[np.ndarray], before: Mapping[str, Scale] | None = None, near: bool = True
+) -> dict[str, Scale]:
+    """Return the size of the residuals of each channel. `near`: they are of a fit; else each
+    value counts by itself.
 
-    rms^2 = noise^2 + model^2: of the first part every value is a new one, of the second one in MODEL_TIME. In the second part are
-    errors of a measured velocity, too, as large as the settings say."""
-    found: dict[str, Left] = {}
+    rms^2 = noise^2 + model^2. Noise is new in every value, the error of the model once in
+    MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. The error of a measured
+    velocity is in the second part, as large as the settings say."""
+    found: dict[str, Scale] = {}
     for c in problem.channels:
         mine = [g for g, (_, channel) in enumerate(problem.groups) if channel == c]
         e = np.concatenate([residuals[g] for g in mine])
@@ -94,24 +102,25 @@ def left_of(
         rms = max(rms, float(np.hypot(noise, problem.lasting(c))), 1e-9)
         share = min(1.0, (noise / rms) ** 2) if near else 1.0
         values = max(1.0, MODEL_TIME / problem.step(mine[0]))
-        found[c] = Left(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
+        found[c] = Scale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
     return found
 
 
-def cost(problem: Problem, left: Mapping[str, Left], x: np.ndarray, z: np.ndarray, residuals: list[np.ndarray]) -> float:
+def cost(problem: Problem, scales: Mapping[str, Scale], x: np.ndarray, z: np.ndarray, residuals: list[np.ndarray]) -> float:
     """Return what the search makes small, with the scales as they are."""
     away = x - problem.mean
     total = 0.5 * float(away @ problem.information @ away) + 0.5 * float(z @ z) / problem.knot_sd**2
     for e, (_, c) in zip(residuals, problem.groups, strict=True):
-        end = HUBER * left[c].rms
+        end = HUBER * scales[c].rms
         a = np.abs(e)
-        total += float(np.where(a <= end, 0.5 * a * a, end * (a - 0.5 * end)).sum()) / left[c].scale ** 2
+        total += float(np.where(a <= end, 0.5 * a * a, end * (a - 0.5 * end)).sum()) / scales[c].sd ** 2
     return total
 
 
 @dataclass
 class Normal:
-    """Normal equations about a point: the road eliminated (Schur complement), and what it is for a step of x."""
+    """Normal equations about a point: the road eliminated (Schur complement), and what it
+    is for a step of x."""
 
     information: np.ndarray  # of x
     gradient: np.ndarray  # of x
@@ -128,7 +137,8 @@ class Normal:
     def worth(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
         """Return by how many nats the logs are likelier with some values of the road than with none of them.
 
-        Savage-Dickey: the density of nothing there, in the prior over in the posterior, car and other values free."""
+        Savage-Dickey: the density of nothing there, in the prior over in the posterior,
+        car and other values free."""
         if self.factor is None:
             return 0.0
         chosen = np.zeros((len(z), values.stop - values.start))
@@ -141,15 +151,18 @@ class Normal:
         return float(0.5 * away @ away + np.log(np.diag(root)).sum() - len(away) * np.log(prior_sd))
 
     def road_sd(self) -> np.ndarray:
-        """Return the sd of each value of the road, x known."""
+        """Return the sd of each value of the road, car and biases free."""
         if self.factor is None:
             return np.zeros(0)
-        return np.sqrt(np.diag(self.factor.solve(np.eye(len(self.own)))))
+        inner = self.factor.solve(np.eye(len(self.own)))
+        along = inner @ self.across
+        by_car = np.einsum("ij,ji->i", along, np.linalg.solve(self.information, along.T))
+        return np.sqrt(np.diag(inner) + by_car)
 
 
 def normal(
     problem: Problem,
-    left: Mapping[str, Left],
+    scales: Mapping[str, Scale],
     x: np.ndarray,
     z: np.ndarray,
     residuals: list[np.ndarray],
@@ -167,7 +180,7 @@ def normal(
     for e, j, r, (_, c) in zip(residuals, tables, roads, problem.groups, strict=True):
         if channels is not None and c not in channels:
             continue
-        weight = np.minimum(1.0, HUBER * left[c].rms / np.maximum(np.abs(e), 1e-300)) / left[c].scale ** 2
+        weight = np.minimum(1.0, HUBER * scales[c].rms / np.maximum(np.abs(e), 1e-300)) / scales[c].sd ** 2
         weighted = weight[:, None] * j
         information += j.T @ weighted
         gradient += weighted.T @ e
@@ -197,7 +210,6 @@ def fit(
     problem: Problem,
     x: np.ndarray | None = None,
     z: np.ndarray | None = None,
-    left: Mapping[str, Left] | None = None,
     say: Callable[[str], None] = lambda _: None,
     most: int | None = None,
 ) -> Fit:
@@ -209,8 +221,6 @@ def fit(
         What is fitted.
     x, z
         Where to begin, x in the coordinates of the search; None: at the prior.
-    left
-        Scales that are kept; None: those of what is left, found again after every step.
     say
         Called with what is done now.
     most
@@ -218,41 +228,42 @@ def fit(
 
     Notes
     -----
-    The search begins with least squares: a model that does not fit yet lacks what it is about to explain, and would be believed so
-    little that it stays where it is. When it is near, what is left decides how much it counts.
+    The search begins with least squares. With the scales of residuals that are large because
+    the search has not begun, the logs would count for too little to move it. Near a fit the
+    scales are those of measure_scales().
 
-    Slopes are simulated at the start, where a step gains much less than they predict, and where the search ends; between they
-    follow what the steps have shown (Broyden 1965). A simulation of all logs for each of fifty unknowns is nearly all the cost.
+    Slopes are simulated at the start, where a step gains much less than they predict, and
+    where the search ends. Between, they follow the steps (Broyden 1965). Nearly all the cost
+    is a simulation of all logs for each of fifty unknowns.
     """
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
     z = np.zeros(problem.knots) if z is None else z
     residuals = problem.residuals(x, z)
-    kept, near = left, left is not None
-    left = kept or left_of(problem, residuals, near=near)
+    near = False
+    scales = measure_scales(problem, residuals, near=near)
     tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
-    if not near:  # the road first: a car that is far from it would be asked to climb it
-        level = [np.zeros_like(j) for j in tables]
-        hills = z + normal(problem, left, x, z, residuals, level, roads).road(np.zeros(len(x)))
-        there = problem.residuals(x, hills)
-        if cost(problem, left, x, hills, there) < cost(problem, left, x, z, residuals):
-            z, residuals = hills, there
-            left = left_of(problem, residuals, left, near)
+    # the road first, the car as it is: else latencies and slip follow a hill
+    hills = z + normal(problem, scales, x, z, residuals, tables, roads).road(np.zeros(len(x)))
+    there = problem.residuals(x, hills)
+    if cost(problem, scales, x, hills, there) < cost(problem, scales, x, z, residuals):
+        z, residuals = hills, there
+        scales = measure_scales(problem, residuals, scales, near)
     exact, converged, moved, steps = True, False, np.inf, 0
     most = MOST_STEPS if most is None else most
     while True:
-        equations = normal(problem, left, x, z, residuals, tables, roads)
+        equations = normal(problem, scales, x, z, residuals, tables, roads)
         if converged or steps >= most:
             break
-        here = cost(problem, left, x, z, residuals)
+        here = cost(problem, scales, x, z, residuals)
         whole = step(problem, equations, x)
         for halving in range(HALVINGS):
             by = whole * 0.5**halving
             along = equations.road(whole) * 0.5**halving
             new = problem.residuals(x + by, z + along)
-            gain = here - cost(problem, left, x + by, z + along, new)
+            gain = here - cost(problem, scales, x + by, z + along, new)
             if gain > 0 or not exact:
                 break
-        expected = _expected(problem, left, x, z, residuals, tables, roads, by, along)
+        expected = _expected(problem, scales, x, z, residuals, tables, roads, by, along)
         moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(equations.information)))))
         settled = moved < SETTLED or expected < LITTLE
         converged = near and exact and (settled or gain <= 0)
@@ -264,19 +275,19 @@ def fit(
         exact = not converged and ((near and settled) or gain < LEAST_GAIN * expected)
         if exact:
             tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
-        before, left = left, kept or left_of(problem, residuals, left, near)
-        near = near or (gain > 0 and all(left[c].rms > NEAR * before[c].rms for c in left))
+        before, scales = scales, measure_scales(problem, residuals, scales, near)
+        near = near or (gain > 0 and all(scales[c].rms > NEAR * before[c].rms for c in scales))
     ln = problem.ln_slope(x)
     covariance = np.linalg.inv(equations.information) * np.outer(ln, ln)
     return Fit(
-        problem.to_ln(x), z, covariance, x, equations.information, dict(left), residuals, (tables, roads),
-        equations.road_sd(), equations, converged, steps, moved, discrepancies(problem, x),
+        problem.to_ln(x), z, covariance, x, scales, residuals, (tables, roads), equations, converged, steps, moved,
+        discrepancies(problem, x),
     )  # fmt: skip
 
 
 def _expected(
     problem: Problem,
-    left: Mapping[str, Left],
+    scales: Mapping[str, Scale],
     x: np.ndarray,
     z: np.ndarray,
     residuals: list[np.ndarray],
@@ -287,7 +298,7 @@ def _expected(
 ) -> float:
     """Return the gain that slopes predict of a step."""
     there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
-    return cost(problem, left, x, z, residuals) - cost(problem, left, x + by, z + along, there)
+    return cost(problem, scales, x, z, residuals) - cost(problem, scales, x + by, z + along, there)
 
 
 def _followed(
@@ -306,13 +317,13 @@ def _followed(
 
 
 def covariance_of(problem: Problem, fit: Fit, channels: Collection[str]) -> np.ndarray:
-    """Return what the covariance of a fit were with some of its channels alone, stiffness in ln."""
-    equations = normal(problem, fit.left, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
+    """Return the covariance of a fit by some of its channels alone, stiffness in ln."""
+    equations = normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
     ln = problem.ln_slope(fit.search)
     return np.linalg.inv(equations.information) * np.outer(ln, ln)
 
 
 def discrepancies(problem: Problem, x: np.ndarray) -> dict[str, Discrepancy]:
-    """Return what is left of each channel of the filter where nobody tells it the roads."""
+    """Return the residuals of each channel of the filter on level roads, as a process."""
     level = problem.residuals(x, np.zeros(problem.knots))
     return {c: found(problem.pieces(level, c)) for c in problem.channels if c in MEASURED}

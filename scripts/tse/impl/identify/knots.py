@@ -1,7 +1,9 @@
-"""Bank and grade of the roads under the logs: values at knots along each road, linear between them, with a prior of roads.
+"""Bank and grade of the roads under the logs: values at knots along each road, linear
+between them, with a prior of roads.
 
-They push the car, not the sensor: v_x' = a_x - g grade, v_y' = a_y - v_x yaw_rate - g bank. A value acts on few rows, so one
-simulation gives the slopes of every SPACING-th of them, and the fit eliminates them by a sparse factor.
+They push the car, not the sensor: v_x' = a_x - g grade, v_y' = a_y - v_x yaw_rate - g
+bank. A value acts on few rows, so one simulation gives the slopes of every SPACING-th of
+them, and the fit eliminates them by a sparse factor.
 """
 
 from __future__ import annotations

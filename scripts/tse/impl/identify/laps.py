@@ -9,7 +9,7 @@ import numpy as np
 
 from tse.impl.core import Config
 from tse.impl.errors import UserError
-from tse.impl.identify.knots import KNOT_SD, PROFILES, Knots
+from tse.impl.identify.knots import PROFILES, Knots
 from tse.impl.road import Road
 from tse.impl.road_match import common, road_of, track_of
 from tse.impl.rows import Log
@@ -80,11 +80,10 @@ def _path(track: object) -> Road | None:
 
 
 def profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
-    """Return a road with the values that a fit has found of it; what is not known of a profile is level."""
+    """Return a road with the values that a fit has found of it. A profile that was not
+    fitted is not known."""
     columns: dict[str, np.ndarray] = {}
-    for kind in PROFILES:
-        mine = knots.values(road, kind) if kind in knots.kinds else None
-        places = len(knots.places(road))
-        columns[kind] = np.zeros(places) if mine is None else z[mine]
-        columns[f"{kind}_sd"] = np.full(places, KNOT_SD) if mine is None else sd[mine]
+    for kind in knots.kinds:
+        mine = knots.values(road, kind)
+        columns |= {kind: z[mine], f"{kind}_sd": sd[mine]}
     return path.with_profile(knots.places(road), **columns)

@@ -1,7 +1,8 @@
 """Logs against the model: what the sensors would read with these unknowns, and the slopes of that.
 
-Unknown are, as one vector x, the numbers of the car, how far the roads of each log lean into their curves, and a bias of each
-channel in each log; and, as a second vector z, bank and grade along the roads (road.py).
+Unknown are, as one vector x, the numbers of the car, how far the roads of each log lean
+into their curves, and a bias of each channel in each log; and, as a second vector z, bank
+and grade along the roads (road.py).
 
 The gyro is the clock. A channel that is late by L has at time t what was true at t - L: inputs are read L later, what is simulated
 of a measured channel is compared L earlier. Where values are held, L is how old they are on average.
@@ -10,7 +11,8 @@ accel_x is compared as a wheel speed: with e = measured - simulated, v the speed
     y = integral of e, leaking within SPEED_TIME, + (m v/C) e
 which is, for a car that follows its wheels with the lag m v/C, how far the wheel speeds are from those that the accelerometer asks
 for. Driven by wheel speeds alone, the simulation has the slope of their noise, and soft tyres and wheels that are late smooth it:
-as an acceleration both fit better than the truth. C is that of the prior, whatever is searched: it says what is compared.
+as an acceleration both fit better than the truth. C is that of the prior, whatever is
+searched: it says what is compared.
 
 Between wheels and accel_x only the difference of their latencies counts; accel_y and yaw_rate are compared with a car whose wheels
 are in time (a cut: Liu, Bayarri & Berger 2009, Plummer 2015). The speed hardly moves within a latency, but every percent by which
@@ -77,9 +79,11 @@ class Problem:
     jobs
         Threads that simulate.
     road
-        Knots of bank and grade; None: of each log, on its own. False: level roads. Of logs whose road is known there are none.
+        Knots of bank and grade; None: of each log, on its own. False: level roads. Of
+        logs whose road is known there are none.
     lean
-        How far the road of a log leans into its curves is unknown; else as the vehicle file says. Not of logs whose road is known.
+        How far the road of a log leans into its curves is unknown; else as the vehicle
+        file says. Not of logs whose road is known.
 
     Attributes
     ----------
@@ -200,7 +204,8 @@ class Problem:
         return sd * float(np.sqrt(np.sum(mean**2)))
 
     def lasting(self, channel: str) -> float:
-        """Return the part of a sensor's error that is no white noise, rms [m/s]: of a velocity; biases are unknowns."""
+        """Return the part of a sensor's error that is no white noise, rms [m/s]: of a
+        velocity; biases are unknowns."""
         if channel not in VELOCITY:
             return 0.0
         return LASTING * float(self.config.gnss_speed_sd if channel == "gnss_speed" else self.config.ins_velocity_sd)
@@ -208,7 +213,8 @@ class Problem:
     # ---- the model
 
     def settings(self, x: np.ndarray) -> tuple[Config, dict[str, float], dict[str, float]]:
-        """Return settings of the simulation, latencies [s] of the channels, and stiffness over the vehicle file's."""
+        """Return settings of the simulation, latencies [s] of the channels, and stiffness
+        over the vehicle file's."""
         at = dict(zip(self.prior.names, map(float, self.to_ln(x)[: self.car]), strict=True))
         values = self.nominal | {k: v for k, v in at.items() if k in self.nominal}
         stiffness = {s: float(np.exp(at.get(s, 0.0))) for s in NOMINAL}
@@ -216,7 +222,8 @@ class Problem:
         return config, lateness(values | at), stiffness
 
     def simulate(self, i: int, x: np.ndarray, z: np.ndarray) -> dict[str, np.ndarray]:
-        """Return what the measured channels of a log would read, a value per row, without bias; NaN between stretches."""
+        """Return what the measured channels of a log would read, a value per row, without
+        bias; NaN between stretches."""
         config, late, stiffness = self.settings(x)
         log = self.logs[i]
         clock = log.held.get("yaw_rate", 0.0)
@@ -260,7 +267,8 @@ class Problem:
     def compared(self, g: int, difference: np.ndarray) -> np.ndarray:
         """Return a difference of all blocks of a group as it counts.
 
-        accel_x: d(speed)/dt = difference - speed/SPEED_TIME, from 0 in every stretch; and the slip that the difference needs."""
+        accel_x: d(speed)/dt = difference - speed/SPEED_TIME, from 0 in every stretch; and
+        the slip that the difference needs."""
         if self.groups[g][1] != "accel_x":
             return difference
         pieces = np.split(difference, np.flatnonzero(np.diff(self._time[g]) > 1.5 * BLOCK) + 1)
@@ -272,7 +280,8 @@ class Problem:
         return lfilter([SPEED_TIME * (1 - keep)], [1, -keep], difference)
 
     def slip_time(self) -> float:
-        """Return by how much [s per m/s] wheels run ahead of a car at 1 m/s that gains 1 m/s2, with the stiffness of the prior."""
+        """Return by how much [s per m/s] wheels run ahead of a car at 1 m/s that gains 1
+        m/s2, with the stiffness of the prior."""
         at = dict(zip(self.prior.names, self.prior.mean, strict=True))
         front = float(np.exp(at.get("cx_front", 0.0)))
         rear = 1.0 + self.config.rear_longitudinal_follows_front * (front - 1.0)
@@ -290,8 +299,8 @@ class Problem:
     # ---- slopes
 
     def slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return d(residuals)/dx by differences, a matrix per group. What is of one log acts on it alone, so one simulation serves
-        the lean of each; a bias needs none."""
+        """Return d(residuals)/dx by differences, a matrix per group. What is of one log
+        acts on it alone, so one simulation serves the lean of each; a bias needs none."""
         runs = [[k] for k in range(self.car)] + [list(range(self.car, self.car + self.leans))]
         tables = [np.zeros((len(r), len(x))) for r in base]
         for g, (i, c) in enumerate(self.groups):
@@ -371,7 +380,8 @@ def lateness(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def as_measured(found: Mapping[str, np.ndarray], config: Config, log: Prepared) -> dict[str, np.ndarray]:
-    """Return simulated velocities as an INS or a receiver has them: at its place, in its axes, as late as it is.
+    """Return simulated velocities as an INS or a receiver has them: at its place, in its
+    axes, as late as it is.
 
     v_x' = v_x - r y, v_y' = v_y + r x at the place (x, y); axes turned to the left by the heading."""
     vx, vy, rate = (found[n] for n in MOTION)

@@ -30,9 +30,8 @@ RADII = ("wheel_radius_front", "wheel_radius_rear")
 # s, sd before the logs: latency of one wheel speed behind the other, two messages of a
 # bus with cycles of 10 .. 20 ms
 APART_SD = 0.006
-# 1, sd before the logs: radius of one axle over the other's, relative to the file, by
-# wear
-# and pressure; accel_x without force is in it
+# 1, sd before the logs: radius of one axle over the other's, relative to the file, by wear
+# and pressure. The bias of accel_x is in it
 RADIUS_SD = 0.01
 LAG_SD = 0.1  # s, sd before the logs: latency of accel_x behind the wheels, less what tyres relax
 DRAG_SD = 0.1  # kg/m, sd before the logs: drag
@@ -121,9 +120,8 @@ def longitudinal(config: Config, values: Mapping[Any, float], logs: Sequence[Log
 
 
 def slip_words(problem: Problem, fit: Fit) -> list[str]:
-    """Return in words what slips() has found beside the stiffness, and whether it has
-    found that: a latency between
-    both wheel speeds, a mismatch of the wheel radii from MISMATCH on."""
+    """Return in words the findings of slips(): a stiffness that the logs do not show, a
+    latency between both wheel speeds, a mismatch of the wheel radii from MISMATCH on."""
     names, found = list(problem.names), []
     k = names.index(STIFFNESS)
     if not fit.covariance[k, k] < (SHOWN * problem.sd[k]) ** 2:
@@ -252,7 +250,7 @@ class _Car:
         self.load = GRAVITY * c.lr / self.base, GRAVITY * c.lf / self.base  # m/s2: front, rear
         self.height = float(vehicle.facts.get("cg_height", ordinary["cg_height"])) / self.base
         self.give = GIVE * self.height * self.base**2 / (GRAVITY * c.lf * c.lr)  # of both axles, per m/s2
-        self.stiffness = c.longitudinal_stiffness_front, at.get("longitudinal_stiffness_rear", c.longitudinal_stiffness_rear)
+        self.stiffness = (c.longitudinal_stiffness_front, at.get("longitudinal_stiffness_rear", c.longitudinal_stiffness_rear))
         self.scale = (1.0 + at.get("imu_scale_ax_error", 0.0)) * (1.0 + GRAVITY * at.get("pitch_leak_gain", 0.0))
         self.drag, self.rolling = at["aero_drag_coefficient"], at["rolling_resistance_coefficient"]
         z = np.linspace(0.0, 1.0, 400)  # of the brush model, up to where it slides

@@ -27,11 +27,12 @@ MOST_LATENCY = 0.2  # s: of a channel behind the gyro, or before it
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 STIFFNESS_SD = 0.5  # ln: of the car's over the vehicle file's
 MOST_STIFFNESS = 1.8  # ln: the same, most
-# Searched as its inverse: what a car does is nearly linear in the compliance of its axles, and a search in the
-# stiffness goes past the end of a valley
+# Searched as its inverse: what a car does is nearly linear in the compliance of its
+# axles, and a search in the stiffness goes past the end of a valley
 COMPLIANCE = ("cy_front", "cy_rear")
-# 1: how much of the sideways acceleration in its curves the bank of a road takes over, of each log: roads are built so, and
-# a bank left out passes for a scale of accel_y and for other tyres
+# 1: how much of the sideways acceleration in its curves the bank of a road takes over, of
+# each log: roads are built so, and a bank left out passes for a scale of accel_y and for
+# other tyres
 LEAN_MEAN, LEAN_SD = 0.12, 0.05
 BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # m/s2, rad/s: of each log
 # 1, m, 1, m, rad: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of

@@ -14,7 +14,8 @@ from tse.impl.gap.catalogue import Effect, Parameter
 from tse.impl.gap.fit import Fit, lengths
 from tse.impl.gap.infer.hypotheses import threshold
 from tse.impl.gap.infer.space import REACH
-from tse.impl.gap.problem import KNOT, PROFILES, Problem
+from tse.impl.gap.problem import Problem
+from tse.impl.identify.knots import KNOT, PROFILES
 
 WAVE = 400.0  # m: of a road that goes up and down, which stands for any: would it show?
 

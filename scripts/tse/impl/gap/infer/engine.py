@@ -1,5 +1,6 @@
-"""The likeliest unknowns: Gauss-Newton with damping and bounds, the discrepancies found anew as the residuals shrink; and what
-their covariance is, from the information of the logs and from how far pieces of them contradict each other."""
+"""The likeliest unknowns: Gauss-Newton with damping and bounds, the discrepancies found
+anew as the residuals shrink; and what their covariance is, from the information of the
+logs and from how far pieces of them contradict each other."""
 
 from __future__ import annotations
 
@@ -17,8 +18,9 @@ MOST_STEPS = 40  # of a fit
 SETTLED = 0.1  # posterior sd: a step below it ends the search,
 LITTLE = 0.1  # nats: or one that is expected to gain less
 LEAST_GAIN = 0.25  # of the gain that slopes predict: below it they are simulated anew, or the step is damped
-# posterior sd: from a step below it on the discrepancies are free. A prior of the slow part's size in its place does not do: far
-# from a fit residuals gain more by what follows them than a half-normal of 0.05 m/s2 takes, of less than roads have
+# posterior sd: from a step below it on the discrepancies are free. A prior of the slow
+# part's size in its place does not do: far from a fit residuals gain more by what follows
+# them than a half-normal of 0.05 m/s2 takes, of less than roads have
 NEAR = 1.0
 SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
 MOST_REFITS = 12  # of the discrepancies
@@ -26,8 +28,8 @@ WINDOW = 15.0  # s: pieces that are asked separately how far they contradict eac
 
 
 class Problem(Protocol):
-    """What is fitted: unknowns with a normal prior and bounds, residuals by group (log, channel) with their slopes, and what is
-    known of discrepancies."""
+    """What is fitted: unknowns with a normal prior and bounds, residuals by group (log,
+    channel) with their slopes, and what is known of discrepancies."""
 
     power: Mapping[str, float]  # by channel: how much the likelihood counts
     names: Sequence[str]
@@ -73,7 +75,8 @@ class Fit:
 def whitened(
     problem: Problem, noise: dict[str, Discrepancy], residuals: list[np.ndarray], slopes: list[np.ndarray] | None = None
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Residuals and slopes of each group in units of their own uncertainty, less what the bias of the group explains."""
+    """Residuals and slopes of each group in units of their own uncertainty, less what the
+    bias of the group explains."""
     white_r, white_j = [], []
     for g, (_, channel) in enumerate(problem.groups):
         piece = problem.piece(g, residuals[g])
@@ -95,7 +98,8 @@ def half_square(problem: Problem, noise: dict[str, Discrepancy], x: np.ndarray, 
 def discrepancies(
     problem: Problem, residuals: list[np.ndarray], before: dict[str, Discrepancy], far: bool
 ) -> tuple[dict[str, Discrepancy], float]:
-    """Those of all channels, and by how much likelier [nats] they make the residuals than those before. `far`: from a fit."""
+    """Those of all channels, and by how much likelier [nats] they make the residuals than
+    those before. `far`: from a fit."""
     now = {c: problem.found(problem.pieces(residuals, c), before.get(c), far) for c in problem.channels}
     if not before:
         return now, np.inf
@@ -123,9 +127,11 @@ def fit(
 ) -> Fit:
     """Search from the prior, or from `x` and discrepancies `noise`. `most`: steps; None: MOST_STEPS.
 
-    Slopes are simulated at the start, where a step gains much less than they predict, and where the search would end; between they
-    follow what the steps have shown (Broyden 1965). `chords`: where it would end they are only simulated for the covariance. A
-    search from the prior begins with discrepancies that cannot follow the car (`far`): until it is near."""
+    Slopes are simulated at the start, where a step gains much less than they predict, and
+    where the search would end; between they follow what the steps have shown (Broyden
+    1965). `chords`: where it would end they are only simulated for the covariance. A
+    search from the prior begins with discrepancies that cannot follow the car (`far`):
+    until it is near."""
     most = MOST_STEPS if most is None else most
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
     far, noise, steps, refits, damping = noise is None, dict(noise or {}), 0, 0, 1e-3
@@ -177,14 +183,16 @@ def fit(
 def _followed(
     slopes: list[np.ndarray], before: list[np.ndarray], after: list[np.ndarray], by: np.ndarray, unit: np.ndarray
 ) -> list[np.ndarray]:
-    """Slopes that agree with what a step did: the least change of them in units of the unknowns. `by`: the step in these."""
+    """Slopes that agree with what a step did: the least change of them in units of the
+    unknowns. `by`: the step in these."""
     along = by / max(float(by @ by), 1e-300)
     return [t + np.outer(b - a - t @ (by * unit), along / unit) for t, a, b in zip(slopes, before, after, strict=True)]
 
 
 def covariance(problem: Problem, information: np.ndarray, r: list[np.ndarray], j: list[np.ndarray]) -> np.ndarray:
-    """Inverse information, made wider where pieces of WINDOW of the logs ask for more different things than chance allows: the
-    model is then wrong in a way that no discrepancy of the channels stands for (sandwich: White 1982)."""
+    """Inverse information, made wider where pieces of WINDOW of the logs ask for more
+    different things than chance allows: the model is then wrong in a way that no
+    discrepancy of the channels stands for (sandwich: White 1982)."""
     bread = np.linalg.inv(information)
     meat = problem.information.copy()
     for i in range(len(problem.logs)):

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tse.impl.formula import Formula, FormulaError
-from tse.impl.gap.catalogue import Parameter
-from tse.impl.gap.fit import Change, Fit, compare, covariance, excess, fit, gap, lengths, on_others
+from tse.impl.gap.catalogue import Parameter, of_the_car
+from tse.impl.gap.fit import Change, Fit, compare, covariance, excess, fit, gap, lengths
 from tse.impl.gap.infer import formula_terms as terms
 from tse.impl.gap.infer.formula_terms import Term
 from tse.impl.gap.problem import Problem
@@ -217,12 +217,12 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
-        before = held.residuals(on_others(held, frame.values))
+        before = held.residuals(of_the_car(frame.values))
         length = lengths(held, before)
     for c in tried:
         confirmed, total = shows and c.nats > 0 and c.share >= LEAST_SHARE, c.nats
         if confirmed and held is not None:
-            after = held.residuals(on_others(held, c.values))
+            after = held.residuals(of_the_car(c.values))
             c.changes = compare(held, before, after)
             total += worth(held, before, after, length)
             confirmed = all(x.ci95[0] <= LEAST_HARM for x in c.changes.values()) and any(x.better for x in c.changes.values())

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.impl.gap.catalogue import Effect, Parameter, catalogue
-from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS
+from tse.impl.gap.problem import SIGNED_DELAYS
 from tse.impl.identify import unknowns
+from tse.impl.identify.knots import PROFILES
 from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.vehicle import Vehicle
 

@@ -17,7 +17,8 @@ from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tse.impl.gap.infer.roads import FoundRoad
 from tse.impl.gap.infer.search import Judged, Search, judge
 from tse.impl.gap.infer.space import Layout
-from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem
+from tse.impl.gap.problem import SIGNED_DELAYS, STIFFNESS, Problem
+from tse.impl.identify.knots import PROFILES
 from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.rows import DRIVES
 from tse.impl.vehicle import latency_settings
@@ -147,7 +148,8 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
 
 
 def on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
-    """The same names, fitted to more logs than they were found in. `baseline`: plain_car() of these on level roads."""
+    """The same names, fitted to more logs than they were found in. `baseline`:
+    plain_car() of these on level roads."""
     return _again(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
 
 
@@ -157,8 +159,8 @@ def plain_car(problem: Problem) -> Fit:
 
 
 def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
-    """Return the profiles that logs are on as names: each closes what the plain car on them does of its own channel, at least as
-    much of it as a name must."""
+    """Return the profiles that logs are on as names: each closes what the plain car on
+    them does of its own channel, at least as much of it as a name must."""
     full, before, after = excess(problem, level.residuals), *(excess_of(problem, f.residuals) for f in (level, on_road))
     found = []
     for r in roads:

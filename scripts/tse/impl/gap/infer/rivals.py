@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from tse.impl.gap.catalogue import Own
-from tse.impl.gap.fit import Fit, fit, lengths, on_others
+from tse.impl.gap.catalogue import Own, of_the_car
+from tse.impl.gap.fit import Fit, fit, lengths
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery, discover, on_all
 from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
@@ -104,7 +104,7 @@ class Worlds:
 
     def _residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
         held = self.held
-        return [last.residuals] + ([] if held is None else [held.residuals(on_others(held, values))])
+        return [last.residuals] + ([] if held is None else [held.residuals(of_the_car(values))])
 
     def _parts(self, residuals: Sequence[np.ndarray]) -> list[tuple[Problem, np.ndarray]]:
         return list(zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True))

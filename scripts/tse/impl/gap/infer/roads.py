@@ -1,7 +1,9 @@
-"""The roads under the logs: bank and grade found with the car in one fit, before any effect of the car is sought.
+"""The roads under the logs: bank and grade found with the car in one fit, before any
+effect of the car is sought.
 
-What a road does to the sensors is as large as what tyres do, and slower than most of it. Left out, it passes for a scale of accel_y
-or for other tyres; fitted beside a car that is held where a worse model had it, it makes the yaw rate worse.
+What a road does to the sensors is as large as what tyres do, and slower than most of it.
+Left out, it passes for a scale of accel_y or for other tyres; fitted beside a car that is
+held where a worse model had it, it makes the yaw rate worse.
 """
 
 from __future__ import annotations
@@ -14,12 +16,12 @@ import numpy as np
 from tse.impl.core import Config
 from tse.impl.gap.catalogue import Effect, catalogue
 from tse.impl.gap.infer.hypotheses import NAME_AT
-from tse.impl.identify.data import Prepared
+from tse.impl.identify.data import Prepared, with_all
 from tse.impl.identify.fit import Fit, fit
 from tse.impl.identify.knots import KNOT_SD, PROFILES, Knots
 from tse.impl.identify.laps import Laps, laps, profile
 from tse.impl.identify.problem import Problem
-from tse.impl.identify.unknowns import MEASURED, prior_of
+from tse.impl.identify.unknowns import prior_of
 from tse.impl.road import Road
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle
@@ -30,7 +32,8 @@ MOST_ODDS = 50.0  # ln: beyond it a probability is 1
 
 @dataclass(frozen=True)
 class FoundRoad:
-    """A profile that the logs show: rms [rad] about its mean of each road with its 95 % interval, and what speaks for it."""
+    """A profile that the logs show: rms [rad] about its mean of each road with its 95 %
+    interval, and what speaks for it."""
 
     effect: Effect
     size: float
@@ -61,9 +64,10 @@ class Roads:
 
     def profiles(self) -> list[Road]:
         """Return the roads that were found, as road.csv has them."""
-        if self.laps is None:
+        if self.laps is None or self.fit is None:
             return []
-        return [profile(p, self.road, k, self.fit.z, self.fit.road_sd) for k, p in enumerate(self.laps.path) if p is not None]
+        sd = self.fit.equations.road_sd()
+        return [profile(p, self.road, k, self.fit.z, sd) for k, p in enumerate(self.laps.path) if p is not None]
 
 
 def find(
@@ -80,7 +84,7 @@ def find(
 
     Cost: one fit of car and road, and where one of two profiles is not shown another."""
     logs = list(logs)
-    own = [_with_all(log) for log in logs if log.stretches]
+    own = [with_all(log) for log in logs if log.stretches]
     if any(log.road for log in own):
         return Roads(logs)
     there = laps([r for r, log in zip(read, logs, strict=True) if log.stretches], config) if read else None
@@ -92,7 +96,8 @@ def find(
         if not problem.groups:
             break
         ended = fit(problem, x, z, say=lambda text: say(f"car and road: {text}"))
-        found = [_judged(kind, road, ended) for kind in kinds]
+        sd = ended.equations.road_sd()
+        found = [_judged(kind, road, ended, sd) for kind in kinds]
         shown = tuple(f.effect.id for f in found if f.probability >= NAME_AT and f.size >= f.effect.strengths[0].negligible)
         if shown == kinds:
             return Roads(_on(logs, road, ended.z), found, road, ended, there)
@@ -105,15 +110,15 @@ def find(
     return Roads(logs)
 
 
-def _judged(kind: str, road: Knots, ended: Fit) -> FoundRoad:
+def _judged(kind: str, road: Knots, ended: Fit, road_sd: np.ndarray) -> FoundRoad:
     """Return how large a profile is, and how likely it is that there is one.
 
-    Of the rms: sd of values that are independent, each as sure as they are on average."""
+    The sd of the rms is that of independent values, each as sure as they are on average."""
     places = [road.values(r, kind) for r in range(len(road.count))]
     nats = sum(ended.equations.worth(p, ended.z, KNOT_SD) for p in places)
     size = float(np.sqrt(np.mean([np.var(ended.z[p]) for p in places])))
     values = sum(p.stop - p.start for p in places)
-    sd = float(np.sqrt(np.mean(np.concatenate([ended.road_sd[p] for p in places]) ** 2) / values))
+    sd = float(np.sqrt(np.mean(np.concatenate([road_sd[p] for p in places]) ** 2) / values))
     odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MOST_ODDS)))
     ends = max(0.0, size - 1.96 * sd), size + 1.96 * sd
     return FoundRoad(catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
@@ -126,9 +131,3 @@ def _on(logs: Sequence[Prepared], road: Knots, z: np.ndarray) -> list[Prepared]:
         found.append(replace(log, road=road.profiles(i, z)) if log.stretches else log)
         i += 1 if log.stretches else 0
     return found
-
-
-def _with_all(log: Prepared) -> Prepared:
-    """Return the log with a column of NaN for a sensor that it does not have."""
-    nothing = np.full(len(log.time), np.nan)
-    return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURED, *log.measured)})

@@ -16,9 +16,10 @@ from tse.impl.core import NOMINAL, Config, library
 from tse.impl.files import atomic
 from tse.impl.formula import c_header, write_formula
 from tse.impl.gap.infer.naming import settings
-from tse.impl.gap.problem import PROFILES, Problem
+from tse.impl.gap.problem import Problem
 from tse.impl.gap.run.posterior import posterior
 from tse.impl.gap.run.workflow import FIT, Found
+from tse.impl.identify.knots import PROFILES
 from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.identify.vehicle_file import toml
 from tse.impl.vehicle import (

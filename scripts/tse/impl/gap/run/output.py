@@ -18,7 +18,8 @@ from tse.impl.config import make_config
 from tse.impl.core import NOMINAL, STIFFNESS
 from tse.impl.estimate import estimate
 from tse.impl.files import atomic
-from tse.impl.gap.fit import Change, compare, on_others
+from tse.impl.gap.catalogue import of_the_car
+from tse.impl.gap.fit import Change, compare
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.run import add, pictures, report
 from tse.impl.gap.run.workflow import FIT, HELD_OUT, Result
@@ -119,8 +120,9 @@ def headline(result: Result) -> str:
 def table(parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]) -> pd.DataFrame:
     """`parts`: of each its logs on level roads, which are those before, and on the roads that were found.
 
-    Every block of 40 ms of every log and channel. predicted_*: with the bias of the log; residual_*: measured less predicted
-    over `noise`, which is what the sensor's noise leaves of a block: 1 is nothing but noise. NaN: not measured."""
+    Every block of 40 ms of every log and channel. predicted_*: with the bias of the log;
+    residual_*: measured less predicted over `noise`, which is what the sensor's noise
+    leaves of a block: 1 is nothing but noise. NaN: not measured."""
     frames = []
     for part, (level, problem) in parts.items():
         rows = problem.rows
@@ -132,7 +134,7 @@ def table(parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, flo
             "block": rows.block.astype(np.int64),
             "measured": problem.measured,
         }
-        mine = after if part == FIT else on_others(problem, after)
+        mine = after if part == FIT else of_the_car(after)
         for when, values, model in (("before", before, level), ("after", mine, problem)):
             measured = np.nan_to_num(problem.measured)
             left = problem.unbiased(measured - model.predict(values))

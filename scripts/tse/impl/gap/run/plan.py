@@ -18,7 +18,8 @@ from tse.impl.gap.catalogue import Effect, Key, catalogue
 from tse.impl.gap.drives import Candidate, library, prepared
 from tse.impl.gap.fit import fit
 from tse.impl.gap.infer.detect import WAVE
-from tse.impl.gap.problem import KNOT, PROFILES, STIFFNESS, Problem
+from tse.impl.gap.problem import STIFFNESS, Problem
+from tse.impl.identify.knots import KNOT, PROFILES
 from tse.impl.tables import text_table
 from tse.impl.vehicle import read_vehicle
 

@@ -1,8 +1,9 @@
 """How well the improved car is known: the covariance of its stiffness, of what was named, and of what every car has a little of and
 these logs did not show, which moves no mean and widens the others.
 
-The covariance is that of the engine of the search (infer/engine.py) at the values that stand: residuals are as correlated as the
-discrepancy of their channel, and pieces that contradict each other make it wider. The prior of what has no name is what the vehicle
+The covariance is that of the engine of the search (infer/engine.py) at the values that
+stand: residuals are as correlated as the discrepancy of their channel, and pieces that
+contradict each other make it wider. The prior of what has no name is what the vehicle
 file says of it in [uncertainty], or its class."""
 
 from __future__ import annotations

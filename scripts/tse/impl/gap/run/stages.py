@@ -1,5 +1,5 @@
-"""What is left in three stages, in the units of the sensors: the car as its file says, what every car has calibrated, and with
-what is named."""
+"""What is left in three stages, in the units of the sensors: the car as its file says,
+what every car has calibrated, and with what is named."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from tse.impl.identify.fit import fit
 from tse.impl.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, prior_of
 from tse.impl.vehicle import Vehicle
 
-# of the unknowns of a calibration those that every car has and no effect of the catalogue is: biases are free anyway
+# of the unknowns of a calibration those that every car has and no effect of the catalogue
+# is: biases are free anyway
 EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_inertia", *STIFFNESS)
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A channel over some logs, as means over 40 ms: rms of what was measured, about the mean of each log; what is left of it in
-    each stage; and what the sensor's noise leaves."""
+    """A channel over some logs, as means over 40 ms: rms of what was measured, about the
+    mean of each log; what is left of it in each stage; and what the sensor's noise
+    leaves."""
 
     signal: float
     filed: float

@@ -13,8 +13,8 @@ from tse.impl import __version__
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.formula import Formula
-from tse.impl.gap.catalogue import Key, catalogue
-from tse.impl.gap.fit import Change, Fit, compare, gap, on_others
+from tse.impl.gap.catalogue import Key, catalogue, of_the_car
+from tse.impl.gap.fit import Change, Fit, compare, gap
 from tse.impl.gap.infer import detect, remainder, where
 from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import naming as name
@@ -25,9 +25,10 @@ from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
 from tse.impl.gap.infer.roads import Roads
 from tse.impl.gap.infer.roads import find as find_roads
-from tse.impl.gap.problem import PROFILES, Problem
+from tse.impl.gap.problem import Problem
 from tse.impl.gap.run.stages import Stage, calibrated, stages
 from tse.impl.identify.data import Prepared, in_time, prepare
+from tse.impl.identify.knots import PROFILES
 from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.logs.agree import read_agreeing
 from tse.impl.road import Road
@@ -162,9 +163,10 @@ def run(
     reading: Reading | None = None,
     road: Road | None = None,
 ) -> Result:
-    """Find what is missing. `road`: that all logs are on, if it is known; else laps of one road are found to be that.
-    Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even
-    when the names leave nothing; else where they leave something."""
+    """Find what is missing. `road`: that all logs are on, if it is known; else laps of
+    one road are found to be that. Without held-out logs nothing is shown beyond the logs
+    that were fitted. `formula`: one is sought even when the names leave nothing; else
+    where they leave something."""
     say("reading the logs")
     vehicle, notes = read_vehicle(vehicle_path), []
     reading = replace(reading or Reading(), car=vehicle)
@@ -223,7 +225,7 @@ def run(
     elsewhere: list[remainder.Remainder] = []
     if held is not None:
         say("held-out logs")
-        values = on_others(held, found.after)
+        values = of_the_car(found.after)
         after = held.residuals(values)
         changes = compare(held, held_level.residuals(found.naming.baseline.values), after)
         elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
@@ -231,7 +233,7 @@ def run(
     every_car = calibrated(ready, config, vehicle, jobs)
     in_stages = {FIT: stages(level, ready, every_car, (problem, found.after))}
     if held is not None:
-        in_stages[HELD_OUT] = stages(held_level, ready_held, every_car, (held, on_others(held, found.after)))
+        in_stages[HELD_OUT] = stages(held_level, ready_held, every_car, (held, of_the_car(found.after)))
     if not found.naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
     left = remainder.remainder(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
@@ -275,7 +277,7 @@ def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     """Whether names that explain the fitted logs leave more than noise of those that were held out: a patchwork may."""
     if held is None or not naming.named:
         return False
-    return max(gap(held, held.residuals(on_others(held, naming.final.values))).values()) > NOISE_LIMIT
+    return max(gap(held, held.residuals(of_the_car(naming.final.values))).values()) > NOISE_LIMIT
 
 
 def _seconds(problem: Problem) -> float:
@@ -300,8 +302,8 @@ def judge(
     remains = more_than_noise(left)
     words = [_sentence(n, found.most_laps) for n in naming.named]
     roads = sum(n.share for n in naming.named if n.effect.id in (*PROFILES, SUPERELEVATION))
-    of_the_car = naming.closed - roads
-    enough = of_the_car > LEAST_NAMED * max(1.0 - roads, 0.0)
+    by_car = naming.closed - roads
+    enough = by_car > LEAST_NAMED * max(1.0 - roads, 0.0)
     likely = [p for p in naming.possible if p["probability"] >= LIKELY]
     if naming.named and (enough or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
