@@ -9,6 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
+from scipy.sparse import csc_matrix
 from scipy.stats import multivariate_normal
 
 from tse.impl.core import Config, Replay, SimConfig, Simulator
@@ -442,6 +443,67 @@ def test_a_step_goes_to_the_least_of_a_quadratic_within_bounds() -> None:
     grid = np.stack(np.meshgrid(np.linspace(-1, 0.3, 1301), np.linspace(-1, 1, 2001), indexing="ij"), -1)
     value = 0.5 * np.einsum("...i,ij,...j", grid, information, grid) + grid @ gradient
     np.testing.assert_allclose(got, grid[np.unravel_index(np.argmin(value), value.shape)], atol=2e-3)
+
+
+class Line:
+    """A straight line through noisy values, of which slope and offset are unknown: a problem without a
+    simulation."""
+
+    names, channels, groups = ("slope", "offset"), ("y",), [(0, "y")]
+    knots, knot_sd = 0, 1.0
+    mean, sd = np.array([0.3, 0.4]), np.array([1.0, 1.0])
+    information = np.eye(2)
+
+    def __init__(self, low: float, high: float):
+        self.low, self.high = np.array([low, -9.0]), np.array([9.0, high])
+        self.t = np.linspace(0.0, 1.0, 200)
+        self.y = -0.5 * self.t + 0.9 + 0.02 * np.random.default_rng(2).standard_normal(200)
+        self.asked: list[np.ndarray] = []
+
+    def residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+        self.asked.append(x.copy())
+        return [self.y - x[0] * self.t - x[1]]
+
+    def slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+        return [-np.column_stack([self.t, np.ones(200)])]
+
+    def road_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
+        return [csc_matrix((200, 0))]
+
+    def noise(self, g: int) -> float:
+        return 0.02
+
+    def step(self, g: int) -> float:
+        return 0.04
+
+    def lasting(self, channel: str) -> float:
+        return 0.0
+
+    def to_ln(self, x: np.ndarray) -> np.ndarray:
+        return x
+
+    def ln_slope(self, x: np.ndarray) -> np.ndarray:
+        return np.ones(2)
+
+
+def test_a_line_is_found_as_linear_least_squares_find_it() -> None:
+    line = Line(-9.0, 9.0)
+    ended = fit(line)
+    a = np.vstack([np.column_stack([line.t, np.ones(200)]) / ended.scales["y"].sd, np.eye(2)])
+    best = np.linalg.lstsq(a, np.append(line.y / ended.scales["y"].sd, line.mean), rcond=None)[0]
+    assert ended.converged
+    np.testing.assert_allclose(ended.x, best, atol=0.1 * np.sqrt(np.diag(ended.covariance)).min())
+    np.testing.assert_allclose(ended.covariance, np.linalg.inv(a.T @ a), rtol=1e-6)
+
+
+def test_a_search_stays_within_its_bounds_to_the_last_bit() -> None:
+    """The library refuses a setting beyond its range, by a rounding, too: from 0.3 by 0.05 - 0.3 comes
+    0.04999999999999999."""
+    assert 0.3 + (0.05 - 0.3) < 0.05
+    line = Line(0.05, 0.7)
+    ended = fit(line)
+    assert all(((line.low <= x) & (x <= line.high)).all() for x in line.asked)
+    assert ended.x[0] == 0.05
 
 
 def test_eliminating_the_road_leaves_what_the_whole_normal_equations_say(found: tuple[Problem, Fit]) -> None:

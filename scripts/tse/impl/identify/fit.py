@@ -244,9 +244,9 @@ def fit(
     tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
     # the road first, the car as it is: else latencies and slip follow a hill
     hills = z + normal(problem, scales, x, z, residuals, tables, roads).road(np.zeros(len(x)))
-    there = problem.residuals(x, hills)
-    if cost(problem, scales, x, hills, there) < cost(problem, scales, x, z, residuals):
-        z, residuals = hills, there
+    on_hills = problem.residuals(x, hills)
+    if cost(problem, scales, x, hills, on_hills) < cost(problem, scales, x, z, residuals):
+        z, residuals = hills, on_hills
         scales = measure_scales(problem, residuals, scales, near)
     exact, converged, moved, steps = True, False, np.inf, 0
     most = MOST_STEPS if most is None else most
@@ -257,10 +257,11 @@ def fit(
         here = cost(problem, scales, x, z, residuals)
         whole = step(problem, equations, x)
         for halving in range(HALVINGS):
-            by = whole * 0.5**halving
+            there = np.clip(x + whole * 0.5**halving, problem.low, problem.high)
+            by = there - x
             along = equations.road(whole) * 0.5**halving
-            new = problem.residuals(x + by, z + along)
-            gain = here - cost(problem, scales, x + by, z + along, new)
+            new = problem.residuals(there, z + along)
+            gain = here - cost(problem, scales, there, z + along, new)
             if gain > 0 or not exact:
                 break
         expected = _expected(problem, scales, x, z, residuals, tables, roads, by, along)
@@ -269,7 +270,7 @@ def fit(
         converged = near and exact and (settled or gain <= 0)
         if gain > 0:
             tables = _followed(problem, tables, roads, residuals, new, by, along)
-            x, z, residuals = x + by, z + along, new
+            x, z, residuals = there, z + along, new
             steps += 1
             say(f"step {steps}: the largest change is {moved:.2g} sd")
         exact = not converged and ((near and settled) or gain < LEAST_GAIN * expected)
