@@ -14,7 +14,7 @@ from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.formula import Formula
 from tse.impl.gap.catalogue import Key, catalogue, of_the_car
-from tse.impl.gap.fit import Change, Fit, compare, gap
+from tse.impl.gap.fit import Change, Fit, compare, excess, gap
 from tse.impl.gap.infer import detect, remainder, where
 from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import naming as name
@@ -184,12 +184,14 @@ def run(
     held = held if held is not None and held.logs else None
     say("car and road")
     roads = find_roads(ready, config, vehicle, jobs, say, fitted)
+    say("fitting stiffness and biases")
+    baseline = few_baseline = name.plain_car(level)
+    problem = level.of([in_time(log, config) for log in roads.logs])
+    if not closes_some(problem, level, baseline):
+        roads, problem = Roads(ready), level
     held_level = held
     if held is not None:
         held = on_found(roads.profiles(), held, ready_held, others, config, notes)
-    problem = level.of([in_time(log, config) for log in roads.logs])
-    say("fitting stiffness and biases")
-    baseline = few_baseline = name.plain_car(level)
     few, few_held = problem, held
     if is_long(problem):
         say("which stretches say most?")
@@ -252,6 +254,12 @@ def run(
 
 
 # ---- the steps of a run
+
+
+def closes_some(problem: Problem, level: Problem, baseline: Fit) -> bool:
+    """Return whether the plain car leaves less of the logs on the roads that were found than on level
+    ones."""
+    return excess(problem, name.plain_car(problem).residuals) < excess(level, baseline.residuals)
 
 
 def on_found(
