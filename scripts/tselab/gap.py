@@ -175,7 +175,7 @@ def discover(**given: Any) -> int:
 
 
 def changes(result: Any) -> list[str]:
-    """What is left in three stages, in words."""
+    """Return the residuals in three stages, in words."""
     from tse.impl.gap.run import stages
     from tse.impl.gap.run.workflow import FIT
 

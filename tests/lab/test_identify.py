@@ -603,7 +603,7 @@ def test_what_a_channel_tells_is_the_covariance_without_the_others(found: tuple[
     np.testing.assert_allclose(whole, first.covariance, rtol=1e-6, atol=1e-12)
     few = covariance_of(problem, first, ["accel_x"])
     k = problem.names.index("cy_front")
-    assert few[k, k] > 10 * whole[k, k]  # of cornering accel_x says what front wheels that are turned brake
+    assert few[k, k] > 10 * whole[k, k]  # front wheels that are turned brake the car: all that accel_x shows of cornering
     assert np.all(np.diag(few) > 0.999 * np.diag(whole))
 
 

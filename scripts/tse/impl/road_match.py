@@ -38,7 +38,7 @@ CLIPPED = 9.0  # of the squared distance over its variance: an overtaken car is 
 ELSEWHERE = 1.0  # nat, of a step elsewhere: a step that is 1.4 sd apart costs the same
 TURNS_OFF = 30.0  # nat, of leaving the road, and of coming to it: 75 m elsewhere
 MIN_ALIKE = 0.85  # correlation of both curvatures over a stretch that is said to be on the road
-MIN_TURN = 1.0  # rad: turning of the road over that stretch, added up: a straight says nothing
+MIN_TURN = 1.0  # rad: turning of the road over that stretch, added up: a straight shows no place
 # rad: of that turning enough: parts of a winding road, backwards and mirrored, were alike over 3.6
 SURE_TURN = 6.0
 SAME_ALIKE = 0.05  # correlation: two parts of a road that differ by less are the same to a log

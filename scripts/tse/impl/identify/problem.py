@@ -4,20 +4,24 @@ Unknown are, as one vector x, the numbers of the car, how far the roads of each 
 into their curves, and a bias of each channel in each log; and, as a second vector z, bank
 and grade along the roads (road.py).
 
-The gyro is the clock. A channel that is late by L has at time t what was true at t - L: inputs are read L later, what is simulated
-of a measured channel is compared L earlier. Where values are held, L is how old they are on average.
+The gyro is the clock. A channel that is late by L has at time t the value of t - L: inputs are
+read L later, simulated channels are compared L earlier. Where values are held, L is their mean
+age.
 
-accel_x is compared as a wheel speed: with e = measured - simulated, v the speed and C the sum of the longitudinal stiffnesses,
-    y = integral of e, leaking within SPEED_TIME, + (m v/C) e
-which is, for a car that follows its wheels with the lag m v/C, how far the wheel speeds are from those that the accelerometer asks
-for. Driven by wheel speeds alone, the simulation has the slope of their noise, and soft tyres and wheels that are late smooth it:
-as an acceleration both fit better than the truth. C is that of the prior, whatever is
-searched: it says what is compared.
+accel_x is compared as a wheel speed. With e = measured - simulated, v the speed and C the sum
+of the longitudinal stiffnesses,
+    y = integral of e, leaking within SPEED_TIME, + (m v/C) e.
+A car follows its wheels with the lag m v/C. Then y is the difference of the wheel speeds from
+those that the accelerometer implies. Why: a simulation that wheel speeds drive has the slope
+of their noise in its acceleration. Soft tyres and late wheels smooth it, and so fit accel_x
+better than the truth does. C is that of the prior: it defines the comparison and is not
+searched.
 
-Between wheels and accel_x only the difference of their latencies counts; accel_y and yaw_rate are compared with a car whose wheels
-are in time (a cut: Liu, Bayarri & Berger 2009, Plummer 2015). The speed hardly moves within a latency, but every percent by which
-braking changes the tyres otherwise than the model has it does so at that time: yaw_rate, the most exact of all channels, then says
-0.1 s. How late both are behind the gyro is left to the prior.
+Between wheels and accel_x only the difference of their latencies counts. accel_y and yaw_rate
+are compared with a car whose wheels are in time (a cut: Liu, Bayarri & Berger 2009, Plummer
+2015). The speed hardly changes within a latency, but tyres change with braking, and every
+percent by which the model has that wrong would show as a latency: yaw_rate, the most exact
+channel, then says 0.1 s. The latency of both behind the gyro is left to the prior.
 """
 
 from __future__ import annotations
@@ -59,7 +63,7 @@ LEAST_SPEED = 5.0  # m/s: below, slip is not observable
 FEWEST = 25  # blocks: of a channel in a log, to compare it
 ENOUGH = 0.5  # rows with a value in a block, over the usual number
 LASTING = 0.5  # of the error of a velocity: what is no white noise, as the filter has it (constants.toml)
-FAR = 6.0  # prior sd: bounds of what is each log's own
+FAR = 6.0  # prior sd: bounds of leans and biases
 LEAN = "bank_superelevation"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
 MOTION = ("vel_x", "vel_y", "true_yaw_rate")  # of the simulation, of which a measured velocity is made

@@ -295,7 +295,7 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
         return pd.Series(x).rolling(count, center=True, min_periods=1).mean().to_numpy()
 
     steer, rate, pull, *spin = (log.data[c].to_numpy(float) for c in ("steer_angle", "yaw_rate", "accel_x", *WHEELS))
-    rate = np.nan_to_num(rate)  # a log without a gyro: the steering angle alone says what is straight
+    rate = np.nan_to_num(rate)  # without a gyro the steering angle alone selects straight rows
     front, rear = car.radius[0] * spin[0], car.radius[1] * spin[1]
     rear_ahead = rear * np.cos(steer) + car.base * rate * np.sin(steer)  # along the front wheels
     first = 1 if car.driven == "rear" else 0  # the axle whose slip it is

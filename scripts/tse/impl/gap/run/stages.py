@@ -1,4 +1,4 @@
-"""What is left in three stages, in the units of the sensors: the car as its file says,
+"""Residuals in three stages, in the units of the sensors: the car as its file says,
 what every car has calibrated, and with what is named."""
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_
 
 @dataclass(frozen=True)
 class Stage:
-    """A channel over some logs, as means over 40 ms: rms of what was measured, about the
-    mean of each log; what is left of it in each stage; and what the sensor's noise
-    leaves."""
+    """Rms of a channel over some logs, as means over 40 ms: of the measurement about the mean
+    of each log, of the residuals in each stage, and of the noise of the sensor."""
 
     signal: float
     filed: float
