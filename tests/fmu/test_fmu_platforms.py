@@ -30,7 +30,8 @@ def inputs(of: Unit, path: Path) -> Path:
     lines = ["time," + ",".join(of.code(n) for n in DRIVER)]
     for k in range(ROWS):
         row = [0.01 * k, 0.02 * (-1) ** (k // 50), 700.0 * (-1) ** (k // 70), 20.0 * (k % 5), 100.0 * (k % 3), 0.0,
-               1.0 - 0.001 * k, 0.3 * (k % 4)]  # fmt: skip
+               1.0 - 0.001 * k, 0.3 * (k % 4), 0.01 * (k % 5), -0.02 * (k % 3)]  # fmt: skip
+        assert len(row) == 1 + len(DRIVER)
         lines.append(",".join(bits(x) for x in row))
     path.write_text("\n".join(lines) + "\n")
     return path
