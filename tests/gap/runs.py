@@ -1,6 +1,6 @@
 """What studies and tests share: a constant of tse that is another for a while, and many runs in processes of their own.
 
-with changed("gap.infer.space.EPISODE", 60.0):
+with changed("identify.fit.MODEL_TIME", 4.0):
     run(...)
 """
 

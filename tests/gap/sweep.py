@@ -30,11 +30,9 @@ VALUES: dict[str, tuple[float, float]] = {
     "gap.infer.hypotheses.SENSOR_SHARE": (0.05, 0.2),
     "gap.infer.hypotheses.EVERY_SHARE": (0.08, 0.3),
     "gap.infer.hypotheses.LARGER_SD": (0.2, 0.7),
-    "gap.infer.space.EPISODE": (15.0, 60.0),
-    "gap.infer.space.OWN_SD": (0.01, 0.04),
-    "gap.infer.forms.SD": (0.025, 0.1),
-    "gap.infer.forms.LAG": (0.015, 0.06),
-    "gap.infer.forms.APART": (0.15, 0.6),
+    "identify.fit.MODEL_TIME": (1.0, 4.0),
+    "gap.infer.space.LASTING": (0.33, 1.3),
+    "gap.infer.space.ABSENT": (0.25, 1.0),
     "gap.infer.excerpt.MOST_SECONDS": (45.0, 180.0),
 }
 

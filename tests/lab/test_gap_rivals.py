@@ -8,6 +8,8 @@ import pytest
 from tse.impl.gap.infer import rivals
 from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tse.impl.gap.infer.rivals import Worlds, price_of
+from tse.impl.gap.infer.search import together
+from tse.impl.gap.infer.space import LASTING
 
 ROWS = 3000
 
@@ -25,7 +27,7 @@ def fit(rms):
 
 def naming(rms, *names):
     named = [SimpleNamespace(effect=SimpleNamespace(id=n), probability=1.0, whole=1.0) for n in names]
-    return SimpleNamespace(final=fit(rms), named=named)
+    return SimpleNamespace(final=fit(rms), named=named, closes_most=False)
 
 
 def formula(rms, length):
@@ -33,7 +35,7 @@ def formula(rms, length):
 
 
 def worlds(*known):
-    w = Worlds(fit(10.0), problem(), None)
+    w = Worlds(problem(), None)
     for n, *found in known:
         w.add(n, n.final, *found)
     w.weigh()
@@ -54,11 +56,13 @@ def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
     assert w.best() is w.known[0]
 
 
-def test_down_to_the_noise_all_values_count():
-    # 3000 independent values: ln(1.1/1.0) of each half is 143 nats, more than three names cost
-    w = worlds((naming(1.1, "mass"),), (naming(1.0, "mass", "body_roll", "relaxation", "cg_shift"),))
-    ratio = np.log(w.known[1].probability) - np.log(max(w.known[0].probability, 1e-300))
-    assert ratio == pytest.approx(0.5 * ROWS * np.log(1.21) - sum(map(price_of, ("body_roll", "relaxation", "cg_shift"))), rel=1e-6)
+def test_near_the_noise_a_square_counts_as_much_as_everywhere_there():
+    """As many values of noise as LASTING leaves of them."""
+    names = ("body_roll", "relaxation", "cg_shift")
+    w = worlds((naming(1.1, "mass"),), (naming(1.0, "mass", *names),))
+    ratio = np.log(w.known[1].probability) - np.log(w.known[0].probability)
+    fall = 0.21 * float(np.sum(fit(1.0).residuals ** 2))
+    assert ratio == pytest.approx(0.5 * fall / (1.0 + together() * LASTING**2) - sum(map(price_of, names)), rel=1e-6)
 
 
 def test_a_patchwork_of_names_does_not_stand_beside_a_formula_that_is_shorter():
@@ -89,13 +93,11 @@ def test_held_out_logs_count_as_much_as_those_that_were_fitted():
     """A formula that does nothing for other logs is worth half the nats."""
     other = problem()
     other.residuals = lambda values: values["rms"] * np.random.default_rng(2).standard_normal(ROWS)
-    base = fit(1.3)
-    base.values = {"rms": 1.3}
     nothing = naming(1.3)
     nothing.final.values = {"rms": 1.3}
     works, fails = formula(1.0, 5), formula(1.0, 5)
     works.values, fails.values = {"rms": 1.0}, {"rms": 1.3}
-    w = Worlds(base, problem(), other)
+    w = Worlds(problem(), other)
     for d in (None, works, fails):
         w.add(nothing, nothing.final, d)
     w.weigh()
@@ -114,7 +116,7 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     """Its probability is what the search gave it times that of the worlds that have it: 90 % of 95 % is no name."""
     one = naming(2.0, "mass")
     one.named[0].whole, one.named[0].probability, one.baseline, one.closed = 0.95, 0.95, fit(10.0), 0.9
-    found = SimpleNamespace(fit=fit(2.01), values={}, price=6.5, formula=SimpleNamespace(text="k*x"))
+    found = SimpleNamespace(fit=fit(2.01), values={}, price=6.0, formula=SimpleNamespace(text="k*x"))
     nothing, kept = naming(10.0), []
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
@@ -125,6 +127,19 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     share = sum(r["probability"] for r in shown if r["ids"] == ["mass"])
     assert NAME_AT < share < NAME_AT / 0.95
     assert kept[-1] == (frozenset(), "below 90 %") and names is nothing
+
+
+def test_names_that_close_most_of_the_gap_stay_whatever_a_formula_does_without_them(monkeypatch):
+    one = naming(3.0, "mass")
+    one.closes_most, one.closed = True, 0.9
+    better = SimpleNamespace(fit=fit(1.0), values={}, price=4.0, formula=SimpleNamespace(text="k*x"))
+    asked = []
+    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
+    monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
+    monkeypatch.setattr(rivals, "discover", lambda _p, last, *_: asked.append(last) or better)
+    _, names, shown = rivals.explained(problem(), None, one, lambda _: None)
+    assert asked == [one.final] and [n.effect.id for n in names.named] == ["mass"]
+    assert all(r["ids"] == ["mass"] for r in shown)
 
 
 def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):

@@ -1,22 +1,23 @@
-"""The engine of calibration: the discrepancy against a dense covariance, slopes and latencies against their definitions, and what
+"""The engine of calibration: what lasts of residuals against drawn processes, slopes and
+latencies against their definitions, and what
 the search finds of a car that its own simulator made."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.linalg import toeplitz
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 from scipy.sparse import csc_matrix
-from scipy.stats import multivariate_normal
 
 from tse.impl.core import Config, Replay, SimConfig, Simulator
 from tse.impl.errors import UserError
-from tse.impl.identify import advice, discrepancy
+from tse.impl.identify import advice
 from tse.impl.identify.data import Prepared, curves, prepare, smoothed, speed, together
-from tse.impl.identify.discrepancy import Discrepancy, Piece
 from tse.impl.identify.fit import (
     HUBER,
     LITTLE,
@@ -32,6 +33,7 @@ from tse.impl.identify.fit import (
     step,
 )
 from tse.impl.identify.knots import Knots
+from tse.impl.identify.lasting import Piece, measure
 from tse.impl.identify.problem import SPEED_TIME, Problem, as_measured
 from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, prior_of
 from tse.impl.logs.log import read_log
@@ -95,86 +97,47 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Fit]:
     return problem, fit(problem)
 
 
-# ------------------------------------------------------------------------------------------------ discrepancy
+# ------------------------------------------------------------------------------------------------ what lasts
 
 
-def dense(d: Discrepancy, piece: Piece) -> np.ndarray:
-    """Covariance of the residuals, entry by entry."""
-    apart = np.abs(piece.time[:, None] - piece.time)
-    fast = d.share**2 * np.outer(piece.size, piece.size) * np.exp(-apart / d.time[0])
-    slow = d.slow**2 * np.exp(-apart / d.time[1]) * (np.cos(apart / d.time[1]) + np.sin(apart / d.time[1]))
-    return fast + slow + np.diag(d.white**2 / piece.count)
-
-
-def piece(seed: int, n: int = 60) -> Piece:
-    rng = np.random.default_rng(seed)
-    time = np.cumsum(rng.uniform(0.03, 0.3, n))
-    return Piece(time, rng.integers(1, 5, n), rng.uniform(0.2, 2, n), rng.uniform(0.5, 1, n), rng.standard_normal(n))
-
-
-def test_whitening_is_that_of_the_dense_covariance() -> None:
-    p, d = piece(1), Discrepancy(0.3, 0.2, 0.5, (0.4, 9.0))
-    columns = np.random.default_rng(2).standard_normal((len(p.time), 3))
-    white, log_det = d.whiten(p, columns)
-    c = dense(d, p)
-    np.testing.assert_allclose(white.T @ white, columns.T @ np.linalg.solve(c, columns), rtol=1e-9)
-    np.testing.assert_allclose(log_det, np.linalg.slogdet(c)[1], rtol=1e-10)
-
-
-def test_the_walk_of_the_slow_part_is_the_smallest_with_no_less_at_any_frequency() -> None:
-    """Spectra: of the walk, its rate squared over w^2; of the slow part, the transform of its covariance, by a sum."""
-    d, step = Discrepancy(1e-6, 0.0, 0.5, (0.4, 9.0)), 0.1
-    lags = step * np.arange(2000)
-    at = Piece(lags, np.full(2000, 1e12), *[np.zeros(2000)] * 3)
-    covariance = dense(d, at)[0]
-    assert covariance[0] == pytest.approx(0.25)
-    frequency = np.geomspace(0.01, 3.0, 400)
-    slow = step * (2 * np.cos(np.outer(frequency, lags)) @ covariance - covariance[0])
-    over = d.walk**2 / frequency**2 / slow
-    assert over.min() == pytest.approx(1.0, abs=0.01)
-    assert frequency[over.argmin()] == pytest.approx(2**0.5 / 9.0, rel=0.1)
-
-
-def test_cost_is_the_gaussian_density_with_the_bias_found() -> None:
-    p, d = piece(3), Discrepancy(0.3, 0.2, 0.5, (0.4, 9.0))
-    c, ones = dense(d, p), p.bias
-    bias = (ones @ np.linalg.solve(c, p.residual)) / (ones @ np.linalg.solve(c, ones))
-    expected = -multivariate_normal(bias * ones, c).logpdf(p.residual) - 0.5 * len(ones) * np.log(2 * np.pi)
-    assert discrepancy.cost(d, [p]) == pytest.approx(expected, rel=1e-9)
-
-
-def test_discrepancies_that_were_drawn_are_found() -> None:
-    """Six draws of 100 s; each number within three of its sd over the draws, about a tenth of it, the slow part's a third."""
-    rng = np.random.default_rng(4)
-    true = Discrepancy(0.05, 0.1, 0.2, (0.4, 15.0))
+def drawn(seed: int, covariance: Callable[[np.ndarray], np.ndarray], count: int = 40) -> list[Piece]:
+    """Draw residuals of 100 s each, with this autocovariance of a lag [s]."""
     time = 0.04 * np.arange(2500)
-    p = Piece(time, np.full(2500, 4), 1 + 0.5 * np.sin(0.1 * time), np.ones(2500), np.zeros(2500))
-    root = np.linalg.cholesky(dense(true, p))
-    got = []
-    for _ in range(6):
-        p.residual = root @ rng.standard_normal(2500)
-        got.append(discrepancy.found([p]).numbers)
-    ratio = np.exp(np.mean(np.log(got), axis=0)) / true.numbers
-    np.testing.assert_allclose(ratio[:2], 1, atol=0.1)
-    np.testing.assert_allclose(ratio[2], 1, atol=0.35)
-    np.testing.assert_allclose(ratio[3], 1, atol=0.25)
+    root = np.linalg.cholesky(toeplitz(covariance(time)) + 1e-9 * np.eye(len(time)))
+    rng = np.random.default_rng(seed)
+    return [Piece(time, np.ones(len(time)), root @ rng.standard_normal(len(time))) for _ in range(count)]
 
 
-def test_far_from_a_fit_nothing_slow_follows_the_car() -> None:
-    """A residual of a model that does not fit: what it lacks of a car that turns this way and that, for a second or two."""
-    rng, time = np.random.default_rng(6), 0.04 * np.arange(2500)
-    p = Piece(time, np.full(2500, 4), 1 + 0.5 * np.sin(0.1 * time), np.ones(2500), np.zeros(2500))
-    p.residual = np.linalg.cholesky(dense(Discrepancy(0.05, 0.02, 0.7, (0.3, 1.2)), p)) @ rng.standard_normal(2500)
-    free, far = discrepancy.found([p]), discrepancy.found([p], far=True)
-    assert free.slow > 0.5 and free.time[1] < 2.0  # which explains it
-    assert far.time[1] == pytest.approx(discrepancy.TIMES[1], rel=1e-9)
-    assert far.share > 3 * free.share  # more of it is an error of the model, which grows with what the car does
+def hills(size: float, time: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda t: size**2 * np.exp(-t / time) * (np.cos(t / time) + np.sin(t / time))
 
 
-def test_the_model_is_never_believed_better_than_its_least_share() -> None:
-    p = piece(5, 500)
-    p.residual *= 1e-6
-    assert discrepancy.found([p]).share == pytest.approx(discrepancy.SHARES[0], rel=1e-6)
+@pytest.mark.parametrize("time", [0.3, 1.2])
+def test_the_power_of_what_lasts_is_the_integral_of_its_autocovariance(time: float) -> None:
+    """size^2 x time; 10 %: what 4,000 s leave of it, and that means of 100 s take away."""
+    pieces = drawn(4, lambda t: 0.25 * np.exp(-t / time))
+    assert measure(pieces).power == pytest.approx(0.25 * time, rel=0.1)
+    noise = [replace(p, residual=0.5 * np.random.default_rng(k).standard_normal(len(p.time))) for k, p in enumerate(pieces)]
+    assert measure(noise).power == pytest.approx(0.25 * 0.02, rel=0.2)  # half of a step
+    assert measure(noise).walk < 0.3 * measure(drawn(5, hills(0.5, 3.0), 5)).walk
+
+
+@pytest.mark.parametrize("time", [2.0, 4.0])
+def test_a_walk_is_the_smallest_with_no_less_than_hills_at_any_frequency(time: float) -> None:
+    """Spectra: of the walk, its rate squared over w^2; of hills, the transform of their
+    covariance, by a sum. 15 %: of 4,000 s."""
+    lags, of = 0.02 * np.arange(8000), hills(0.5, time)
+    frequency = np.geomspace(0.01, 3.0, 400)
+    spectrum = 0.02 * (2 * np.cos(np.outer(frequency, lags)) @ of(lags) - of(lags[:1]))
+    walk = measure(drawn(6, of)).walk
+    assert walk == pytest.approx(np.sqrt((spectrum * frequency**2).max()), rel=0.15)
+
+
+def test_nothing_is_counted_over_a_gap() -> None:
+    """A step between stretches is no walk."""
+    rng, time = np.random.default_rng(7), np.append(0.04 * np.arange(1000), 60.0 + 0.04 * np.arange(1000))
+    p = Piece(time, np.ones(2000), 0.1 * rng.standard_normal(2000) + 3.0 * (time > 50.0))
+    assert measure([p]).walk < 0.05
 
 
 # ------------------------------------------------------------------------------------------------ unknowns
@@ -476,7 +439,7 @@ class Line:
     def step(self, g: int) -> float:
         return 0.04
 
-    def lasting(self, channel: str) -> float:
+    def sensor_error(self, channel: str) -> float:
         return 0.0
 
     def to_ln(self, x: np.ndarray) -> np.ndarray:
@@ -561,7 +524,7 @@ def test_noise_counts_in_every_value_and_an_error_of_the_model_once_in_model_tim
         def step(self, g: int) -> float:
             return 0.04
 
-        def lasting(self, channel: str) -> float:
+        def sensor_error(self, channel: str) -> float:
             return 0.0
 
     rng = np.random.default_rng(1)

@@ -142,9 +142,11 @@ def test_a_velocity_in_another_unit_or_of_another_sign_is_said(
     assert len(found) == len(words) and all(w in f for w, f in zip(words, found, strict=True)), found
 
 
-def test_settings_without_a_velocity_are_refused(drive: pd.DataFrame) -> None:
+def test_settings_without_a_velocity_are_refused_where_this_run_asks_for_them(drive: pd.DataFrame) -> None:
+    """A vehicle file that was calibrated with an INS is of logs without one, too."""
     with pytest.raises(UserError, match=r"velocity_lever_x without effect: the log has none of ins_vel_x"):
-        make_config(vehicle(velocity_lever_x=1.0), read_frame(drive))
+        make_config(vehicle(), read_frame(drive), options={"velocity_lever_x": 1.0})
+    make_config(vehicle(velocity_lever_x=1.0), read_frame(drive))
     config, _ = make_config(vehicle(velocity_lever_x=1.0), read_frame(gnss(drive)))
     assert config.velocity_lever_x == 1.0
 

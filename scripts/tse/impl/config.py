@@ -76,7 +76,8 @@ def make_config(
     for key, value in (options or {}).items():
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
-    _check_optional(config, log)
+    asked = {key for key, x in config.as_dict().items() if x != values.get(key)}
+    _check_optional(config, log, asked)
     return config, notes
 
 
@@ -96,8 +97,10 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
     return {VELOCITIES: names[first : last + 1], TORQUES: ["wheel_torque_least"], ROAD: ["road_sd"]}
 
 
-def _check_optional(config: Config, log: Log | None) -> None:
-    """Raise UserError where an optional channel, or a setting about one, would be without effect."""
+def _check_optional(config: Config, log: Log | None, asked: Collection[str]) -> None:
+    """Raise UserError where an optional channel, or a setting about one, would be without
+    effect. `asked`: what this run asks for. A vehicle file is of all logs of its car, with an
+    INS or without."""
     if log is None:
         return
     if log.optional and config.form != 0:
@@ -105,7 +108,7 @@ def _check_optional(config: Config, log: Log | None) -> None:
             f"{log.path}: column {', '.join(log.optional)}: only the default filter uses it; leave the column out, or the form"
         )
     for channels, settings in optional_settings().items():
-        given = [key for key in settings if getattr(config, key) != config.fields[key].default]
+        given = [key for key in settings if key in asked and getattr(config, key) != config.fields[key].default]
         if given and not any(c in log.optional for c in channels):
             known = ", ".join(channels)
             raise UserError(f"{log.path}: {', '.join(given)} without effect: the log has none of {known}; leave it out")

@@ -69,7 +69,7 @@ def uncertainty(result: Result) -> dict[str, float]:
 
     found = {key: result.vehicle.values.get(key, sd) for key, sd in unknown_car().items()}
     found |= {
-        "model_sd": max(found["model_sd"] if result.own else 0.0, model_sd(result.problem, result.fit, found["model_sd"])),
+        "model_sd": max(found["model_sd"] if result.own else 0.0, model_sd(result.problem, result.fit.level, found["model_sd"])),
         **{key: sd((name, 1.0), *([ALSO[name]] if name in ALSO else [])) for key, name in UNCERTAIN.items()},
         "yaw_inertia_sd": sd(("yaw_inertia", 1.0 / at["yaw_inertia"])),
         "wheel_radius_sd": sd(*((f"wheel_radius_{a}", k / at[f"wheel_radius_{a}"]) for a, k in (("rear", 1.0), ("front", -1.0)))),
@@ -159,8 +159,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "stiffness": {k: v for k, v in values(result).items() if "stiffness" in k},
         "uncertainty": uncertainty(result),
         "superelevation": _superelevations(result),
-        "noise": {c: dict(zip(("white", "share", "slow", "fast_time", "slow_time"), d.numbers, strict=True))
-                  for c, d in result.fit.noise.items()},
+        "left": {c: asdict(left) for c, left in result.problem.lasting(result.fit.level).items()},
         "quantisation": result.steps,
         "sensors": result.sensors,
         "next": [asdict(o) for o in result.offers],

@@ -31,10 +31,10 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
 def _facts(result: Result) -> list[tuple[str, str]]:
     rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
     rows.append(("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}"))
-    for c, d in result.fit.noise.items():
+    for c, left in result.problem.lasting(result.fit.level).items():
         unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # compared as what it adds to the speed
-        text = f"white {d.white:.3g} {unit} a row; {100 * d.share:.1f} % of its size over {d.time[0]:.2g} s; "
-        rows.append((f"Not explained, {c}", text + f"slow {d.slow:.2g} {unit} over {d.time[1]:.0f} s"))
+        text = f"as much as {np.sqrt(left.power):.2g} {unit} for 1 s; it walks {left.walk:.2g} {unit}/sqrt(s)"
+        rows.append((f"Not explained on level roads, {c}", text))
     steps = ", ".join(f"{c} {step:.3g}" for c, step in result.steps.items() if step > 0)
     rows.append(("Quantised in steps of", f"{steps} (rad, rad/s, m/s2)" if steps else "none that shows"))
     rows.append(("Noise of wheel speeds", f"{result.sensors['wheel_noise_sd']:.3g} rad/s"))

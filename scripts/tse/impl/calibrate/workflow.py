@@ -105,7 +105,7 @@ def _result(vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log]
     notes += slip_words(problem, result)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
-    sensors = _sensors(problem, result) | noise_along(logs, problem.config)
+    sensors = _sensors(problem, result, logs)
     found = Result(vehicle, problem.config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
     found.offers = advice.offers(problem, result, vehicle)
     return found
@@ -173,16 +173,12 @@ def _proof(problem: Problem, i: int, held_out: bool, before: dict, after: dict) 
 # ---- sensors
 
 
-def _sensors(problem: Problem, result: Fit) -> dict[str, float]:
-    """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
-    found: dict[str, float] = {}
-    for c in result.noise:
-        d = result.noise[c]
-        rows = sum(len(log.time) for log in problem.logs)
-        fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)
-        if c != "accel_x":  # what is compared of it is a speed: noise_along()
-            found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
-        walk = d.walk / (SPEED_TIME if c == "accel_x" else 1.0)
+def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
+    """Return noise of the channels as settings say it: white noise of a row (row_noise), and
+    by how much what is left on level roads walks."""
+    found = row_noise(logs, problem.config)
+    for c, left in problem.lasting(result.level).items():
+        walk = left.walk / (SPEED_TIME if c == "accel_x" else 1.0)  # of accel_x a speed is compared
         found[f"{c}_bias_walk"] = min(walk, MOST_GYRO_WALK) if c == "yaw_rate" else walk
     found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
     # how late the steering acts in all: what the filter need not find out by itself
@@ -194,17 +190,18 @@ def _sensors(problem: Problem, result: Fit) -> dict[str, float]:
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
 
-def noise_along(logs: Sequence[Log], config: Config) -> dict[str, float]:
-    """Return accel_x_sd [m/s2]: white noise of a row of the log with most of it, by
-    second differences (noise.py)."""
-    found = []
+def row_noise(logs: Sequence[Log], config: Config) -> dict[str, float]:
+    """Return the settings of the white noise of a row, of the log with most of it, by second
+    differences (noise.py)."""
+    found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):
             moving = np.abs(log.data["wheel_speed_rear"].to_numpy(float)) * config.wheel_radius_rear > MOVING
-        found.append(noise_of(log, "accel_x", moving))
-    sds = [noise.sd for noise in found if noise is not None]
-    f = config.fields["accel_x_sd"]
-    return {"accel_x_sd": float(np.clip(max(sds), f.low, f.high))} if sds else {}
+        for c in MEASURED:
+            noise = noise_of(log, c, moving)
+            if noise is not None:
+                found[f"{c}_sd"] = max(found.get(f"{c}_sd", 0.0), noise.sd)
+    return {k: float(np.clip(x, config.fields[k].low, config.fields[k].high)) for k, x in found.items()}
 
 
 def step_of(x: np.ndarray) -> float:

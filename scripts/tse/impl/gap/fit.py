@@ -13,6 +13,8 @@ from tse.impl.gap.catalogue import Key, Parameter
 from tse.impl.gap.problem import Problem
 from tse.impl.identify.data import BLOCK
 
+# rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
+NOISE_LIMIT = 1.2
 MOST_LAG = 4.0  # s: of autocorrelation that are looked at
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
 TOGETHER = 2.0  # s: of residuals that are resampled together

@@ -23,9 +23,7 @@ from scipy.optimize import lsq_linear
 from scipy.sparse import csc_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
-from tse.impl.identify.discrepancy import Discrepancy, found
 from tse.impl.identify.problem import Problem
-from tse.impl.identify.unknowns import MEASURED
 
 HUBER = 4.0  # rms of the channel: a larger residual counts as its size, not its square
 MODEL_TIME = 2.0  # s: what the model lacks lasts so long
@@ -65,8 +63,8 @@ class Fit:
         There: slopes by x and by z, and their normal equations.
     steps, moved
         Of the search, and the largest change of its last step [posterior sd].
-    noise
-        By channel of the filter: residuals on level roads as a process, for its settings.
+    level
+        Residuals on level roads.
     """
 
     x: np.ndarray
@@ -80,7 +78,7 @@ class Fit:
     converged: bool = False
     steps: int = 0
     moved: float = np.inf
-    noise: dict[str, Discrepancy] = field(default_factory=dict)
+    level: list[np.ndarray] = field(default_factory=list)
 
 
 def measure_scales(
@@ -99,7 +97,7 @@ def measure_scales(
         size = before[c].rms if before else 1.4826 * float(np.median(np.abs(e)))
         noise = float(np.sqrt(np.average([problem.noise(g) ** 2 for g in mine], weights=[len(residuals[g]) for g in mine])))
         rms = float(np.sqrt(np.mean(np.minimum(np.abs(e), HUBER * max(size, noise)) ** 2)))
-        rms = max(rms, float(np.hypot(noise, problem.lasting(c))), 1e-9)
+        rms = max(rms, float(np.hypot(noise, problem.sensor_error(c))), 1e-9)
         share = min(1.0, (noise / rms) ** 2) if near else 1.0
         values = max(1.0, MODEL_TIME / problem.step(mine[0]))
         found[c] = Scale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
@@ -212,6 +210,8 @@ def fit(
     z: np.ndarray | None = None,
     say: Callable[[str], None] = lambda _: None,
     most: int | None = None,
+    near: bool = False,
+    tables: list[np.ndarray] | None = None,
 ) -> Fit:
     """Search.
 
@@ -225,6 +225,11 @@ def fit(
         Called with what is done now.
     most
         Steps; None: MOST_STEPS.
+    near
+        It begins near a fit.
+    tables
+        Slopes by x at the start, where they are known: then the search also ends with
+        slopes that followed its steps. Only on known roads.
 
     Notes
     -----
@@ -239,15 +244,16 @@ def fit(
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
     z = np.zeros(problem.knots) if z is None else z
     residuals = problem.residuals(x, z)
-    near = False
+    rough = tables is not None
     scales = measure_scales(problem, residuals, near=near)
-    tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+    tables, roads = tables if rough else problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
     # the road first, the car as it is: else latencies and slip follow a hill
-    hills = z + normal(problem, scales, x, z, residuals, tables, roads).road(np.zeros(len(x)))
-    on_hills = problem.residuals(x, hills)
-    if cost(problem, scales, x, hills, on_hills) < cost(problem, scales, x, z, residuals):
-        z, residuals = hills, on_hills
-        scales = measure_scales(problem, residuals, scales, near)
+    if len(z):
+        hills = z + normal(problem, scales, x, z, residuals, tables, roads).road(np.zeros(len(x)))
+        on_hills = problem.residuals(x, hills)
+        if cost(problem, scales, x, hills, on_hills) < cost(problem, scales, x, z, residuals):
+            z, residuals = hills, on_hills
+            scales = measure_scales(problem, residuals, scales, near)
     exact, converged, moved, steps = True, False, np.inf, 0
     most = MOST_STEPS if most is None else most
     while True:
@@ -267,7 +273,7 @@ def fit(
         expected = _expected(problem, scales, x, z, residuals, tables, roads, by, along)
         moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(equations.information)))))
         settled = moved < SETTLED or expected < LITTLE
-        converged = near and exact and (settled or gain <= 0)
+        converged = near and (exact or rough) and (settled or gain <= 0)
         if gain > 0:
             tables = _followed(problem, tables, roads, residuals, new, by, along)
             x, z, residuals = there, z + along, new
@@ -282,7 +288,7 @@ def fit(
     covariance = np.linalg.inv(equations.information) * np.outer(ln, ln)
     return Fit(
         problem.to_ln(x), z, covariance, x, scales, residuals, (tables, roads), equations, converged, steps, moved,
-        discrepancies(problem, x),
+        problem.residuals(x, np.zeros(len(z))) if len(z) else residuals,
     )  # fmt: skip
 
 
@@ -322,9 +328,3 @@ def covariance_of(problem: Problem, fit: Fit, channels: Collection[str]) -> np.n
     equations = normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
     ln = problem.ln_slope(fit.search)
     return np.linalg.inv(equations.information) * np.outer(ln, ln)
-
-
-def discrepancies(problem: Problem, x: np.ndarray) -> dict[str, Discrepancy]:
-    """Return the residuals of each channel of the filter on level roads, as a process."""
-    level = problem.residuals(x, np.zeros(problem.knots))
-    return {c: found(problem.pieces(level, c)) for c in problem.channels if c in MEASURED}

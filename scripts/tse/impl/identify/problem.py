@@ -36,12 +36,13 @@ from scipy.sparse import csc_matrix
 
 from tse.impl.core import NOMINAL, Config
 from tse.impl.identify.data import BLOCK, Prepared, blocks, curves, inside, simulate, speed, together
-from tse.impl.identify.discrepancy import ACTIVE_TIME, Piece
 from tse.impl.identify.knots import KNOT_SD, STEP, Knots, sparse
+from tse.impl.identify.lasting import Lasting, Piece, measure
 from tse.impl.identify.unknowns import (
     BIAS_SD,
     COMPLIANCE,
     LATE,
+    LATENCIES,
     LATENCY,
     LEAN_MEAN,
     LEAN_SD,
@@ -57,6 +58,7 @@ from tse.impl.vehicle import GRAVITY
 
 # prior sd, of finite differences: of stiffness, to which the response is least linear, and of the others
 STEPS = {True: 0.0005, False: 0.005}
+ACTIVE_TIME = 1.0  # s: over which the size of a channel is taken
 SPEED_TIME = 1.0  # s: in the comparison of accel_x; longer lets the grade of the road in, shorter its noise
 SPEED_BLOCKS = 10  # blocks: that are one in the comparison of accel_x: a second holds two or three numbers
 LEAST_SPEED = 5.0  # m/s: below, slip is not observable
@@ -207,7 +209,7 @@ class Problem:
         mean = np.convolve(answer, np.full(SPEED_BLOCKS, 1.0 / SPEED_BLOCKS))
         return sd * float(np.sqrt(np.sum(mean**2)))
 
-    def lasting(self, channel: str) -> float:
+    def sensor_error(self, channel: str) -> float:
         """Return the part of a sensor's error that is no white noise, rms [m/s]: of a
         velocity; biases are unknowns."""
         if channel not in VELOCITY:
@@ -235,6 +237,8 @@ class Problem:
         wheels = 0.5 * sum(late[w] for w in WHEELS)
         later = {"steer_angle": late["steer_angle"], "accel_x": late["accel_x"] - wheels, "accel_y": late["accel_y"]}
         later |= {w: late[w] - wheels for w in WHEELS}
+        for name in LATENCIES:  # they are in `later`; settings may only differ by so much
+            setattr(config, name, 0.0)
         profiles = {} if self.road is False else self.road.profiles(i, z)
         if self.leans:
             lean = -x[self.names.index(of_log(SUPERELEVATION, i))] / GRAVITY * self._curves[i]
@@ -354,19 +358,22 @@ class Problem:
 
     knot_sd = KNOT_SD
 
-    # ---- residuals as the discrepancy takes them
+    # ---- what lasts of residuals
 
     def piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return residuals of a group with what their discrepancy goes by."""
-        mean = self._together[g]
+        """Return residuals of a group with the size of their channel."""
         level = self.compared(g, self._measured[g])
         square = smooth(level**2, max(1, round(ACTIVE_TIME / BLOCK)))
-        bias = self.compared(g, np.ones(len(self._measured[g])))[mean].mean(axis=1)
-        return Piece(self.time[g], self._count[g][mean].sum(axis=1), np.sqrt(square[mean].mean(axis=1)), bias, residual)
+        return Piece(self.time[g], np.sqrt(square[self._together[g]].mean(axis=1)), residual)
 
-    def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]:
-        """Return those of a channel, of all logs that have it."""
-        return [self.piece(g, residuals[g]) for g, (_, c) in enumerate(self.groups) if c == channel]
+    def lasting(self, residuals: list[np.ndarray]) -> dict[str, Lasting]:
+        """Return what lasts of them, of each channel of the filter."""
+        pieces = {
+            c: [self.piece(g, residuals[g]) for g, (_, own) in enumerate(self.groups) if own == c]
+            for c in self.channels
+            if c in MEASURED
+        }
+        return {c: measure(p) for c, p in pieces.items()}
 
 
 def known_car(problem: Problem, x: np.ndarray) -> Config:

@@ -5,34 +5,42 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from tse.impl.core import Config, library
-from tse.impl.identify.fit import Fit
-from tse.impl.identify.problem import Problem
+from tse.impl.identify.lasting import Piece, share
 from tse.impl.vehicle import HINT_ONLY, Vehicle, formula_toml, is_set, latency_settings, sensor_settings, vehicle_settings
 
 UNLIKE_SD = 0.03  # share by which a car that logs have been fitted to is unlike the model
 LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
 
 
-def model_sd(problem: Problem, fit: Fit, before: float) -> float:
+class Residuals(Protocol):
+    """What a problem says of its residuals."""
+
+    groups: Sequence[tuple[int, str]]
+
+    def piece(self, g: int, residual: np.ndarray) -> Piece: ...
+
+    def one_at_speed(self, g: int) -> np.ndarray: ...  # a yaw rate of 1 m/s2 across, in the unit of the residuals
+
+
+def model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
     """Return what the filter counts of the model: that of a car that logs have been fitted to, or more where they leave more; at
     most what the setting takes."""
-    return min(max(min(before, UNLIKE_SD), unexplained(problem, fit)), Config().fields["model_sd"].high)
+    return min(max(min(before, UNLIKE_SD), unexplained(problem, residuals)), Config().fields["model_sd"].high)
 
 
-def unexplained(problem: Problem, fit: Fit) -> float:
-    """Return the share of what happens that the model does not explain and that lasts 1 s, as the filter counts it: by the
-    discrepancy of yaw_rate, in which no road stands; 0 without a gyro."""
+def unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> float:
+    """Return the share of what happens that the model does not explain and that lasts 1 s,
+    of yaw_rate, in which no road stands; 0 without a gyro."""
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
         return 0.0
-    sizes = [problem.piece(g, fit.residuals[g]).size ** 2 + (LEAST_ACROSS * problem.one_at_speed(g)) ** 2 for g in own]
-    d = fit.noise["yaw_rate"]
-    slow = d.slow**2 / float(np.mean(np.concatenate(sizes)))
-    return float(np.sqrt(d.share**2 * d.time[0] + slow * d.time[1]))  # white noise of the same power at low frequencies
+    pieces = [problem.piece(g, residuals[g]) for g in own]
+    return share(pieces, [LEAST_ACROSS * problem.one_at_speed(g) for g in own])
 
 
 def toml(

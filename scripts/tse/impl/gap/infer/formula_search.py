@@ -15,7 +15,7 @@ import numpy as np
 
 from tse.impl.formula import Formula, FormulaError
 from tse.impl.gap.catalogue import Parameter, of_the_car
-from tse.impl.gap.fit import Change, Fit, compare, covariance, excess, fit, gap, lengths
+from tse.impl.gap.fit import NOISE_LIMIT, Change, Fit, compare, covariance, excess, fit, gap, lengths
 from tse.impl.gap.infer import formula_terms as terms
 from tse.impl.gap.infer.formula_terms import Term
 from tse.impl.gap.problem import Problem
@@ -28,8 +28,6 @@ FITTED = 6  # candidates that are simulated
 PER_PLACE = 3  # of them at one place, most
 LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
 LEAST_HARM = 0.01  # relative rise of a channel of the held-out logs by which it forbids a formula
-# rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
-NOISE_LIMIT = 1.2
 MOST_STEPS = 15  # of a fit
 CHUNK = 64  # forms that are looked at together: memory
 HALF = 0.5  # %: quantiles between which a signal has been are those of HALF % and 100 - HALF %

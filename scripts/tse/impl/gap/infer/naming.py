@@ -5,7 +5,7 @@ The sets are searched on the fitted logs alone: held-out ones take no part in na
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,10 +13,10 @@ from scipy.stats import norm
 
 from tse.impl.gap.catalogue import Effect, Key, catalogue, of_the_car
 from tse.impl.gap.fit import Fit, excess, excess_of, fit
+from tse.impl.gap.infer.folds import held_out
 from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tse.impl.gap.infer.roads import FoundRoad
 from tse.impl.gap.infer.search import Judged, Search, judge
-from tse.impl.gap.infer.space import Layout
 from tse.impl.gap.problem import SIGNED_DELAYS, STIFFNESS, Problem
 from tse.impl.identify.knots import PROFILES
 from tse.impl.identify.unknowns import SUPERELEVATION
@@ -34,10 +34,14 @@ LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel
 ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
 LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close; a road has no name to earn
+WIDE = float(norm.ppf(0.975))  # half of a 95 % interval, in sd
+# of what roads leave of the gap, that the names of the car close where something else is left: fewer are no answer
+LEAST_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
 MOST_SETS = 8  # that are written with their probability
 # Why an effect is possible and has no name.
 SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
+ZERO = "its interval holds nothing"
 
 
 @dataclass
@@ -51,7 +55,7 @@ class Named:
     evidence: float  # nats
     probability: float = 1.0
     look_alikes: list[str] = field(default_factory=list)
-    alone: float = 1.0  # share that it closes of what the other names leave, of all channels or of those without roads
+    alone: float = 1.0  # share that it closes of what the other names leave of pieces that were not fitted
     whole: float = 1.0  # probability that it, or what looks like it, is missing
 
     def at(self, values: Mapping[Key, float]) -> Named:
@@ -89,6 +93,12 @@ class Naming:
     # covariance of ln stiffness of the sets, about what is named: sets that explain the logs alike differ in it
     spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
 
+    @property
+    def closes_most(self) -> bool:
+        """Whether the names of the car close most of what roads leave of the gap."""
+        roads = sum(n.share for n in self.named if n.effect.id in (*PROFILES, SUPERELEVATION))
+        return self.closed - roads > LEAST_NAMED * max(1.0 - roads, 0.0)
+
 
 def name(
     problem: Problem,
@@ -100,7 +110,7 @@ def name(
     """`baseline`: plain_car() on level roads; `roads`: that the logs of the problem are on."""
     plain = plain_car(problem)
     baseline = baseline or plain
-    search = Search(Layout(problem), hypotheses(effects), problem.jobs, say)
+    search = Search(problem, hypotheses(effects), say)
     best = search.run()
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
@@ -108,12 +118,13 @@ def name(
     full = excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best)
-        # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
-        sized = judge(Layout(problem), final.effects, final.values, None)
-        small = {h.id for h in final.effects if negligible(h.effect, sized.values)}
+        # sizes are those of the named effects alone; what others may do is in the intervals
+        sized = alone(problem, final.effects, final.values)
+        small = {h.id: SMALL for h in final.effects if negligible(h.effect, sized.values)}
+        small |= {h.id: ZERO for h in final.effects if holds_nothing(h, sized.values, final.sd())}
         if small:
-            names = final.ids - small
-            dropped |= dict.fromkeys(small, SMALL)
+            names = final.ids - set(small)
+            dropped |= small
             continue
         last = as_fit(problem, sized) if final.effects else plain
         named = [_named(problem, search, final, sized, last, h, probability, full) for h in final.effects]
@@ -180,7 +191,7 @@ def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit
     final, named, converged = plain_car(problem), [], naming.converged
     asked = {e.id: e for e in catalogue().values()} | {n.effect.id: n.effect for n in naming.named if n.effect.id in catalogue()}
     if effects := [h for h in hypotheses(asked.values()) if h.id in flat]:
-        plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
+        plain = alone(problem, effects, of_the_car(naming.final.values))
         final, converged = as_fit(problem, plain), plain.converged
         there = [n for n in naming.named if n.effect.id in flat]
         named = [n.at(final.values) for n in there if not negligible(n.effect, final.values)]
@@ -193,6 +204,11 @@ def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit
 def negligible(effect: Effect, values: Mapping[str, float]) -> bool:
     """Too small to matter, however sure: what any car has that is not quite the model's is no missing effect."""
     return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
+
+
+def holds_nothing(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, float]) -> bool:
+    """Return whether the 95 % interval of every strength holds its default."""
+    return all(abs(values[p.name] - p.default) < WIDE * sd[p.name] for p in h.effect.strengths)
 
 
 def matters(judged: Judged, h: Hypothesis) -> float:
@@ -213,7 +229,7 @@ class Probability:
         self._found = found
         self.effects: dict[str, float] = {}
         for ids, p in self._sets.items():
-            judged = search.known[ids]
+            judged = search.all()[ids]
             for h in judged.effects:
                 self.effects[h.id] = self.effects.get(h.id, 0.0) + p * matters(judged, h)
 
@@ -233,7 +249,8 @@ class Probability:
 
     def spread(self, search: Search, named: Judged) -> np.ndarray:
         """Covariance of ln stiffness over the sets, about that of the one that is named."""
-        away = {ids: ln_stiffness(search.known[ids]) - ln_stiffness(named) for ids in self._sets}
+        sets = search.all()
+        away = {ids: ln_stiffness(sets[ids]) - ln_stiffness(named) for ids in self._sets}
         return sum((p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()), np.zeros((len(STIFFNESS),) * 2))
 
     def sets(self) -> list[dict]:
@@ -252,23 +269,21 @@ def _named(
     found = _sized(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final)
     found.evidence = final.evidence - without.evidence
-    # no set leaves more than nothing does; a fit that believes in discrepancies is no least squares, and may
-    others = as_fit(problem, without, slopes=False).residuals
-    found.share = (min(excess(problem, others), full) - excess(problem, last.residuals)) / max(full, 1e-300)
-    before, after = excess_of(problem, others), excess_of(problem, last.residuals)
-
-    def closed(channels: Iterable[str]) -> float:
-        return 1.0 - sum(after[c] for c in channels) / max(sum(before[c] for c in channels), 1e-300)
-
-    found.alone = closed([*before])
+    others = tuple(o for o in final.effects if o is not h)
+    less = judge(problem, others, [o.id for o in others], plain.values, plain)
+    before, after = excess(problem, as_fit(problem, less, slopes=False).residuals), excess(problem, last.residuals)
+    found.share = (min(before, full) - after) / max(full, 1e-300)
+    noise = {c: float(problem.noise_energy[rows].sum()) for c, rows in problem.used()}
+    unseen = [sum(max(0.0, x - noise[c]) for c, x in held_out(j).items()) for j in (less, plain)]
+    found.alone = 1.0 - unseen[1] / max(unseen[0], 1e-300)
     return found
 
 
 def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None) -> Named:
     """`rough`: the set as it was fitted with forms that may be off, whose sd stands."""
-    sd, z = (rough or judged).sd(), float(norm.ppf(0.975))
+    sd = (rough or judged).sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
-    item = Named(h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0)
+    item = Named(h.effect, values, {k: (v - WIDE * sd[k], v + WIDE * sd[k]) for k, v in values.items()}, 0.0, 0.0)
     item.probability = probability.effects.get(h.id, 0.0)
     whole = item.whole = probability.of_class(h.id)
     instead = probability.in_place(h.id)
@@ -276,10 +291,16 @@ def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judge
     return item
 
 
+def alone(problem: Problem, effects: Sequence[Hypothesis], values: Mapping[str, float]) -> Judged:
+    """Return effects fitted without any other, from `values`."""
+    return judge(problem, effects, [h.id for h in effects], values)
+
+
 def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
     """Values and residuals as the rest of the workflow takes them."""
-    values = judged.values
-    parameters = list(judged.space.parameters)
+    there = {p.name for h in judged.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
+    parameters = [p for p in judged.space.parameters if p.name in there]
+    values = {p.name: judged.values[p.name] for p in parameters}
     residuals = problem.residuals(values)
     jacobian = problem.jacobian(values, residuals, parameters) if slopes else np.zeros((len(residuals), 0))
     return Fit(parameters, values, residuals, jacobian)

@@ -3,11 +3,10 @@
 Names that leave most of a gap, or close it by being many, may be a patchwork for something that the catalogue does not have. So
 what the search named stands beside formulas for what these, or none, leave. Each of these worlds is worth
 
-    sum over channels of power x half its independent values x ln of how much its residuals fall  -  what it costs to say,
+    sum over channels of ln likelihood of the residuals (search.py)  -  what it costs to say,
 
 a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py) and the odds that the catalogue lacks
-something. The powers are those of the world that leaves least: a model that is wrong is wrong in the same way all through a
-manoeuvre, so that its residuals say one value in an EPISODE. Held-out logs count as those that were fitted, with the numbers of
+something. Held-out logs count as those that were fitted, with the numbers of
 these. A name stands if the worlds that have it are likely enough together. Fewer names without a formula are no world of their own:
 whether a name is worth having beside nothing is what the search has judged, in a model of what is left that is finer than this one.
 """
@@ -21,16 +20,16 @@ from typing import Any
 import numpy as np
 
 from tse.impl.gap.catalogue import Own, of_the_car
-from tse.impl.gap.fit import Fit, fit, lengths
+from tse.impl.gap.fit import Fit, fit
 from tse.impl.gap.infer import naming as name
-from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery, discover, on_all
+from tse.impl.gap.infer.formula_search import Discovery, discover, on_all
 from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tse.impl.gap.infer.naming import Naming
 from tse.impl.gap.infer.roads import ROAD_PROBABILITY
-from tse.impl.gap.infer.space import EPISODE
+from tse.impl.gap.infer.search import ln_likelihood
 from tse.impl.gap.parallel import apart
 from tse.impl.gap.problem import Problem
-from tse.impl.identify.data import BLOCK, CHANNELS
+from tse.impl.identify.data import CHANNELS
 
 LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
@@ -61,13 +60,9 @@ class World:
 class Worlds:
     """All that are compared."""
 
-    def __init__(self, baseline: Fit, problem: Problem, held: Problem | None):
-        """`baseline`: of `problem`, without names."""
+    def __init__(self, problem: Problem, held: Problem | None):
         self.problem, self.held = problem, held
         self.known: list[World] = []
-        self.plain = self._residuals(baseline, baseline.values)
-        # independent values are counted in what the plain model leaves
-        self._lengths = [lengths(p, r) for p, r in self._parts(self.plain)]
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
         """One more. `last`: of the names; `discovery`: with a formula."""
@@ -82,13 +77,7 @@ class Worlds:
         """The probability of each."""
         value = np.array([-w.price for w in self.known], float)
         for c in CHANNELS:
-            before, count, episodes = self._energy(self.plain, c)
-            if not count:
-                continue
-            after = np.array([self._energy(w.residuals, c)[0] for w in self.known])
-            least = max(1.0, float(after.min()) / NOISE_LIMIT**2)
-            power = 1.0 / max(1.0, count * (1.0 - 1.0 / least) / episodes)
-            value += power * 0.5 * count * np.log(before / np.maximum(after, 1e-300))
+            value += [ln_likelihood(*self._square(w.residuals, c)) for w in self.known]
         weight = np.exp(value - value.max())
         for w, p in zip(self.known, weight / weight.sum(), strict=True):
             w.probability = float(p)
@@ -106,18 +95,14 @@ class Worlds:
         held = self.held
         return [last.residuals] + ([] if held is None else [held.residuals(of_the_car(values))])
 
-    def _parts(self, residuals: Sequence[np.ndarray]) -> list[tuple[Problem, np.ndarray]]:
-        return list(zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True))
-
-    def _energy(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, float, float]:
-        """Mean square in units of the noise, as how many independent values it counts, and how many episodes long it is."""
-        total = rows = count = 0.0
-        for (p, r), length in zip(self._parts(residuals), self._lengths, strict=True):
+    def _square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
+        """Mean square in units of the noise, and of how many values."""
+        total, rows = 0.0, 0
+        for p, r in zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True):
             mine = dict(p.used()).get(channel)
             if mine is not None:
                 total, rows = total + float(r[mine] @ r[mine]), rows + int(mine.sum())
-                count += int(mine.sum()) / length[channel]
-        return total / max(rows, 1.0), count, rows * BLOCK / EPISODE
+        return total / max(rows, 1), rows
 
 
 def ln_odds(probability: float) -> float:
@@ -137,9 +122,11 @@ def explained(
     if naming.named and naming.closed < LEAST_TOGETHER:
         little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
-    asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
+    # names that close most of the gap stay: a formula is asked beside them
+    alone = naming.named and not naming.closes_most
+    asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if alone else [])]
     fits = [polished(problem, n.final) for n in asked]
-    worlds = Worlds(fits[-1], problem, held)
+    worlds = Worlds(problem, held)
 
     def formula(k: int) -> Discovery:
         beside = ", ".join(m.effect.id for m in asked[k].named)

@@ -1,292 +1,291 @@
-"""The sets of effects that the logs speak for, and how likely each is: evidence by Laplace's method, sets found by adding, leaving
-out and exchanging one effect at a time.
+"""The sets of effects that the logs speak for, and how likely each is.
 
-ln evidence of a set = sum over channels of power x ln likelihood of the residuals under the most probable discrepancy (noise.py),
-    biases integrated, + ln prior of what is fitted, at the best fit,
-    + 1/2 ln det(2 pi H^-1), H the curvature there,
+ln evidence of a set = sum over channels of ln likelihood at the best fit
+    + ln prior of what is fitted there + 1/2 ln det(2 pi H^-1), H the curvature
     + ln prior odds of its effects.
-The best fit is that of identify. A discrepancy is found anew for every set: a set that explains more leaves less of it. The
-powers (Layout.trust) are those of the set that leaves least, the same for all.
+
+The likelihood goes with the scales of the fit (identify/fit.py): a residual of rms r counts
+with sd^2 = noise^2 + (r^2 - noise^2) V, V values in MODEL_TIME, so that
+    d ln L/d(sum of squares) = -1/(2 sd^2),
+    ln L = -n/(2 V) ln(1 + V (r^2/noise^2 - 1)),
+and down to the noise as where r = LASTING noise beyond it: no model is nearer to a car.
+
+All strengths are unknowns of every fit, small where an effect is not there. So one fit has
+the slopes of all effects, and the evidence of other sets follows by linear algebra (Around).
+Sets that are likeliest there are fitted in turn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from tse.impl.gap.catalogue import Parameter
-from tse.impl.gap.infer import engine, noise
-from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal, start_of
-from tse.impl.gap.infer.space import REACH, Layout, Space, raw, slopes
-from tse.impl.gap.parallel import apart
-from tse.impl.identify.discrepancy import Discrepancy, without_bias
+from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal
+from tse.impl.gap.infer.space import LASTING, Space
+from tse.impl.gap.problem import Problem
+from tse.impl.identify import fit as engine
+from tse.impl.identify.data import BLOCK
 
-REFIT = 5  # candidates of a screening that are fitted in full
-SWAPS = 3  # candidates that are asked to stand in for an effect
-MOST_EFFECTS = 8  # of a set
-PASSES = 2  # of adding, leaving out and exchanging
-MOST_STEPS = 12  # of a fit while sets are compared
-AHEAD = 1  # effects that may come to no good before the next one does
-WORTH = 0.5  # nats: a set that is better by less is no reason to go on
-FAR = 12.0  # nats: candidates that a screening puts further behind nothing are not fitted
-SHARE = 0.5  # of what an effect is worth by the screening: what is worth less is not asked to stand in for it
+MOST_EFFECTS = 12  # of a set
+MOST_ROUNDS = 12  # fits of ever better sets
+AT_ONCE = 2  # changes of a set between two fits
+RIVALS = 2  # sets that are fitted in place of each effect
+FAR = 12.0  # nats: sets that are less likely by this are not fitted
+WORTH = 0.1  # nats: a set that is better by less is no better
+PAIRED = 8  # effects, the most promising alone, that are asked with a second one
+WEIGHINGS = 4  # of channels, for one set
 
 
 @dataclass
 class Judged:
-    """A set of effects, fitted."""
+    """A set of effects, fitted, or judged by the slopes of another one's fit."""
 
     effects: tuple[Hypothesis, ...]
-    space: Space
-    x: np.ndarray
-    noise: dict[str, Discrepancy]
-    residuals: list[np.ndarray]
-    likelihood: dict[str, float]  # ln, by channel
-    gram: dict[str, np.ndarray]  # by channel: slopes' slopes, whitened
-    prior: float  # ln, of what is fitted and of the effects
-    left: dict[str, noise.Left]  # by channel
-    converged: bool
+    values: dict[str, float]
+    covariance: np.ndarray  # of the values
+    evidence: float  # ln, with the prior odds of the set
+    space: Space | None = None  # None: judged by slopes
+    fit: engine.Fit | None = None
 
     @property
     def ids(self) -> frozenset[str]:
         return frozenset(h.id for h in self.effects)
 
     @property
-    def values(self) -> dict[str, float]:
-        return self.space.values(self.x)
-
-    @property
-    def information(self) -> np.ndarray:
-        return sum(self.space.power[c] * g for c, g in self.gram.items()) + self.space.information
-
-    @property
-    def evidence(self) -> float:
-        """ln, with the prior odds of the set."""
-        power = self.space.power
-        total = self.prior + sum(power[c] * x for c, x in self.likelihood.items())
-        return total + 0.5 * float(np.log(np.diag(self.space.information)).sum() - np.linalg.slogdet(self.information)[1])
+    def converged(self) -> bool:
+        return self.fit is not None and self.fit.converged
 
     def sd(self) -> dict[str, float]:
-        return dict(zip(self.space.names, np.sqrt(np.diag(np.linalg.inv(self.information))), strict=True))
+        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)), strict=True))
+
+
+def together() -> float:
+    """Return V: how many values an error of the model lasts."""
+    return engine.MODEL_TIME / BLOCK
+
+
+def ln_likelihood(square: float, count: int) -> float:
+    """Return it of a channel. `square`: mean of its residuals', in units of the noise."""
+    more = square - 1.0 - LASTING**2
+    least = 1.0 + together() * LASTING**2
+    return -0.5 * count * (float(np.log(least + together() * max(more, 0.0))) / together() + min(more, 0.0) / least)
+
+
+def ln_sizes(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
+    """Return prior odds of effects and what their sizes cost, over the priors that a fit takes for them."""
+    total = 0.0
+    for h in effects:
+        total += h.odds + h.ln_prior(values) - sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
+    return total
+
+
+def judge(
+    problem: Problem,
+    asked: Sequence[Hypothesis],
+    members: Collection[str],
+    start: Mapping[str, float],
+    like: Judged | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Judged:
+    """Fit a set of effects. `like`: a set whose slopes its fit begins with; None: they are simulated."""
+    space = Space(problem, asked, members)
+    x = space.at(start)
+    tables = _tables_of(space, like) if like is not None else None
+    found = engine.fit(space, x, near=bool(start), tables=tables)
+    values = space.values(found.search)
+    away = found.search - space.mean
+    evidence = sum(ln_likelihood(*_square(space, found, c)) for c in space.channels)
+    evidence -= 0.5 * float(away @ space.information @ away)
+    evidence -= float(np.log(space.sd).sum()) + 0.5 * float(np.linalg.slogdet(found.equations.information)[1])
+    evidence += ln_sizes(space.effects, values)
+    return Judged(space.effects, values, found.covariance, evidence, space, found)
+
+
+def _square(space: Space, found: engine.Fit, channel: str) -> tuple[float, int]:
+    """Return the mean square of the residuals of a channel, and of how many; a large one counts as its size."""
+    e = np.concatenate([r for r, (_, c) in zip(found.residuals, space.groups, strict=True) if c == channel])
+    end = engine.HUBER * found.scales[channel].rms
+    return float(np.mean(np.abs(e) * np.minimum(np.abs(e), end))), len(e)
+
+
+def _tables_of(space: Space, like: Judged) -> list[np.ndarray]:
+    """Return slopes of another set for this one; of a shape that it has not, nothing."""
+    assert like.space is not None and like.fit is not None
+    place = {n: k for k, n in enumerate(like.space.names)}
+    found = []
+    for table in like.fit.slopes[0]:
+        mine = np.zeros((len(table), len(space.names)))
+        for k, n in enumerate(space.names):
+            if n in place:
+                mine[:, k] = table[:, place[n]]
+        found.append(mine)
+    return found
+
+
+class Around:
+    """The evidence of all sets by the slopes of one fit."""
+
+    def __init__(self, judged: Judged):
+        assert judged.space is not None and judged.fit is not None
+        self.judged, self.space = judged, judged.space
+        self._x = judged.fit.search
+        size = len(self._x)
+        self._count, self._square = (np.zeros(len(self.space.channels)) for _ in range(2))
+        self._gradient = np.zeros((len(self.space.channels), size))
+        self._gram = np.zeros((len(self.space.channels), size, size))
+        for e, table, (_, c) in zip(judged.fit.residuals, judged.fit.slopes[0], self.space.groups, strict=True):
+            k = self.space.channels.index(c)
+            weight = np.minimum(1.0, engine.HUBER * judged.fit.scales[c].rms / np.maximum(np.abs(e), 1e-300))
+            self._count[k] += len(e)
+            self._square[k] += float(e @ (weight * e))
+            self._gradient[k] += table.T @ (weight * e)
+            self._gram[k] += table.T @ (weight[:, None] * table)
+        self._first = np.array([1.0 / self._sd2(k, self._square[k]) for k in range(len(self._count))])
+        self._here = 0.0
+        self._here = judged.evidence - self.judge(judged.ids).evidence
+
+    def _sd2(self, k: int, square: float) -> float:
+        return 1.0 + together() * max(square / self._count[k] - 1.0, LASTING**2)
+
+    def judge(self, members: frozenset[str]) -> Judged:
+        """Return another set."""
+        space = self.space
+        effects = tuple(h for h in space.asked if h.id in members)
+        mean, sd = space.prior(members)
+        there = {p.name for h in effects for p in h.effect.fitted}
+        for k, p in enumerate(space.parameters):  # a shape of what is not there stays
+            if not p.strength and p.name not in there:
+                mean[k], sd[k] = self._x[k], 1e-6
+        precision, weights = sd**-2, self._first
+        for _ in range(WEIGHINGS):
+            information = np.einsum("k,kij->ij", weights, self._gram) + np.diag(precision)
+            gradient = weights @ self._gradient + precision * (self._x - mean)
+            factor = cho_factor(information)
+            x = np.clip(self._x - cho_solve(factor, gradient), space.low, space.high)
+            by = x - self._x
+            square = self._square + 2.0 * self._gradient @ by + np.einsum("i,kij,j->k", by, self._gram, by)
+            weights = np.array([1.0 / self._sd2(k, s) for k, s in enumerate(square)])
+        evidence = self._here + sum(ln_likelihood(s / n, int(n)) for s, n in zip(square, self._count, strict=True))
+        evidence -= 0.5 * float(precision @ (x - mean) ** 2)
+        evidence -= float(np.log(sd).sum() + np.log(np.diag(factor[0])).sum())
+        values = space.values(x)
+        evidence += ln_sizes(effects, values)
+        slope = space.ln_slope(x)
+        return Judged(effects, values, cho_solve(factor, np.eye(len(x))) * np.outer(slope, slope), evidence)
 
 
 @dataclass
 class Search:
     """All sets that were looked at."""
 
-    layout: Layout
+    problem: Problem
     asked: Sequence[Hypothesis]
-    jobs: int = 1
     say: Callable[[str], None] = lambda _: None
-    known: dict[frozenset[str], Judged] = field(default_factory=dict)
+    known: dict[frozenset[str], Judged] = field(default_factory=dict)  # fitted
+    near: dict[frozenset[str], Judged] = field(default_factory=dict)  # judged by the slopes of the best
 
-    def __post_init__(self) -> None:
-        self.nothing: list[np.ndarray] = []  # residuals without any effect
-
-    # ---- one set
-
-    def judge(self, ids: Iterable[str], start: Mapping[str, float], parent: Judged | None = None) -> Judged:
-        """The set, fitted from `start` unless it was before."""
+    def judge(self, ids: Collection[str], start: Mapping[str, float], like: Judged | None = None) -> Judged:
+        """Return a set, fitted from `start` unless it was before."""
         key = frozenset(ids)
         if key not in self.known:
-            self.known[key] = self._judged((key, start, parent))
+            self.say(f"trying {', '.join(sorted(key)) or 'nothing'}")
+            self.known[key] = judge(self.problem, self.asked, key, start, like)
         return self.known[key]
 
-    def judge_all(self, asked: Sequence[tuple[frozenset[str], Mapping[str, float], Judged]]) -> list[Judged]:
-        """Many sets, each from what another one had."""
-        new = list({ids: (ids, start, parent) for ids, start, parent in asked if ids not in self.known}.values())
-        for (ids, start, _), j in zip(new, apart(self.jobs, self._judged, new, _light), strict=True):
-            if j.space is None:
-                j.effects = tuple(h for h in self.asked if h.id in ids)
-                j.space = Space(self.layout, j.effects, start)
-            self.known[ids] = j
-        return [self.known[ids] for ids, _, _ in asked]
-
-    def _judged(self, asked: tuple[frozenset[str], Mapping[str, float], Judged | None]) -> Judged:
-        ids, start, parent = asked
-        return judge(self.layout, [h for h in self.asked if h.id in ids], start, parent)
-
-    # ---- the search
-
     def run(self) -> Judged:
-        """The most probable set that adding, leaving out and exchanging finds."""
-        best, seen = self.judge((), {}), set()
-        self.nothing = best.space.physical(best.x)
-        while best.ids not in seen and len(seen) < PASSES:
-            seen.add(best.ids)
-            self._swapped(self._pruned(self._grown(best)))
+        """Return the most probable set."""
+        best = self.judge((), {})
+        while True:
+            best = self._climbed(best)
+            self._rivals(best)
+            likeliest = max(self.all().values(), key=lambda j: j.evidence)
+            if likeliest.evidence < best.evidence + WORTH:
+                return best
+            self.judge(likeliest.ids, likeliest.values)
             best = max(self.known.values(), key=lambda j: j.evidence)
-        return best
 
-    def _grown(self, best: Judged) -> Judged:
-        there, behind = best, 0
-        while len(there.effects) < MOST_EFFECTS and behind <= AHEAD:
-            found = screen(self.layout, there, [h for h in self.asked if h.id not in there.ids])
-            promising = [f for f in found[:REFIT] if f[0] >= -FAR]
-            ask = [(there.ids | {h.id}, there.values | start, there) for _, h, start in promising]
-            self.say(f"effect {len(there.effects) + 1}: trying {', '.join(h.id for _, h, _ in promising)}")
-            tried = self.judge_all(ask)
-            self._trust()
-            there = max(tried, key=lambda j: j.evidence, default=None)
-            if there is None:
+    def _climbed(self, best: Judged) -> Judged:
+        """Return the best set that adding, leaving out and exchanging effects reaches."""
+        for _ in range(MOST_ROUNDS):
+            around = Around(best)
+            self.near = {}
+            there = self._best_near(around, best.ids, AT_ONCE)
+            if there == best.ids:
                 break
-            if there.evidence < best.evidence + WORTH:
-                behind += 1
-            else:
-                best, behind = there, 0
-                best = there = self._explained(best)
+            new = there - best.ids
+            tried = self.judge(there, self._seen(around, there).values)
+            tried = max([tried, *self._alike(tried, new)], key=lambda j: j.evidence)
+            if tried.evidence > best.evidence:
+                best = tried
         return best
 
-    def _trust(self) -> None:
-        """By what the set that leaves least leaves, channel by channel."""
-        self.layout.trust(self._least())
+    def _alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
+        """Fit what the catalogue calls alike in the place of some effects: where a size is not small, slopes do not show it."""
+        found = []
+        for h in judged.effects:
+            for o in h.effect.relatives if h.id in effects else ():
+                ids = judged.ids - {h.id} | {o}
+                if o not in judged.ids and any(o == a.id for a in self.asked):
+                    mine = {p.name for p in h.effect.fitted}
+                    found.append(self.judge(ids, {n: v for n, v in judged.values.items() if n not in mine}))
+        return found
 
-    def _least(self) -> dict[str, noise.Left]:
-        return {c: min((j.left[c] for j in self.known.values()), key=lambda x: x.wrong) for c in self.layout.channels}
+    def _rivals(self, best: Judged) -> None:
+        """Fit what could be in the place of each effect, or of none."""
+        around = Around(best)
+        for h in best.effects:
+            less = best.ids - {h.id}
+            others = [frozenset(less | {o.id}) for o in self.asked if o.id not in best.ids]
+            ranked = sorted((self._seen(around, s) for s in others), key=lambda j: -j.evidence)
+            for j in (self._seen(around, less), *ranked[:RIVALS]):
+                if j.ids == less or j.evidence > best.evidence - FAR:
+                    self.judge(j.ids, j.values, best)
+        for o in self.asked:
+            if o.id not in best.ids:
+                self._seen(around, best.ids | {o.id})
 
-    def _explained(self, best: Judged) -> Judged:
-        """From here on what the set does is known to the catalogue's forms only: all sets are judged anew."""
-        self.layout.explains(self.nothing, best.space.physical(best.x), best.values)
-        least = self._least()
-        self.known.clear()
-        again = self.judge(best.ids, best.values, best)
-        self.judge((), best.values, again)  # nothing is missing: always one of the answers, also where taking one away is worse
-        self.layout.trust({c: min(least[c], again.left[c], key=lambda x: x.wrong) for c in least})
-        return again
+    def _seen(self, around: Around, ids: frozenset[str]) -> Judged:
+        """Return a set as it was fitted, else by slopes."""
+        if ids in self.known:
+            return self.known[ids]
+        if ids not in self.near:
+            self.near[ids] = around.judge(ids)
+        return self.near[ids]
 
-    def _pruned(self, best: Judged) -> Judged:
-        while best.effects:
-            self.say(f"is each of {', '.join(h.id for h in best.effects)} still needed?")
-            without = self.judge_all([(best.ids - {h.id}, best.values, best) for h in best.effects])
-            there = max(without, key=lambda j: j.evidence)
-            if there.evidence < best.evidence:
+    def _best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
+        """Return the best set that so many changes lead to, each the best one."""
+
+        def worth(ids: frozenset[str]) -> float:
+            return self._seen(around, ids).evidence
+
+        best = start
+        for _ in range(changes):
+            out = [h.id for h in self.asked if h.id not in best]
+            near = [best - {i} for i in best]
+            if len(best) < MOST_EFFECTS:
+                near += [best | {o} for o in out]
+            near += [best - {i} | {o} for i in best for o in out]
+            there = max(near, key=worth)
+            if worth(there) < worth(best) + WORTH:
+                first = sorted(out, key=lambda o: -worth(best | {o}))[:PAIRED]
+                near = [best | {a, b} for a in first for b in out if a != b]
+                near += [best - {i, k} | {o} for i in best for k in best if i < k for o in out]
+                there = max(near, key=worth, default=best)
+            if worth(there) < worth(best) + WORTH:
                 break
             best = there
         return best
 
-    def _swapped(self, best: Judged) -> Judged:
-        there = best
-        for h in best.effects:
-            without = self.known[best.ids - {h.id}]
-            found = screen(self.layout, without, [o for o in self.asked if o.id not in without.ids])
-            own = next((g for g, o, _ in found if o is h), 0.0)
-            found = [f for f in found if f[1] is not h and f[0] >= min(own - FAR, SHARE * own)]
-            ask = found[:SWAPS] + [f for f in found[SWAPS:] if f[1].id in h.effect.relatives]
-            self.say(f"what could be in the place of {h.id}?")
-            tried = self.judge_all([(without.ids | {o.id}, without.values | start, without) for _, o, start in ask])
-            there = max([there, *tried], key=lambda j: j.evidence)
-        return there
-
-    # ---- what came of it
-
     def probabilities(self) -> dict[frozenset[str], float]:
-        """Of the sets that were looked at."""
-        sets = list(self.known.values())
-        ln = np.array([j.evidence for j in sets])
+        """Return those of all sets that were looked at."""
+        sets = self.all()
+        ln = np.array([j.evidence for j in sets.values()])
         weight = np.exp(ln - ln.max())
-        return {j.ids: float(w) for j, w in zip(sets, weight / weight.sum(), strict=True)}
+        return dict(zip(sets, map(float, weight / weight.sum()), strict=True))
 
-
-def _light(judged: Judged) -> Judged:
-    """Without what the process that asked has, too."""
-    return replace(judged, effects=(), space=None)
-
-
-def judge(layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, float], parent: Judged | None) -> Judged:
-    """Fit a set of effects and say what it is worth."""
-    kick = {p.name: start_of(p) for h in effects for p in h.effect.fitted}
-    space = Space(layout, effects, kick | dict(start))
-    if parent:
-        space.knows(parent.noise, parent.residuals)
-    found = engine.fit(space, space.first, parent.noise if parent else None, most=MOST_STEPS, chords=True)
-    residuals, found.x = found.residuals, space.centred(found.x)
-    gram = {c: np.zeros((len(found.x), len(found.x))) for c in space.channels}
-    for table, (_, c) in zip(found.slopes, space.groups, strict=True):
-        gram[c] += table.T @ table / space.power[c]
-    away = (found.x - space.mean) / space.sd
-    values = space.values(found.x)
-    prior = -0.5 * float(away @ away)
-    for h in space.effects:
-        prior += h.odds + h.ln_prior(values) - sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
-    likelihood = {c: noise.worth(found.noise[c], noise.Series.of(space.pieces(residuals, c))) for c in space.channels}
-    left = {c: noise.Left.of(found.noise[c], space.pieces(residuals, c)) for c in space.channels}
-    return Judged(space.effects, space, found.x, found.noise, residuals, likelihood, gram, prior, left, found.converged)
-
-
-def screen(layout: Layout, current: Judged, candidates: Sequence[Hypothesis]) -> list[tuple[float, Hypothesis, dict[str, float]]]:
-    """Every candidate in a linearisation around a fit: (ln evidence over the fit's, candidate, start values), the most promising
-    first: those that are best if what is left is a discrepancy as it was found, and those that are if it is all theirs, in turn."""
-    parameters: list[Parameter] = [p for h in candidates for p in h.effect.fitted]
-    space = current.space
-    physical = space.physical(current.x)
-    kick = {p.name: start_of(p) for h in candidates for p in h.effect.fitted}
-    tables = [np.zeros((len(b), 0)) for b in physical]
-    for h in candidates:  # a shape does nothing while its strength is nothing: around a third of the typical size
-        at, strengths, shapes = current.values, h.effect.strengths, h.effect.shapes
-        middle = {p.name: kick[p.name] for p in shapes}
-        found = slopes(layout, at | middle, physical, strengths, REACH)
-        if shapes:
-            there = at | {p.name: kick[p.name] for p in h.effect.fitted}
-            more = slopes(layout, there, layout.split(raw(layout.problem, there)), shapes)
-            found = [np.column_stack([a, b]) for a, b in zip(found, more, strict=True)]
-        tables = [np.column_stack([t, f]) for t, f in zip(tables, found, strict=True)]
-    steep = space.slopes(current.x, current.residuals)
-    lists = []
-    for share in (1.0, 0.0):
-        noise_of = {c: replace(d, share=max(share * d.share, noise.RANGES[1][0])) for c, d in current.noise.items()}
-        lists.append(_screened(layout, current, candidates, parameters, tables, steep, noise_of))
-    found: dict[str, tuple[float, Hypothesis, dict[str, float]]] = {}
-    for pair in zip(*lists, strict=True):
-        for one in pair:
-            found.setdefault(one[1].id, one)
-    return list(found.values())
-
-
-def _screened(
-    layout: Layout,
-    current: Judged,
-    candidates: Sequence[Hypothesis],
-    parameters: Sequence[Parameter],
-    tables: list[np.ndarray],
-    steep: list[np.ndarray],
-    noise_of: dict[str, Discrepancy],
-) -> list[tuple[float, Hypothesis, dict[str, float]]]:
-    """One of the two lists of screen(). What discrepancies would be without what a candidate explains is taken from how much it
-    explains of each channel."""
-    space = current.space
-    r, j = engine.whitened(space, noise_of, current.residuals, steep)
-    white = []
-    for g, (_, channel) in enumerate(layout.groups):
-        piece = space.piece(g, current.residuals[g])
-        z = noise_of[channel].whiten(piece, np.column_stack([piece.bias, tables[g]]))[0]
-        white.append(space.power[channel] ** 0.5 * without_bias(z[:, 1:], z[:, 0]))
-    q_of = np.linalg.qr(np.vstack([*j, np.diag(1.0 / space.sd)]))[0]
-    stacked = np.vstack([*white, np.zeros((len(current.x), len(parameters)))])
-    own = stacked - q_of @ (q_of.T @ stacked)
-    target = np.concatenate([*r, np.zeros(len(current.x))])
-    target = target - q_of @ (q_of.T @ target)
-    channel_of = np.concatenate([np.repeat(layout.channels.index(c), len(x)) for x, (_, c) in zip(r, layout.groups, strict=True)])
-    found, k = [], 0
-    for h in candidates:
-        mine = h.effect.fitted
-        a = own[:, k : k + len(mine)]
-        k += len(mine)
-        begin = {p.name: p.default if p.strength else start_of(p) for p in mine}
-        if not np.isfinite(a).all() or not np.abs(a).max() > 0:
-            found.append((-np.inf, h, {p.name: start_of(p) for p in mine}))
-            continue
-        information = a.T @ a + np.diag([fit_prior(p)[1] ** -2 for p in mine])
-        x = -np.linalg.solve(information, a.T @ target)
-        start = {p.name: float(np.clip(begin[p.name] + v, p.low, p.high)) for p, v in zip(mine, x, strict=True)}
-        start = {p.name: start[p.name] if p.strength else begin[p.name] for p in mine}
-        before, after = (y[: len(channel_of)] for y in (target, target + a @ x))
-        n = len(h.effect.strengths)
-        gain = h.odds + h.ln_prior(start) + 0.5 * (n * np.log(2 * np.pi) - float(np.linalg.slogdet(information[:n, :n])[1]))
-        for c, channel in enumerate(layout.channels):
-            rows = channel_of == c
-            one, two = (float(y[rows] @ y[rows]) for y in (before, after))
-            gain += 0.5 * space.power[channel] * int(rows.sum()) * np.log(max(one, 1e-300) / max(two, 1e-300))
-        found.append((float(gain), h, start))
-    return sorted(found, key=lambda f: -f[0])
+    def all(self) -> dict[frozenset[str], Judged]:
+        """Return all sets, fitted where they were."""
+        return self.near | self.known

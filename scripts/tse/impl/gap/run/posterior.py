@@ -1,28 +1,24 @@
 """How well the improved car is known: the covariance of its stiffness, of what was named, and of what every car has a little of and
 these logs did not show, which moves no mean and widens the others.
 
-The covariance is that of the engine of the search (infer/engine.py) at the values that
-stand: residuals are as correlated as the discrepancy of their channel, and pieces that
-contradict each other make it wider. The prior of what has no name is what the vehicle
+The covariance is that of the fit (identify/fit.py) at the values that stand. The prior of what has no name is what the vehicle
 file says of it in [uncertainty], or its class."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tse.impl.core import NOMINAL
 from tse.impl.gap.catalogue import Key, catalogue
-from tse.impl.gap.fit import Fit, gap
-from tse.impl.gap.infer import engine
-from tse.impl.gap.infer.formula_search import NOISE_LIMIT
+from tse.impl.gap.fit import NOISE_LIMIT, Fit, gap
 from tse.impl.gap.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
-from tse.impl.gap.infer.space import Layout, Space
+from tse.impl.gap.infer.space import Space
 from tse.impl.gap.problem import Problem
-from tse.impl.identify.discrepancy import found as likeliest
+from tse.impl.identify import fit as engine
 from tse.impl.identify.slip import STIFFNESS, longitudinal
 from tse.impl.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
 from tse.impl.identify.vehicle_file import model_sd
@@ -94,19 +90,17 @@ def posterior(
     problem = bare.holding(settings)
 
     def fitted_at(problem: Problem) -> tuple[Space, np.ndarray, engine.Fit]:
-        space = Space(Layout(problem), effects)
+        space = Space(problem, effects, [h.id for h in effects])
         start = problem.nominal | problem.fixed
         at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
         space.sd = np.array([sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)])
-        space.mean, space.information = at, np.diag(space.sd**-2)
-        return space, at, engine.fit(space, at, most=0)
+        space.mean, space.information = space.to_search(at), np.diag(space.sd**-2)
+        return space, at, engine.fit(space, space.mean, most=0, near=True)
 
     space, at, found = fitted_at(problem)
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
-    # the discrepancy as calibration has it: that of the search has other limits, for residuals that are nearly noise
     there, _, alone = fitted_at(bare) if settings else (space, at, found)
-    yaw = there.pieces(alone.residuals, "yaw_rate")
-    left = model_sd(there, replace(alone, noise={"yaw_rate": likeliest(yaw)} if yaw else {}), vehicle.values.get("model_sd", 0.0))
+    left = model_sd(there, alone.residuals, vehicle.values.get("model_sd", 0.0))
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
     if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
         k = [space.names[k] for k in car].index(STIFFNESS)

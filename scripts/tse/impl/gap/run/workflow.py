@@ -14,12 +14,12 @@ from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.formula import Formula
 from tse.impl.gap.catalogue import Key, catalogue, of_the_car
-from tse.impl.gap.fit import Change, Fit, compare, excess, gap
+from tse.impl.gap.fit import NOISE_LIMIT, Change, Fit, compare, excess, gap
 from tse.impl.gap.infer import detect, remainder, where
 from tse.impl.gap.infer import formula_search as search
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.excerpt import excerpt, is_long
-from tse.impl.gap.infer.formula_search import NOISE_LIMIT, Discovery
+from tse.impl.gap.infer.formula_search import Discovery
 from tse.impl.gap.infer.hypotheses import NAME_AT, known_of
 from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
@@ -29,7 +29,6 @@ from tse.impl.gap.problem import Problem
 from tse.impl.gap.run.stages import Stage, calibrated, stages
 from tse.impl.identify.data import Prepared, in_time, prepare
 from tse.impl.identify.knots import PROFILES
-from tse.impl.identify.unknowns import SUPERELEVATION
 from tse.impl.logs.agree import read_agreeing
 from tse.impl.road import Road
 from tse.impl.road_match import along, on_road
@@ -39,8 +38,6 @@ from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehic
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
 LIKELY = 0.5  # probability from which an effect without a name forbids an all-clear
-# of what roads leave of the gap, that the names of the car close where something else is left: fewer are no answer
-LEAST_NAMED = 0.5
 FIT, HELD_OUT = "fit", "held_out"  # parts of the logs
 
 
@@ -309,11 +306,8 @@ def judge(
     naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
     words = [_sentence(n, found.most_laps) for n in naming.named]
-    roads = sum(n.share for n in naming.named if n.effect.id in (*PROFILES, SUPERELEVATION))
-    by_car = naming.closed - roads
-    enough = by_car > LEAST_NAMED * max(1.0 - roads, 0.0)
     likely = [p for p in naming.possible if p["probability"] >= LIKELY]
-    if naming.named and (enough or not (remains or formula)) and not (formula and elsewhere):
+    if naming.named and (naming.closes_most or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
     elif remains or formula or elsewhere:
         verdict = "not_in_catalogue"
@@ -417,12 +411,20 @@ def _sentence(n: Named, laps: int = 1) -> str:
         if units[k].strength
     )
     possibly = "possibly " if n.probability < NAME_AT else ""
-    text = f"{possibly}{n.title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
+    text = f"{possibly}{n.title} ({n.effect.id}): {sizes}{_of_axles(n)}; probability {_percent(n.probability)}"
     closes = f"{100 * n.share:.0f} %" if n.share >= 0.005 else "less than 1 %"
     text += f", it closes {closes} of the gap." if n.share else "."
     if n.look_alikes:
         text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
     return text
+
+
+def _of_axles(n: Named) -> str:
+    """Return the friction of each axle, where they differ."""
+    inverse, balance = (n.values.get(f"tyre_saturation_{k}", 0.0) for k in ("inverse_friction", "balance"))
+    if not inverse or not balance:
+        return ""
+    return f", friction {1.0 / (inverse * (1.0 + balance)):.2f} in front and {1.0 / (inverse * (1.0 - balance)):.2f} in the rear"
 
 
 def _percent(p: float) -> str:
