@@ -57,7 +57,7 @@ mypy() { .venv/bin/mypy --config-file scripts/pyproject.toml; }
 python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
   # a process that crashes is not started again: pytest-xdist would run the test that crashes again and again
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
-    ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 -r s tests
+    ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 -r sfE tests
 }
 
 step ruff ruff

@@ -2,6 +2,8 @@
 
 import os
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # processes share the cores; before numpy is loaded
+
 import pytest
 
 # The longest first, so that no process ends long after the others. A file stays together, for the sake of its fixtures; files of

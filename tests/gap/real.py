@@ -13,6 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command has it
+
 import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[2]
