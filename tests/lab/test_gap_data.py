@@ -230,7 +230,7 @@ class Clean:
         size = {told["parameter"]: times * told["smallest"]}
         (log,), config, rng = self.problem.logs, self.problem.config, np.random.default_rng(HIDE_SEED)
         columns = {"time": log.time} | {k: self.log.data[k].to_numpy(float) for k in log.inputs}
-        hidden = simulate(self.problem.model(size), log, MEASURES, self.problem.stiffness(size, 0), {})
+        hidden = simulate(self.problem.model(size), log, MEASURES, self.problem.stiffness(size), {})
         for c, x in hidden.items():
             bias = getattr(config, f"{c}_bias_sd") * rng.standard_normal()
             columns[c] = x + bias + getattr(config, f"{c}_sd") * rng.standard_normal(len(x))
@@ -244,7 +244,7 @@ class Clean:
 def clean(tmp_path_factory) -> Clean:
     folder = tmp_path_factory.mktemp("detect")
     vehicle = car(folder)
-    log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=12.0)
+    log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=30.0)
     result = workflow.run([log], vehicle)
     assert result.verdict == "none"
     told = json.loads(json.dumps(plain(result.as_json()), allow_nan=False))["undetectable"]

@@ -11,15 +11,15 @@ from tse.impl.core import library
 
 @dataclass(frozen=True)
 class Own:
-    """What a fitted number that is one log's own goes by: its stiffness over the car's, or a value of the profile of its road.
-    Numbers of the car go by the name of their setting."""
+    """What a value of the profile of a log's road goes by. Numbers of the car go by the name
+    of their setting."""
 
-    of: str  # a stiffness, or an effect of the road
+    of: str  # an effect of the road
     log: int
-    knot: int | None = None  # of a profile: which of its values
+    knot: int  # which of its values
 
     def __str__(self) -> str:
-        return f"{self.of}@{self.log}" + ("" if self.knot is None else f":{self.knot}")
+        return f"{self.of}@{self.log}:{self.knot}"
 
 
 Key = str | Own

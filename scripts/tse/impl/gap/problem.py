@@ -152,10 +152,10 @@ class Problem:
         values = of_the_car(self.fixed | dict(values))
         return Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
 
-    def stiffness(self, values: Mapping[Key, float], i: int) -> dict[str, float]:
-        """Of log i, over the vehicle file's: the car's, and what is own to the log."""
+    def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
+        """Over the vehicle file's."""
         values = self.fixed | dict(values)
-        return {k: values.get(k, 1.0) + values.get(Own(k, i), 0.0) for k in NOMINAL}
+        return {k: values.get(k, 1.0) for k in NOMINAL}
 
     def later(self, values: Mapping[Key, float]) -> dict[str, float]:
         """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
@@ -173,7 +173,7 @@ class Problem:
         """Profiles of the road along a log, linear between their values."""
         values = self.fixed | dict(values)
         found = {}
-        own = [k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i]  # mostly none: this is asked often
+        own = [k for k in values if isinstance(k, Own) and k.log == i]  # mostly none: this is asked often
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):
@@ -184,7 +184,7 @@ class Problem:
         """What the model says, one value per entry of the residual vector, without bias."""
         config, later, parts = self.model(values), self.later(values), []
         for i, log in enumerate(self.logs):
-            simulated = simulate(config, log, log.channels, self.stiffness(values, i), self.profiles(values, i), later)
+            simulated = simulate(config, log, log.channels, self.stiffness(values), self.profiles(values, i), later)
             for channel in log.channels:  # means over the same rows as those of what was measured
                 missing = self._missing[i].get(channel)
                 x = simulated[channel] if missing is None else np.where(missing, np.nan, simulated[channel])
@@ -204,7 +204,7 @@ class Problem:
         later = self.later(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
         for i, log in enumerate(self.logs):
-            predicted = simulate(config, log, names, self.stiffness(values, i), self.profiles(values, i), later)
+            predicted = simulate(config, log, names, self.stiffness(values), self.profiles(values, i), later)
             for n in names:
                 parts[n].extend([blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}

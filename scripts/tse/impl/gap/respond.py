@@ -59,7 +59,7 @@ def responses(
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
     for i, (s, u) in enumerate(zip(at, forms, strict=True)):
-        for channel, x in _moved(c, problem.stiffness(values, i), s, place, u).items():
+        for channel, x in _moved(c, problem.stiffness(values), s, place, u).items():
             mine = (rows.log == i) & rows.of(channel)
             if mine.any():
                 change[mine] = x

@@ -47,17 +47,22 @@ def measure(pieces: Sequence[Piece]) -> Lasting:
     Values are about evenly spaced; over a gap between stretches nothing is counted."""
     step = float(np.median(np.concatenate([np.diff(p.time) for p in pieces])))
     centred = [p.residual - p.residual.mean() for p in pieces]
+
+    def pairs(lag: int, of: np.ufunc) -> np.ndarray:
+        both = zip(pieces, centred, strict=True)
+        return np.concatenate([_over(p, e, lag, step, of) for p, e in both])
+
     last = round(MOST_LAG / step)
     covariance = []
     for lag in range(last + 1):
-        products = np.concatenate([_over(p, e, lag, step, np.multiply) for p, e in zip(pieces, centred, strict=True)])
+        products = pairs(lag, np.multiply)
         if len(products) < FEWEST:
             break
         covariance.append(float(products.mean()))
     power = step * (0.5 * covariance[0] + _positive(np.array(covariance[1:]))) if covariance else 0.0
 
     def apart(lag: int) -> float:
-        found = np.concatenate([_over(p, e, lag, step, np.subtract) for p, e in zip(pieces, centred, strict=True)])
+        found = pairs(lag, np.subtract)
         return float(np.mean(found**2)) if len(found) >= FEWEST else np.nan
 
     short = max(1, round(SHORT / step))

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tse.impl.gap.catalogue import Effect, Parameter
-from tse.impl.gap.fit import Fit, lengths
+from tse.impl.gap.fit import Fit
 from tse.impl.gap.infer.hypotheses import threshold
+from tse.impl.gap.infer.search import variance
 from tse.impl.gap.infer.space import REACH
 from tse.impl.gap.problem import Problem
 from tse.impl.identify.knots import KNOT, PROFILES
@@ -43,11 +44,9 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
     parameters = [p for e in effects for p in problem.strengths(e)]
     slopes = problem.jacobian(current.values, current.residuals, parameters, REACH)
     q, _ = np.linalg.qr(current.jacobian)
-    length = lengths(problem, current.residuals)
     weight = np.zeros(len(current.residuals))
-    for channel, t in length.items():
-        rows = problem.rows.of(channel)
-        weight[rows] = 1.0 / (t * max(float(np.mean(current.residuals[rows] ** 2)), 1e-12))
+    for _, rows in problem.used():
+        weight[rows] = 1.0 / variance(float(np.mean(current.residuals[rows] ** 2)))
     found, k = [], 0
     for e in effects:
         mine = problem.strengths(e)

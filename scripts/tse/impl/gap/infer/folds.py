@@ -17,7 +17,8 @@ PIECE = 10.0  # s: a manoeuvre or two
 
 
 def held_out(judged: Judged) -> dict[str, float]:
-    """Return the sum of squares that each channel keeps of folds that were not fitted, in units of the noise."""
+    """Return the sum of squares that each channel keeps of folds that were not fitted, in
+    units of the noise."""
     space, fit = judged.space, judged.fit
     assert space is not None and fit is not None
     folds = [(time // PIECE).astype(int) % FOLDS for time in space.time]

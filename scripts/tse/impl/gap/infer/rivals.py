@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from tse.impl.gap.catalogue import Own, of_the_car
+from tse.impl.gap.catalogue import of_the_car
 from tse.impl.gap.fit import Fit, fit
 from tse.impl.gap.infer import naming as name
 from tse.impl.gap.infer.formula_search import Discovery, discover, on_all
@@ -158,7 +158,6 @@ def explained(
 
 
 def polished(problem: Problem, last: Fit) -> Fit:
-    """The same by least squares, as formulas are fitted; without what is own to a log, but for its road."""
-    shared = {k: v for k, v in last.values.items() if not isinstance(k, Own) or k.knot is not None}
-    found = fit(problem.holding(shared), last.parameters, shared)
-    return replace(found, values=shared | found.values)
+    """The same by least squares, as formulas are fitted."""
+    found = fit(problem.holding(last.values), last.parameters, last.values)
+    return replace(found, values=last.values | found.values)

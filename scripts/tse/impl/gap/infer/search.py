@@ -8,7 +8,8 @@ The likelihood goes with the scales of the fit (identify/fit.py): a residual of 
 with sd^2 = noise^2 + (r^2 - noise^2) V, V values in MODEL_TIME, so that
     d ln L/d(sum of squares) = -1/(2 sd^2),
     ln L = -n/(2 V) ln(1 + V (r^2/noise^2 - 1)),
-and down to the noise as where r = LASTING noise beyond it: no model is nearer to a car.
+Where r^2 - noise^2 is below LASTING^2 noise^2, sd is that of LASTING: no model is nearer to
+a car than that.
 
 All strengths are unknowns of every fit, small where an effect is not there. So one fit has
 the slopes of all effects, and the evidence of other sets follows by linear algebra (Around).
@@ -67,28 +68,30 @@ def together() -> float:
     return engine.MODEL_TIME / BLOCK
 
 
+def variance(square: float) -> float:
+    """Return sd^2, in units of the noise, with which a residual of this mean square counts."""
+    return 1.0 + together() * max(square - 1.0, LASTING**2)
+
+
 def ln_likelihood(square: float, count: int) -> float:
-    """Return it of a channel. `square`: mean of its residuals', in units of the noise."""
+    """Return it of a channel. `square`: mean square of its residuals, in units of the noise."""
     more = square - 1.0 - LASTING**2
     least = 1.0 + together() * LASTING**2
-    return -0.5 * count * (float(np.log(least + together() * max(more, 0.0))) / together() + min(more, 0.0) / least)
+    above = float(np.log(least + together() * max(more, 0.0))) / together()
+    return -0.5 * count * (above + min(more, 0.0) / least)
 
 
 def ln_sizes(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
     """Return prior odds of effects and what their sizes cost, over the priors that a fit takes for them."""
     total = 0.0
     for h in effects:
-        total += h.odds + h.ln_prior(values) - sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
+        fitted = sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
+        total += h.odds + h.ln_prior(values) - fitted
     return total
 
 
 def judge(
-    problem: Problem,
-    asked: Sequence[Hypothesis],
-    members: Collection[str],
-    start: Mapping[str, float],
-    like: Judged | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    problem: Problem, asked: Sequence[Hypothesis], members: Collection[str], start: Mapping[str, float], like: Judged | None = None
 ) -> Judged:
     """Fit a set of effects. `like`: a set whose slopes its fit begins with; None: they are simulated."""
     space = Space(problem, asked, members)
@@ -105,7 +108,8 @@ def judge(
 
 
 def _square(space: Space, found: engine.Fit, channel: str) -> tuple[float, int]:
-    """Return the mean square of the residuals of a channel, and of how many; a large one counts as its size."""
+    """Return the mean square of the residuals of a channel, and of how many; a large one
+    counts as its size."""
     e = np.concatenate([r for r, (_, c) in zip(found.residuals, space.groups, strict=True) if c == channel])
     end = engine.HUBER * found.scales[channel].rms
     return float(np.mean(np.abs(e) * np.minimum(np.abs(e), end))), len(e)
@@ -136,19 +140,20 @@ class Around:
         self._count, self._square = (np.zeros(len(self.space.channels)) for _ in range(2))
         self._gradient = np.zeros((len(self.space.channels), size))
         self._gram = np.zeros((len(self.space.channels), size, size))
-        for e, table, (_, c) in zip(judged.fit.residuals, judged.fit.slopes[0], self.space.groups, strict=True):
+        parts = zip(judged.fit.residuals, judged.fit.slopes[0], self.space.groups, strict=True)
+        for e, table, (_, c) in parts:
             k = self.space.channels.index(c)
             weight = np.minimum(1.0, engine.HUBER * judged.fit.scales[c].rms / np.maximum(np.abs(e), 1e-300))
             self._count[k] += len(e)
             self._square[k] += float(e @ (weight * e))
             self._gradient[k] += table.T @ (weight * e)
             self._gram[k] += table.T @ (weight[:, None] * table)
-        self._first = np.array([1.0 / self._sd2(k, self._square[k]) for k in range(len(self._count))])
+        self._first = self._weights(self._square)
         self._here = 0.0
         self._here = judged.evidence - self.judge(judged.ids).evidence
 
-    def _sd2(self, k: int, square: float) -> float:
-        return 1.0 + together() * max(square / self._count[k] - 1.0, LASTING**2)
+    def _weights(self, square: np.ndarray) -> np.ndarray:
+        return np.array([1.0 / variance(s / n) for s, n in zip(square, self._count, strict=True)])
 
     def judge(self, members: frozenset[str]) -> Judged:
         """Return another set."""
@@ -167,8 +172,9 @@ class Around:
             x = np.clip(self._x - cho_solve(factor, gradient), space.low, space.high)
             by = x - self._x
             square = self._square + 2.0 * self._gradient @ by + np.einsum("i,kij,j->k", by, self._gram, by)
-            weights = np.array([1.0 / self._sd2(k, s) for k, s in enumerate(square)])
-        evidence = self._here + sum(ln_likelihood(s / n, int(n)) for s, n in zip(square, self._count, strict=True))
+            weights = self._weights(square)
+        evidence = self._here
+        evidence += sum(ln_likelihood(s / n, int(n)) for s, n in zip(square, self._count, strict=True))
         evidence -= 0.5 * float(precision @ (x - mean) ** 2)
         evidence -= float(np.log(sd).sum() + np.log(np.diag(factor[0])).sum())
         values = space.values(x)
@@ -223,7 +229,8 @@ class Search:
         return best
 
     def _alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
-        """Fit what the catalogue calls alike in the place of some effects: where a size is not small, slopes do not show it."""
+        """Fit what the catalogue calls alike in the place of some effects: slopes do not show
+        what is not small."""
         found = []
         for h in judged.effects:
             for o in h.effect.relatives if h.id in effects else ():

@@ -25,7 +25,8 @@ from tse.impl.noise import smooth
 STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
 ABSENT = 0.25  # sd of the strength of an effect that is not there, over the size that is negligible
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5  # of the noise of a block: the error of any model, rms
-REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
+# steps: a chord over a third of the typical size says more of an effect than its tangent at zero
+REACH = 15.0
 
 
 class Space:
@@ -165,8 +166,9 @@ class Space:
 
     def one_at_speed(self, g: int) -> np.ndarray:
         """Return the yaw rate of 1 m/s2 across, in units of the noise."""
-        speed = self.problem.config.wheel_radius_rear * self.problem.quantity("wheel_speed_rear")[self._rows[g]]
-        return self.problem.weight[self._rows[g]] / np.maximum(speed, SLOWEST)
+        problem, rows = self.problem, self._rows[g]
+        speed = problem.config.wheel_radius_rear * problem.quantity("wheel_speed_rear")[rows]
+        return problem.weight[rows] / np.maximum(speed, SLOWEST)
 
     @staticmethod
     def road_slopes(x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
