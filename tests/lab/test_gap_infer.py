@@ -398,6 +398,9 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     assert not bank.message
     assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._sentence(bank)
     assert "rms, the same on 3 laps (bank)" in workflow._sentence(bank, 3)
+    grade = Named(catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99)
+    assert "or accel_x wanders by 0.2 m/s2" in workflow._sentence(grade)
+    assert "wanders" not in workflow._sentence(grade, 2)  # a road is the same again, a sensor is not
     assert workflow._as_json(bank)["parameters"].keys() == {"angle"}
     delay = Named(catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0)
     assert delay.message and "logged late" in workflow._sentence(delay)
@@ -452,6 +455,15 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
     assert workflow.judge(found, [], [])[1] == 10
     assert workflow.judge(found, [], [], left)[1] == 20  # held-out logs that names and formula do not explain
     assert (code("body_roll", 0.0, [], 0.61), code("body_roll", 0.0, [], 0.3), code("body_roll", 0.0, left, 0.61)) == (11, 0, 20)
+
+
+def test_the_friction_of_each_axle_is_said_where_they_differ() -> None:
+    """1/(inverse friction (1 +- balance))."""
+    size = {"tyre_saturation_inverse_friction": 0.8, "tyre_saturation_balance": 0.2}
+    named = Named(catalogue()["tyre_saturation"], size, {k: (x - 0.01, x + 0.01) for k, x in size.items()}, 0.5, 40.0)
+    assert "friction 1.04 in front and 1.56 in the rear" in workflow._sentence(named)
+    same = replace(named, values=size | {"tyre_saturation_balance": 0.0})
+    assert "in the rear" not in workflow._sentence(same)
 
 
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:

@@ -33,7 +33,7 @@ from tse.impl.logs.agree import read_agreeing
 from tse.impl.road import Road
 from tse.impl.road_match import along, on_road
 from tse.impl.rows import Log, Reading
-from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
+from tse.impl.vehicle import GRAVITY, Vehicle, fill_sensors, latency_settings, read_vehicle
 
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
@@ -395,6 +395,8 @@ def _road_sentence(n: Named, laps: int) -> str:
     ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
     degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
     same = f", the same on {laps} laps" if laps > 1 else ""
+    if n.effect.id == "grade" and laps == 1:  # wheels give the speed: accel_x alone shows a grade
+        same = f", or accel_x wanders by {GRAVITY * size:.2g} m/s2, which one lap does not tell apart"
     return (
         f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees ({degrees}), rms{same} ({n.effect.id}); probability "
         f"{_percent(n.probability)}, it closes {100 * n.share:.0f} % of the gap."
