@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tse.impl.gap.catalogue import catalogue
 from tse.impl.gap.infer import rivals
 from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import Worlds, price_of
 from tse.impl.gap.infer.search import together
 from tse.impl.gap.infer.space import LASTING
@@ -27,7 +29,7 @@ def fit(rms):
 
 def naming(rms, *names):
     named = [SimpleNamespace(effect=SimpleNamespace(id=n), probability=1.0, whole=1.0) for n in names]
-    return SimpleNamespace(final=fit(rms), named=named, closes_most=False)
+    return SimpleNamespace(final=fit(rms), named=named)
 
 
 def formula(rms, length):
@@ -129,17 +131,19 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     assert kept[-1] == (frozenset(), "below 90 %") and names is nothing
 
 
-def test_names_that_close_most_of_the_gap_stay_whatever_a_formula_does_without_them(monkeypatch):
-    one = naming(3.0, "mass")
-    one.closes_most, one.closed = True, 0.9
-    better = SimpleNamespace(fit=fit(1.0), values={}, price=4.0, formula=SimpleNamespace(text="k*x"))
-    asked = []
-    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
-    monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
-    monkeypatch.setattr(rivals, "discover", lambda _p, last, *_: asked.append(last) or better)
-    _, names, shown = rivals.explained(problem(), None, one, lambda _: None)
-    assert asked == [one.final] and [n.effect.id for n in names.named] == ["mass"]
-    assert all(r["ids"] == ["mass"] for r in shown)
+def test_a_name_that_a_formula_leaves_nothing_of_is_not_kept(monkeypatch):
+    """Beside the formula its interval, as wide as before, holds zero."""
+    effect = catalogue()["gyro_scale"]
+    (p,) = effect.strengths
+    named = [Named(effect, {p.name: x}, {p.name: (x - 0.01, x + 0.01)}, 0.5, 40.0) for x in (0.02, 0.03)]
+    both = SimpleNamespace(named=named)
+    found = SimpleNamespace(fit=SimpleNamespace(values={p.name: 0.005}), formula=SimpleNamespace(text="k*x"))
+    fewer, kept = SimpleNamespace(named=[], final=None), []
+    monkeypatch.setattr(rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or fewer)
+    monkeypatch.setattr(rivals, "on_all", lambda _p, _last, discovery: discovery)
+    assert rivals.beside(None, both, found) == (found, fewer) and kept == [(frozenset(), rivals.INSTEAD)]
+    found.fit.values = {p.name: 0.02}
+    assert rivals.beside(None, both, found) == (found, both)
 
 
 def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):

@@ -65,6 +65,12 @@ class Named:
         return replace(self, values={k: v + by.get(k, 0.0) for k, v in self.values.items()}, ci95=ci95)
 
     @property
+    def holds_nothing(self) -> bool:
+        """Whether the 95 % interval of every strength holds its default."""
+        default = {p.name: p.default for p in self.effect.strengths if p.name in self.ci95}
+        return all(low <= default[k] <= high for k, (low, high) in self.ci95.items() if k in default)
+
+    @property
     def message(self) -> bool:
         """That a message is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU goes either
         way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""

@@ -122,9 +122,7 @@ def explained(
     if naming.named and naming.closed < LEAST_TOGETHER:
         little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
-    # names that close most of the gap stay: a formula is asked beside them
-    alone = naming.named and not naming.closes_most
-    asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if alone else [])]
+    asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
     fits = [polished(problem, n.final) for n in asked]
     worlds = Worlds(problem, held)
 
@@ -154,7 +152,20 @@ def explained(
         sure = frozenset(n.effect.id for n in named if n.whole >= NAME_AT)
         naming = name.without(problem, naming, sure, name.UNSURE)
         last = on_all(problem, naming.final, last)
-    return last, naming, shown
+    return *beside(problem, naming, last), shown
+
+
+def beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
+    """Return a formula and the names that it leaves: it may take over what a name did."""
+    if last.formula is None or last.fit is None or not naming.named:
+        return last, naming
+    at = [n.at(last.fit.values) for n in naming.named]
+    idle = {n.effect.id for n in at if n.holds_nothing}
+    if not idle:
+        return last, naming
+    left = frozenset(n.effect.id for n in naming.named) - idle
+    naming = name.without(problem, naming, left, INSTEAD)
+    return on_all(problem, naming.final, last), naming
 
 
 def polished(problem: Problem, last: Fit) -> Fit:

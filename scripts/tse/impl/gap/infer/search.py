@@ -202,8 +202,10 @@ class Search:
         return self.known[key]
 
     def run(self) -> Judged:
-        """Return the most probable set."""
-        best = self.judge((), {})
+        """Return the most probable set, by adding to nothing, or by taking away from all where
+        that leads further."""
+        best = self._climbed(self.judge((), {}))
+        best = max(best, self._pruned(best), key=lambda j: j.evidence)
         while True:
             best = self._climbed(best)
             self._rivals(best)
@@ -212,6 +214,19 @@ class Search:
                 return best
             self.judge(likeliest.ids, likeliest.values)
             best = max(self.known.values(), key=lambda j: j.evidence)
+
+    def _pruned(self, start: Judged) -> Judged:
+        """Return what is left of all effects together when those that are not worth their
+        price go. Of two that nearly cancel, none is worth anything alone."""
+        whole = self.judge([h.id for h in self.asked], start.values)
+        around, best = Around(whole), whole
+        while best.effects:
+            less = [around.judge(best.ids - {i}) for i in sorted(best.ids)]
+            there = max(less, key=lambda j: j.evidence)
+            if there.evidence < best.evidence:
+                break
+            best = there
+        return self.judge(best.ids, best.values)
 
     def _climbed(self, best: Judged) -> Judged:
         """Return the best set that adding, leaving out and exchanging effects reaches."""

@@ -23,7 +23,7 @@ from tse.impl.identify.unknowns import COMPLIANCE
 from tse.impl.noise import smooth
 
 STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
-ABSENT = 0.25  # sd of the strength of an effect that is not there, over the size that is negligible
+ABSENT = 0.5  # sd of the strength of an effect that is not there, over the size that is negligible
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5  # of the noise of a block: the error of any model, rms
 # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
 REACH = 15.0
