@@ -223,7 +223,7 @@ def test_what_held_out_logs_leave_is_in_the_words_and_in_the_report(case, tmp_pa
     """A log of a car with another steering: what is left of the fitted logs is noise, and not of that one."""
     held = write_log(tmp_path / "other.csv", case.vehicle, "steps", DELAY | {"steering_ratio_change": 0.1}, 3, 16.0)
     out = tmp_path / "out"
-    done = tselab("gap", case.logs[0], "--vehicle", case.vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
+    done = tselab("gap", *case.logs, "--vehicle", case.vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
     assert "The held-out logs are not explained" in done.out
     assert re.search(r"<li>Held-out logs: [^<]*times the noise", (out / "report.html").read_text(encoding="utf-8"))
     assert "<li>Held-out logs:" not in (case.out / "report.html").read_text(encoding="utf-8")
