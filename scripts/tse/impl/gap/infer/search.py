@@ -32,6 +32,7 @@ from tse.impl.identify.data import BLOCK
 
 MOST_EFFECTS = 12  # of a set
 MOST_ROUNDS = 12  # fits of ever better sets
+PASSES = 4  # of them, each with what could be in the place of an effect
 AT_ONCE = 2  # changes of a set between two fits
 RIVALS = 2  # sets that are fitted in place of each effect
 FAR = 12.0  # nats: sets that are less likely by this are not fitted
@@ -206,14 +207,15 @@ class Search:
         that leads further."""
         best = self._climbed(self.judge((), {}))
         best = max(best, self._pruned(best), key=lambda j: j.evidence)
-        while True:
+        for _ in range(PASSES):
             best = self._climbed(best)
             self._rivals(best)
             likeliest = max(self.all().values(), key=lambda j: j.evidence)
             if likeliest.evidence < best.evidence + WORTH:
-                return best
+                break
             self.judge(likeliest.ids, likeliest.values)
             best = max(self.known.values(), key=lambda j: j.evidence)
+        return best
 
     def _pruned(self, start: Judged) -> Judged:
         """Return what is left of all effects together when those that are not worth their
