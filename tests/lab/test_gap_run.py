@@ -26,11 +26,10 @@ from tse.impl.gap.run.posterior import UNCERTAIN, posterior
 from tse.impl.identify.data import prepare
 from tse.impl.identify.slip import longitudinal
 from tse.impl.identify.unknowns import prior_of
-from tse.impl.identify.vehicle_file import UNLIKE_SD
 from tse.impl.logs.log import read_log
 from tse.impl.results import IN_PART
 from tse.impl.rows import average
-from tse.impl.vehicle import read_vehicle
+from tse.impl.vehicle import read_vehicle, unknown_car
 
 
 @pytest.fixture(scope="module")
@@ -217,14 +216,15 @@ def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
     """As calibration has it: nothing more than a car that is fitted, of a log that is explained; of another more."""
     _, vehicle, problem, _, improved = case
     car = read_vehicle(vehicle)
-    assert read_vehicle(improved).values["model_sd"] == UNLIKE_SD
+    explained = read_vehicle(improved).values["model_sd"]
+    assert explained < car.values.get("model_sd", unknown_car()["model_sd"])
     late = {"steering_lag_time": 0.1}
     path = write_log(tmp_path / "late.csv", vehicle, "sweep", late, 5, 20.0)
     other = problem.of([prepare(read_log(path), problem.config)])
-    assert posterior(other, fit(other, PARAMETERS, {}), car, {}).model_sd > 1.5 * UNLIKE_SD
+    assert posterior(other, fit(other, PARAMETERS, {}), car, {}).model_sd > 1.2 * explained
     found = fit(other.holding(late), PARAMETERS, {})  # what a formula explains is what the estimator does not
-    assert posterior(other, found, car, late).model_sd > 1.5 * UNLIKE_SD
-    assert posterior(other.holding(late), found, car, {}).model_sd == UNLIKE_SD
+    assert posterior(other, found, car, late).model_sd > 1.2 * explained
+    assert posterior(other.holding(late), found, car, {}).model_sd == pytest.approx(explained, rel=0.3)
 
 
 def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):

@@ -13,7 +13,7 @@ from tse.impl.core import Config, library
 from tse.impl.identify.lasting import Piece, share
 from tse.impl.vehicle import HINT_ONLY, Vehicle, formula_toml, is_set, latency_settings, sensor_settings, vehicle_settings
 
-UNLIKE_SD = 0.03  # share by which a car that logs have been fitted to is unlike the model
+BEFORE = 2.0  # pieces of 10 s: what is known of a car before its logs counts as so many
 LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
 
 
@@ -28,17 +28,23 @@ class Residuals(Protocol):
 
 
 def model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
-    """Return what the filter counts of the model: that of a car that logs have been fitted to, or more where they leave more; at
-    most what the setting takes."""
-    return min(max(min(before, UNLIKE_SD), unexplained(problem, residuals)), Config().fields["model_sd"].high)
+    """Return what the filter counts of the model: the mean square of what was known before
+    the logs, and of what they leave, each by its number of pieces.
+
+    Half a minute straight on shows nothing of how well a model turns; half an hour of bends
+    does."""
+    left, count = unexplained(problem, residuals)
+    found = np.sqrt((BEFORE * before**2 + count * left**2) / (BEFORE + count))
+    return min(float(found), Config().fields["model_sd"].high)
 
 
-def unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> float:
-    """Return the share of what happens that the model does not explain and that lasts 1 s,
-    of yaw_rate, in which no road stands; 0 without a gyro."""
+def unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Return the share of what happens that the model does not explain and that lasts 1 s, of
+    yaw_rate, in which no road stands; and in how many pieces something happens. Without a
+    gyro nothing is shown."""
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
-        return 0.0
+        return 0.0, 0.0
     pieces = [problem.piece(g, residuals[g]) for g in own]
     return share(pieces, [LEAST_ACROSS * problem.one_at_speed(g) for g in own])
 

@@ -23,7 +23,7 @@ from tse.impl.identify.slip import STIFFNESS, longitudinal
 from tse.impl.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
 from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.rows import Log
-from tse.impl.vehicle import Vehicle, uncertainty_settings
+from tse.impl.vehicle import Vehicle, unknown_car, uncertainty_settings
 
 # Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and what was known of it stays.
 SCALE = "mass_sd"
@@ -100,7 +100,8 @@ def posterior(
     space, at, found = fitted_at(problem)
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
     there, _, alone = fitted_at(bare) if settings else (space, at, found)
-    left = model_sd(there, alone.residuals, vehicle.values.get("model_sd", 0.0))
+    before = vehicle.values.get("model_sd", unknown_car()["model_sd"])
+    left = model_sd(there, alone.residuals, before)
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
     if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
         k = [space.names[k] for k in car].index(STIFFNESS)
