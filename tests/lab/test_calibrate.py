@@ -125,7 +125,12 @@ def test_what_the_model_does_not_explain_is_counted_as_what_lasts_a_second() -> 
 
 def test_what_was_known_of_the_model_counts_beside_what_logs_show(monkeypatch: pytest.MonkeyPatch) -> None:
     """A log in which nothing happens changes nothing; a long one decides; at most what the setting takes."""
-    for left, count, kept in ((0.03, 0.0, 0.12), (0.03, 1e6, 0.03), (0.65, 1e6, 0.5), (0.03, BEFORE, np.hypot(0.03, 0.12) / np.sqrt(2))):
+    for left, count, kept in (
+        (0.03, 0.0, 0.12),
+        (0.03, 1e6, 0.03),
+        (0.65, 1e6, 0.5),
+        (0.03, BEFORE, np.hypot(0.03, 0.12) / np.sqrt(2)),
+    ):
         monkeypatch.setattr(vehicle_file, "unexplained", lambda *_, found=(left, count): found)
         assert vehicle_file.model_sd(None, [], 0.12) == pytest.approx(kept, rel=1e-3)
 

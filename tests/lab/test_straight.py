@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import tse
-from tests.cars.along import line_of
+from tests.cars.along import config_of, line_of
 from tse._tables import Reason
 from tse.impl.core import Config, Filter
 from tse.impl.identify.slip import longitudinal
@@ -61,3 +62,29 @@ def test_a_calibration_is_not_misled_by_the_noise_of_accel_x(stiffness: float) -
     off = mean + np.log(config.longitudinal_stiffness_front / stiffness)
     assert abs(off) < 0.1 and abs(off) < 1.96 * sd
     assert line_of(log, known) > 1.1 * stiffness
+
+
+@pytest.mark.parametrize("driven", ["front", "rear"])
+def test_tyres_that_do_not_bend_are_not_taken_for_stiffer_ones(driven: str) -> None:
+    """Linear tyres, up to 3 m/s2, brakes on both axles and no switch: within 5 %. A curve that
+    counts as certain makes front tyres 10 % too stiff."""
+    rng, dt, mass = np.random.default_rng(1), 0.01, 1500.0
+    car = {"mass": mass, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.31, "wheel_radius_rear": 0.31, "driven_axle": driven}
+    time = dt * np.arange(30000)
+    pulls = 2.2 * np.sin(0.5 * time) * np.sin(0.07 * time + 1.0)
+    speed = 15.0 + dt * np.cumsum(pulls - pulls.mean())
+    force = mass * np.gradient(speed, time) + 0.01 * 9.81 * mass + 0.4 * speed**2
+    drive, brake = np.maximum(force, 0.0), np.minimum(force, 0.0)
+    stiffness = {"front": 200e3, "rear": 180e3}
+    slip = {a: ((a == driven) * drive + part * brake) / stiffness[a] for a, part in (("front", 0.65), ("rear", 0.35))}
+    noise = {"wheel_speed_front": 0.01, "wheel_speed_rear": 0.01, "accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.002}
+    log = {"time": time, "steer_angle": 0.002 * np.sin(0.3 * time)}
+    log |= {c: sd * rng.standard_normal(len(time)) for c, sd in noise.items()}
+    for axle in slip:
+        log[f"wheel_speed_{axle}"] += speed * (1.0 + slip[axle]) / 0.31
+    log["accel_x"] += np.gradient(speed, time) + 0.05
+    known = make_vehicle(dict(car), Path("car.toml"))
+    made = read_frame(pd.DataFrame(log))
+    config = config_of(known, made)
+    mean, _ = longitudinal(config, {}, [made], known)
+    assert abs(mean + np.log(getattr(config, f"longitudinal_stiffness_{driven}") / stiffness[driven])) < 0.05

@@ -36,6 +36,8 @@ RADIUS_SD = 0.01
 LAG_SD = 0.1  # s, sd before the logs: latency of accel_x behind the wheels, less what tyres relax
 DRAG_SD = 0.1  # kg/m, sd before the logs: drag
 UNKNOWN_SD = 1e3  # 1, sd before the logs: 1/stiffness, over the file's
+BEND_SD = 0.25  # 1, sd before the logs: tyre curve and moved load of a car, over those of the model
+PRIOR_SD = (UNKNOWN_SD, APART_SD, LAG_SD, DRAG_SD, BEND_SD)  # of the numbers that all logs share
 # ln: error of the model of force over slip, however long the logs: pitch, rolling radii
 # under load, tyre curve. Ten cars of tests/cars: 0.034 rms, 0.042 of each road alone
 MODEL_SD = 0.05
@@ -75,11 +77,13 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
 
     Notes
     -----
-    v_driven/v_free - 1 = slip(F)/k - later a/v + lag d slip(F)/dt + drag v^2 + radius,
+    v_driven/v_free - 1 = F/C/k + share (slip(F) - F/C + radii(a)) - later a/v
+                          + lag d slip(F)/dt + drag v^2 + radius,
     with k the stiffness over the file's. F is by accel_x, drag, rolling resistance and
-    the inertia of the wheels that turn up. slip(F) is by the tyre curve and the load
-    along the car of src/model/car.c. A radius a log, in which the bias of accel_x is,
-    too.
+    the inertia of the wheels that turn up; F/C is the slip of a linear tyre at static
+    load. slip(F) is by the tyre curve and the load along the car of src/model/car.c, and
+    radii(a) what that load takes of the rolling radii; of both there may be more or less
+    (`share`, 1 +- BEND_SD). A radius a log, in which the bias of accel_x is, too.
 
     Weighted least squares with Huber weights and priors, less what the noise of accel_x
     adds to the square of its slip (errors in variables: Fuller 1987). Residuals are
@@ -194,12 +198,12 @@ def _regression(config: Config, at: Mapping[str, float], logs: Sequence[Log], ve
     parts = [p for log in logs if (p := _samples(car, log)) is not None]
     if sum(len(np.unique(p.block)) for p in parts) < FEWEST:
         return None
-    b, b_sd = _solve(parts, np.array([UNKNOWN_SD, APART_SD, LAG_SD, DRAG_SD, *[RADIUS_SD] * len(parts)]))
+    b, b_sd = _solve(parts, np.array([*PRIOR_SD, *[RADIUS_SD] * len(parts)]))
     if not b[0] > SURE * b_sd[0]:  # soft tyres and stiff ones, which show no slip, are not distinguished
         return None
     sign = 1.0 if car.driven == "front" else -1.0
     weights = [len(p.slip) for p in parts]
-    slip = float(np.average(b[4:], weights=weights))
+    slip = float(np.average(b[len(PRIOR_SD) :], weights=weights))
     # a driven axle that turns faster than it drives is smaller than the file says
     mismatch = (1.0 + slip) ** sign - 1.0
     stiffness = float(np.log1p(slip) - np.log(b[0]))
@@ -257,14 +261,16 @@ class _Car:
         brush, other = 1.0 - z + z * z / 3.0, (1.0 + 9.0 * z**2 + 81.0 * z**4) ** -0.25
         self.curve = 3.0 * z, 3.0 * z * (brush + shape * (other - brush))
 
-    def slip(self, axle: int, force: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return slip of an axle at the file's stiffness, and share of its grip.
+    def slip(self, axle: int, force: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return slip of an axle at the file's stiffness, what of it is no linear tyre at
+        static load, and share of its grip.
 
         force, push: of the axle and of the car, per mass [m/s2]"""
         load = np.maximum(self.load[axle] + (self.height if axle else -self.height) * push, 0.1 * self.load[axle])
         share = np.abs(force) / (self.grip * load)
         linear = np.interp(share, self.curve[1], self.curve[0]) * self.grip * load * np.sign(force)
-        return self.mass * linear / (self.stiffness[axle] * load / self.load[axle]), share
+        slip = self.mass * linear / (self.stiffness[axle] * load / self.load[axle])
+        return slip, slip - self.mass * force / self.stiffness[axle], share
 
 
 @dataclass(frozen=True)
@@ -273,7 +279,7 @@ class _Samples:
     free one, weight, block."""
 
     # slip that the force takes at the file's stiffness, a/v, rate of that slip, slip of 1
-    # kg/m
+    # kg/m, the part of that slip that is not linear
     x: np.ndarray
     noise: np.ndarray  # variance of the first of them, by the noise of accel_x
     slip: np.ndarray
@@ -310,8 +316,8 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
         forces = 0.5 * (push + apart), 0.5 * (push - apart)
     else:
         forces = push + turns, -turns
-    (own, share), (other, _) = (car.slip(axle, f, push) for axle, f in zip((first, 1 - first), forces, strict=True))
-    takes = own - other
+    own, other = (car.slip(axle, f, push) for axle, f in zip((first, 1 - first), forces, strict=True))
+    takes, bend, share = own[0] - other[0], own[1] - other[1], own[2]
     switch = np.zeros(len(v)) if brake is None else np.where(brake.to_numpy(float) < BRAKES, 0.0, 1.0)
     brakes = smooth(switch) > 0 if switch.any() else pull < COASTS
     use = (v > SLOW) & (np.abs(steer) < STRAIGHT) & (np.abs(v * smooth(rate)) < ACROSS) & (share < HARD) & ~brakes
@@ -319,12 +325,13 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
     drag = v**2 / car.stiffness[first]
     # load that goes to the rear gives rolling radius in front, where wheels then turn
     # slower, and takes it at the rear
-    seen = slip + (-1 if first else 1) * car.give * push
+    radii = (1 if first else -1) * car.give * push
+    seen = slip - radii
     use &= np.isfinite(seen + takes + lag)
     use &= np.arange(len(v)) % max(1, round(EVERY / (log.sample_time or 0.01))) == 0
     if not use.any():
         return None
-    columns = np.column_stack([takes, later, lag, drag])[use]
+    columns = np.column_stack([takes, later, lag, drag, bend + radii])[use]
     white = noise_of(log, "accel_x", v > SLOW)
     of_mean = white.unraised**2 / count if white is not None else 0.0
     noise = np.full(len(columns), of_mean * (car.mass / (car.scale * car.stiffness[first])) ** 2)

@@ -23,7 +23,7 @@ from tse.impl.identify.slip import STIFFNESS, longitudinal
 from tse.impl.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
 from tse.impl.identify.vehicle_file import model_sd
 from tse.impl.rows import Log
-from tse.impl.vehicle import Vehicle, unknown_car, uncertainty_settings
+from tse.impl.vehicle import Vehicle, uncertainty_settings, unknown_car
 
 # Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and what was known of it stays.
 SCALE = "mass_sd"
