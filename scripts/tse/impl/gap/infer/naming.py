@@ -123,7 +123,7 @@ def name(
     dropped: dict[str, str] = {}  # and why
     full = excess(problem, baseline.residuals)
     while True:
-        final = best if names == best.ids else search.judge(names, best.values, best)
+        final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
         # sizes are those of the named effects alone; what others may do is in the intervals
         sized = alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if negligible(h.effect, sized.values)}
@@ -273,10 +273,10 @@ def _named(
     problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float,
 ) -> Named:  # fmt: skip
     found = _sized(h, plain, probability, final)
-    without = search.judge(final.ids - {h.id}, final.values, final)
+    without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
     found.evidence = final.evidence - without.evidence
     others = tuple(o for o in final.effects if o is not h)
-    less = judge(problem, others, [o.id for o in others], plain.values, plain)
+    less = judge(problem, others, [o.id for o in others], plain.values, plain, rough=True)
     before, after = excess(problem, as_fit(problem, less, slopes=False).residuals), excess(problem, last.residuals)
     found.share = (min(before, full) - after) / max(full, 1e-300)
     noise = {c: float(problem.noise_energy[rows].sum()) for c, rows in problem.used()}

@@ -92,12 +92,25 @@ def ln_sizes(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> floa
 
 
 def judge(
-    problem: Problem, asked: Sequence[Hypothesis], members: Collection[str], start: Mapping[str, float], like: Judged | None = None
+    problem: Problem,
+    asked: Sequence[Hypothesis],
+    members: Collection[str],
+    start: Mapping[str, float],
+    like: Judged | None = None,
+    rough: bool = False,
 ) -> Judged:
-    """Fit a set of effects. `like`: a set whose slopes its fit begins with; None: they are simulated."""
-    space = Space(problem, asked, members)
+    """Fit a set of effects.
+
+    like
+        A set that was fitted, which lends the slopes of what is in neither; None: all are
+        simulated.
+    rough
+        The slopes of `like` are those that the fit begins with, and that follow its steps.
+    """
+    lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
+    space = Space(problem, asked, members, lent)
     x = space.at(start)
-    tables = _tables_of(space, like) if like is not None else None
+    tables = _tables_of(space, like) if like is not None and rough else None
     found = engine.fit(space, x, near=bool(start), tables=tables)
     values = space.values(found.search)
     away = found.search - space.mean
@@ -141,7 +154,10 @@ class Around:
         self._count, self._square = (np.zeros(len(self.space.channels)) for _ in range(2))
         self._gradient = np.zeros((len(self.space.channels), size))
         self._gram = np.zeros((len(self.space.channels), size, size))
-        parts = zip(judged.fit.residuals, judged.fit.slopes[0], self.space.groups, strict=True)
+        tables = judged.fit.slopes[0]
+        if self.space.lent is not None:
+            tables = self.space.own_slopes(self._x, judged.fit.residuals)
+        parts = zip(judged.fit.residuals, tables, self.space.groups, strict=True)
         for e, table, (_, c) in parts:
             k = self.space.channels.index(c)
             weight = np.minimum(1.0, engine.HUBER * judged.fit.scales[c].rms / np.maximum(np.abs(e), 1e-300))
@@ -194,12 +210,12 @@ class Search:
     known: dict[frozenset[str], Judged] = field(default_factory=dict)  # fitted
     near: dict[frozenset[str], Judged] = field(default_factory=dict)  # judged by the slopes of the best
 
-    def judge(self, ids: Collection[str], start: Mapping[str, float], like: Judged | None = None) -> Judged:
+    def judge(self, ids: Collection[str], start: Mapping[str, float], like: Judged | None = None, rough: bool = False) -> Judged:
         """Return a set, fitted from `start` unless it was before."""
         key = frozenset(ids)
         if key not in self.known:
             self.say(f"trying {', '.join(sorted(key)) or 'nothing'}")
-            self.known[key] = judge(self.problem, self.asked, key, start, like)
+            self.known[key] = judge(self.problem, self.asked, key, start, like, rough)
         return self.known[key]
 
     def run(self) -> Judged:
@@ -213,14 +229,14 @@ class Search:
             likeliest = max(self.all().values(), key=lambda j: j.evidence)
             if likeliest.evidence < best.evidence + WORTH:
                 break
-            self.judge(likeliest.ids, likeliest.values)
+            self.judge(likeliest.ids, likeliest.values, best)
             best = max(self.known.values(), key=lambda j: j.evidence)
         return best
 
     def _pruned(self, start: Judged) -> Judged:
         """Return what is left of all effects together when those that are not worth their
         price go. Of two that nearly cancel, none is worth anything alone."""
-        whole = self.judge([h.id for h in self.asked], start.values)
+        whole = self.judge([h.id for h in self.asked], start.values, start, rough=True)
         around, best = Around(whole), whole
         while best.effects:
             less = [around.judge(best.ids - {i}) for i in sorted(best.ids)]
@@ -228,7 +244,7 @@ class Search:
             if there.evidence < best.evidence:
                 break
             best = there
-        return self.judge(best.ids, best.values)
+        return self.judge(best.ids, best.values, start)
 
     def _climbed(self, best: Judged) -> Judged:
         """Return the best set that adding, leaving out and exchanging effects reaches."""
@@ -239,7 +255,7 @@ class Search:
             if there == best.ids:
                 break
             new = there - best.ids
-            tried = self.judge(there, self._seen(around, there).values)
+            tried = self.judge(there, self._seen(around, there).values, best)
             tried = max([tried, *self._alike(tried, new)], key=lambda j: j.evidence)
             if tried.evidence > best.evidence:
                 best = tried
@@ -254,7 +270,7 @@ class Search:
                 ids = judged.ids - {h.id} | {o}
                 if o not in judged.ids and any(o == a.id for a in self.asked):
                     mine = {p.name for p in h.effect.fitted}
-                    found.append(self.judge(ids, {n: v for n, v in judged.values.items() if n not in mine}))
+                    found.append(self.judge(ids, {n: v for n, v in judged.values.items() if n not in mine}, judged))
         return found
 
     def _rivals(self, best: Judged) -> None:
@@ -266,7 +282,7 @@ class Search:
             ranked = sorted((self._seen(around, s) for s in others), key=lambda j: -j.evidence)
             for j in (self._seen(around, less), *ranked[:RIVALS]):
                 if j.ids == less or j.evidence > best.evidence - FAR:
-                    self.judge(j.ids, j.values, best)
+                    self.judge(j.ids, j.values, best, rough=True)
         for o in self.asked:
             if o.id not in best.ids:
                 self._seen(around, best.ids | {o.id})

@@ -40,6 +40,9 @@ class Space:
         Effects that may be there.
     members
         Ids of those that are.
+    lent
+        Slopes of another set of the same effects, by group: those of effects that are not
+        in this set are taken from there. None: they are simulated.
 
     Attributes
     ----------
@@ -51,14 +54,17 @@ class Space:
 
     knots, knot_sd = 0, 1.0  # the roads of the logs are known
 
-    def __init__(self, problem: Problem, asked: Sequence[Hypothesis], members: Collection[str]):
-        self.problem, self.asked = problem, asked
+    def __init__(
+        self, problem: Problem, asked: Sequence[Hypothesis], members: Collection[str], lent: Sequence[np.ndarray] | None = None
+    ):
+        self.problem, self.asked, self.lent = problem, asked, lent
         self.members = frozenset(members)
         self.effects = tuple(h for h in asked if h.id in self.members)
         strengths = [p for h in asked for p in h.effect.strengths]
         shapes = [p for h in self.effects for p in h.effect.shapes]
         self.parameters: tuple[Parameter, ...] = (*STIFFNESS, *dict.fromkeys(strengths), *shapes)
         self.names = tuple(p.name for p in self.parameters)
+        self._there = {p.name for h in self.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
         self._inverse = np.array([n in COMPLIANCE for n in self.names])
         self.mean, self.sd = self.prior(self.members)
         self.information = np.diag(self.sd**-2)
@@ -143,15 +149,30 @@ class Space:
         return [whole[mine] for mine in self._rows]
 
     def slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return d(residuals)/dx, a matrix per group."""
+        """Return d(residuals)/dx, a matrix per group. What is lent follows `x` no further: what
+        is not there has a size that does not matter."""
+        if self.lent is None:
+            return self.own_slopes(x, base)
+        found = self._simulated(x, base, ((1.0, True),))
+        mine = np.array([n in self._there for n in self.names])
+        for table, other in zip(found, self.lent, strict=True):
+            k = np.flatnonzero(~mine[: other.shape[1]])
+            table[:, k] = other[:, k]
+        return found
+
+    def own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+        """Return the same with nothing lent."""
+        return self._simulated(x, base, ((1.0, True), (REACH, False)))
+
+    def _simulated(self, x: np.ndarray, base: list[np.ndarray], parts: Sequence[tuple[float, bool]]) -> list[np.ndarray]:
+        """Return slopes over a reach of what is there (True), or is not; nothing of the others."""
         values = self.values(x)
         whole = np.zeros(len(self.problem.weight))
         for mine, residual in zip(self._rows, base, strict=True):
             whole[mine] = residual
-        there = {p.name for h in self.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
         found = np.zeros((len(whole), len(self.names)))
-        for reach, chosen in ((1.0, True), (REACH, False)):
-            of = [k for k, n in enumerate(self.names) if (n in there) == chosen]
+        for reach, chosen in parts:
+            of = [k for k, n in enumerate(self.names) if (n in self._there) == chosen]
             found[:, of] = self.problem.jacobian(values, whole, [self.parameters[k] for k in of], reach)
         found *= self.ln_slope(x)
         return [found[mine] for mine in self._rows]
