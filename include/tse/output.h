@@ -38,7 +38,7 @@ enum {
  * multiplies. */
 typedef struct tse_output {
   /* table: output_members */
-  tse_real stiffness[3];         /* [1] mean stiffness over the settings' nominal one, by TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR */
+  tse_real stiffness[3];         /* [1] mean stiffness over the settings' nominal one, by TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR: of an axle, force over slip, or over its kinematic slip angle, in steady driving at static load and no slip (src/EQUATIONS.md) */
   tse_real stiffness_sd[3];      /* [1] sd of that mean */
   int32_t reason[3];             /* TSE_VALID: the stiffness may be used; else why not, a tse_reason */
   int32_t status;                /* TSE_OK; above: done, with the caution of this code, a tse_status; whether to use a stiffness says its reason */
