@@ -28,6 +28,7 @@ SLALOM = 0.6  # Hz
 STEP = 4.0  # s, between steps of the steering wheel
 TURN = 0.3  # s, that a driver takes for one
 KNOWN_LATENCY, KNOWN_INERTIA = 0.002, 0.03  # s; share: what the bus and a test bench tell
+KNOWN_PLACE = 0.02  # m: what a tape measure tells
 WORTH = 0.9  # of the interval: what leaves more is not offered
 AXLES = ("cy_front", "cy_rear")
 
@@ -77,7 +78,11 @@ def offers(problem: Problem, fit: Fit, vehicle: Vehicle) -> list[Offer]:
                                                                      KNOWN_INERTIA * problem.config.yaw_inertia)),
         *(Offer(what, driven(problem, fit, steer)) for what, steer in MANOEUVRES.items()),
     ]  # fmt: skip
-    if not any(c in problem.channels for c in VELOCITY):
+    if any(c in problem.channels for c in VELOCITY):
+        levers = ["velocity_lever_x", "velocity_lever_y"]
+        place = f"what measures the velocity is where the vehicle file says, to {100 * KNOWN_PLACE:g} cm"
+        found.insert(0, Offer(place, _known(problem, fit, levers, KNOWN_PLACE)))
+    else:
         found.append(Offer("these drives with an INS", _with_velocity(problem, fit, vehicle)))
     return [o for o in found if any(o.sd[k] < WORTH * now[k] for k in AXLES)]
 
