@@ -660,3 +660,16 @@ def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> 
     # what is left of nothing by rounding is no contradiction: `tselab calibrate` writes such files
     path.write_text(car + "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 1e-12], [2e-12, 1e-3]]", encoding="utf-8")
     assert read_vehicle(path).calibration["names"] == ["a", "b"]
+
+
+def test_a_simulation_that_diverges_is_bad_and_ends_no_search(found: tuple[Problem, Fit], monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, ended = found
+
+    def refuse(*_args: object, **_start: float) -> dict[str, np.ndarray]:
+        raise UserError("replay refused row 7")
+
+    fits = cost(problem, ended.scales, ended.search, ended.z, ended.residuals)
+    monkeypatch.setattr(Replay, "run", refuse)
+    left = problem.residuals(ended.search, ended.z)
+    assert all(np.isfinite(e).all() for e in left)
+    assert cost(problem, ended.scales, ended.search, ended.z, left) > 10 * fits

@@ -25,6 +25,7 @@ from tse.impl.rows import DRIVES, MEASURES, Log
 
 CHANNELS = MEASURES
 SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
+DIVERGED = 1e4  # rad/s, m/s, m/s2: of a simulation that leaves all numbers
 STEEPEST = 0.6  # rad: of road-wheel angle: beyond it the model is another one
 BLOCK = 0.04  # s: residuals are averaged over so long
 BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
@@ -304,9 +305,11 @@ def simulate(
         inputs |= {n: log.later(n, by, rows) for n, by in later.items() if by and n in log.inputs}
         replay = Replay(tuple(channels), dt=dt, **inputs)
         gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
-        found = replay.run(
-            config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness
-        )
+        start = {"yaw_rate": float(gyro) if np.isfinite(gyro) else 0.0, "time": float(log.time[s.first] - log.time[0])}
+        try:
+            found = replay.run(config, **start, **stiffness)
+        except UserError:  # no number any more: a car that a search must leave again
+            found = {c: np.full(len(dt), DIVERGED) for c in channels}
         for c, x in found.items():
             late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
             out[c][rows] = np.interp(t - late, t, x) if late else x

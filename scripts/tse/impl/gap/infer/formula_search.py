@@ -26,6 +26,7 @@ from tse.impl.identify.data import CHANNELS
 PRICE = 2.0
 FITTED = 6  # candidates that are simulated
 PER_PLACE = 3  # of them at one place, most
+MOST_WORSE = 100.0  # of the gap: a form that begins with more explains nothing
 LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
 LEAST_HARM = 0.01  # relative rise of a channel of the held-out logs by which it forbids a formula
 MOST_STEPS = 15  # of a fit
@@ -174,13 +175,16 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tupl
 
 
 def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Discovery]:
-    """The formula with everything fitted; nothing where it does not fit in a program."""
+    """The formula with everything fitted; nothing where it does not fit in a program, or throws the car off its road."""
     try:
         formula = terms.formula(place, term, coefficient)
     except FormulaError:
         return []
     limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
     limits |= {s.name: (s.low, s.high) for s in term.sizes}
+    thrown = frame.problem.residuals(frame.values | formula.settings())
+    if excess(frame.problem, thrown) > MOST_WORSE * max(frame.full, 1.0):
+        return []
     return [refit(frame, formula, limits, price(term))]
 
 
