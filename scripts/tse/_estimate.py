@@ -20,6 +20,7 @@ from tse._shown import Shown, drawn
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, named, read_vehicle
 from tse.impl import plots, regimes, results
+from tse.impl.answer import answer
 from tse.impl.estimate import Estimate as Estimated
 from tse.impl.estimate import Learnt, write_estimates
 from tse.impl.estimate import estimate as _run
@@ -32,7 +33,7 @@ Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result(Shown):
     """Estimates of n rows, and what the run was."""
 
@@ -112,6 +113,15 @@ class Result(Shown):
         what that found: its stiffness differs from what Filter and C say of an ordinary car."""
         itself = self.vehicle.found[:1] if self.calibration is not None and self.vehicle is not None else []
         return (*itself, *(line for f in self._found()[0] for line in f.lines()))
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        """Three lines: each stiffness with its 95 % interval, and whether to act on it; of a road
+        that changed three for each of the last stretches. `repr()` says the same."""
+        return tuple(answer(self._found()[0]))
+
+    def __repr__(self) -> str:
+        return "\n".join(self.answer)
 
     @property
     def usable(self) -> Usable:

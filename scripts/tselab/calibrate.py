@@ -26,6 +26,8 @@ NOT_CONVERGED = 12  # exit code
     "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
 )
 @ROAD
+@click.option("--report", metavar="PAGE.html", type=FILE, help="Where the page goes; default: beside CALIBRATED.toml.")
+@click.option("--verbose", is_flag=True, help="Say all: every number, every channel, notes.")
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
 @reading
 @for_programs
@@ -37,6 +39,8 @@ def calibrate(
     hold_out: tuple[Path, ...],
     out: Path,
     road_path: Path | None,
+    report: Path | None,
+    verbose: bool,
     steps: int | None,
     jobs: int,
     progress: bool | None,
@@ -65,7 +69,7 @@ def calibrate(
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
     CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated as it is, not fitted
     CALIBRATED.json            all numbers, for programs
-    CALIBRATED.html            the same for people
+    CALIBRATED.html            the same for people; --report names it
 
     --json says the same numbers on standard output, --table writes a row for each finding.
 
@@ -75,15 +79,17 @@ def calibrate(
     """
     from tse.impl import results
     from tse.impl.calibrate import output, page, workflow
-    from tse.impl.calibrate.result import words
+    from tse.impl.calibrate.result import answer, words
     from tse.impl.files import check_distinct, check_writable
     from tse.impl.road import read_road
     from tse.impl.vehicle import read_vehicle, stiffness_words
 
     _distinct(logs, hold_out)
-    check_writable(out)
+    for path in (out, report):
+        if path is not None:
+            check_writable(path)
     formula = read_vehicle(vehicle_path).formula_path
-    numbers, html = out.with_suffix(".json"), out.with_suffix(".html")
+    numbers, html = out.with_suffix(".json"), report or out.with_suffix(".html")
     kept_formula = output.formula_beside(out) if formula else None
     check_distinct(
         {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula, "--table": table},
@@ -96,7 +102,8 @@ def calibrate(
         result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading, road)
         output.write(out, result, [p.name for p in logs])
         say("the page")
-        text = [stiffness_words(read_vehicle(out)), *words(result)]
+        stiffness = stiffness_words(read_vehicle(out))
+        text = [stiffness, *words(result)]
         page.write(html, result, text)
     written = [str(out), *(p.name for p in (kept_formula, numbers, html) if p), *([str(table)] if table else [])]
     if table is not None:
@@ -105,14 +112,15 @@ def calibrate(
     if as_json:
         results.say_json({"logs": logs, "vehicle": vehicle_path, **output.as_json(result), "exit_code": code, "written": written})
         return code
-    for line in text:
+    if verbose:
+        for group in result.groups:
+            text += [f"  {f.words}" for f in group.members if f.shown]
+    for line in text if verbose else answer(result, stiffness):
         click.echo(line)
-    for group in result.groups:
-        for finding in group.members:
-            if finding.shown:
-                click.echo(f"  {finding.words}")
-    for line in result.notes:
+    for line in result.notes if verbose else ():
         click.echo(f"note: {line}", err=True)
+    if not verbose:
+        click.echo(f"More: --verbose, {html}")
     click.echo(f"Written: {', '.join(written)}")
     return code
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from tse.impl.rows import Reading
 
 
-MOST_FINDINGS = 12  # stretches of road in the terminal
+MOST_FINDINGS = 12  # stretches of road with --verbose
+MOST_EVENTS = 3  # without it
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 
 
@@ -65,6 +66,7 @@ WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "lear
 @ROAD
 @reading
 @for_programs
+@click.option("--verbose", is_flag=True, help="Say all: what was filled in, notes, every number of every stretch of road.")
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or robust.")
 @click.option("--particles", type=int, help="Particles in use; --form paper or robust.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or robust.")
@@ -89,6 +91,7 @@ def estimate(
     reading: Reading,
     as_json: bool,
     table: Path | None,
+    verbose: bool,
     **options: Any,
 ) -> int:
     """Estimate tyre stiffness from LOG.
@@ -140,14 +143,16 @@ def estimate(
     curvature [1/m]; closed, 1 of a circuit, whose last row is the first one again. A log
     that is on another road is refused.
 
-    Each stiffness is given with its 95 % interval at the end of each stretch of road between changes, valid or not, and smoothed
-    over the stretch: what came after counts, too. It says whether to act on it. With them grip and the largest sideslip angle.
+    The answer is a line for each stiffness: its value with its 95 % interval over the last stretches of road between changes,
+    what came after a row counted, too; and whether to act on it. --verbose says all: the values at the end of each stretch, grip,
+    the largest sideslip angle, what was filled in.
 
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the estimates are written, and no stiffness
     is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it
     as a row per stretch of road and stiffness.
     """
     from tse.impl import regimes, results
+    from tse.impl.answer import answer
     from tse.impl.calibrate.own import STOPPED
     from tse.impl.estimate import read_learnt, write_learnt
     from tse.impl.files import check_distinct, check_writable
@@ -195,7 +200,7 @@ def estimate(
                 "notes": [n for n in notes if n not in odd], "warnings": odd, "interrupted": est.interrupted,
                 "written": written}  # fmt: skip
         results.say_json(results.document(log_path, est, found, config, said))
-    else:
+    elif verbose:
         if learnt is not None:
             click.echo(f"started from: {learnt.note}")
         for name, value in run_facts(est, log, vehicle, config):
@@ -210,9 +215,21 @@ def estimate(
             click.echo("\n".join(finding.lines()))
         if len(found) > MOST_FINDINGS:
             click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
-        for what, path in written.items():
-            if path is not None:
-                click.echo(f"{WRITTEN[what]} written to {path}")
+        say_written(written)
+    else:
+        for line in answer(found):
+            click.echo(line)
+        events = regimes.words(changes, regimes.spells(est.table))
+        for line in events[-MOST_EVENTS:]:
+            click.echo(line)
+        if vehicle.found:
+            click.echo(vehicle.found[0])
+        for line in odd:
+            click.echo(f"warning: {line}", err=True)
+        more = len(events[:-MOST_EVENTS]) + len(vehicle.found[1:]) + len(vehicle.filled) + len([n for n in notes if n not in odd])
+        if more:
+            click.echo(f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if report else ', or --report PAGE.html'}")
+        say_written(written)
     if prepared.own is not None and prepared.own.found.get("why") == STOPPED:
         click.echo(f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True)
         sys.exit(130)
@@ -220,3 +237,10 @@ def estimate(
         click.echo(f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done", err=True)
         sys.exit(130)
     return results.exit_code(found)
+
+
+def say_written(written: dict[str, Path | None]) -> None:
+    """Say which files there are now."""
+    for what, path in written.items():
+        if path is not None:
+            click.echo(f"{WRITTEN[what]} written to {path}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tse.impl.errors import UserError
-from tse.impl.files import make_directory, real
+from tse.impl.files import atomic, check_writable, make_directory, real
 from tselab.options import FILE, JOBS, JSON, PROGRESS, ROAD, for_programs, reading, saying
 
 if TYPE_CHECKING:
@@ -25,10 +25,13 @@ OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Direc
 HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
+REPORT = click.option("--report", metavar="PAGE.html", type=FILE, help="Also write the page there.")
+VERBOSE = click.option("--verbose", is_flag=True, help="Say all: what is left of each channel, what no log could show, notes.")
+
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
     """What every command takes that runs the whole workflow: the arguments of _run(), by name."""
-    for take in (JSON, PROGRESS, JOBS, reading, ROAD, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
+    for take in (JSON, PROGRESS, JOBS, reading, VERBOSE, REPORT, ROAD, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
         command = take(command)
     return command
 
@@ -122,6 +125,8 @@ def _run(
     road_path: Path | None,
     formula: bool = False,
     as_json: bool = False,
+    report: Path | None = None,
+    verbose: bool = False,
 ) -> int:
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
     from tse.impl.gap.run import workflow
@@ -129,31 +134,40 @@ def _run(
     from tse.impl.road import read_road
 
     _there(logs, hold_out)
+    if report is not None:
+        check_writable(report)
     make_directory(out)
     _distinct(logs, hold_out)
     with saying(progress) as say:
         road = read_road(road_path) if road_path is not None else None
         result = workflow.run(logs, vehicle_path, hold_out, jobs, say, formula, reading, road)
         written = write_all(out, result, vehicle_path, jobs, say)
+    if report is not None:
+        with atomic(report) as file:
+            file.write((out / "report.html").read_text(encoding="utf-8"))
     if as_json:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
         from tse.impl import results
 
         results.say_json({**verdict, "written": [out / f.name for f in written.files], "exit_code": result.exit_code})
         return result.exit_code
-    for line in result.words:
-        click.echo(line)
-    for line in changes(result):
-        click.echo(line)
+    lines = [*result.words, *changes(result)]
     if result.undetectable:
         ids = ", ".join(d.id for d in result.undetectable)
-        click.echo(f"These logs could not have shown, at its typical size: {ids}.")
-    for line in result.notes:
+        lines.append(f"These logs could not have shown, at its typical size: {ids}.")
+    for line in lines if verbose else [*_answer(result), *changes(result)]:
+        click.echo(line)
+    for line in result.notes if verbose else ():
         click.echo(f"note: {line}", err=True)
-    for line in words(written.gain):
+    for line in words(written.gain) if verbose else ():
         click.echo(line)
     click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")
     return result.exit_code
+
+
+def _answer(result: Any) -> list[str]:
+    """Return the sentences without what is left of each channel, which the stages say, too."""
+    return [line for line in result.words if not line.startswith("Still left: ")]
 
 
 @gap.command(cls=Run, short_help="A formula for what no effect of the catalogue explains.")

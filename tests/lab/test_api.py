@@ -42,7 +42,17 @@ def same_bits(a, b):
 
 
 def test_what_is_usable_is_what_the_command_says(drive, result, tmp_path):
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "e.csv", "--table", tmp_path / "t.parquet")
+    done = tselab(
+        "estimate",
+        "--verbose",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--out",
+        tmp_path / "e.csv",
+        "--table",
+        tmp_path / "t.parquet",
+    )
     assert {0: "yes", 3: "in part", 4: "no"}[done.code] == result.usable
     theirs = pd.read_parquet(tmp_path / "t.parquet").drop(columns="log")
     pd.testing.assert_frame_equal(result.stretches, theirs, check_exact=True)
@@ -64,7 +74,7 @@ def as_row(table, i):
 
 
 def test_a_frame_gives_what_the_command_writes(drive, result, tmp_path):
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "command.csv")
+    done = tselab("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "command.csv")
     assert done.code == 0, done.err
     result.to_csv(tmp_path / "api.csv")
     assert (tmp_path / "api.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()

@@ -182,7 +182,9 @@ def test_gap_takes_logs_as_they_are_and_a_vehicle_as_its_file_has_it(folder, tmp
 
 
 def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
-    done = tselab_here("calibrate", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "calibrated.toml", cwd=folder)
+    done = tselab_here(
+        "calibrate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "calibrated.toml", cwd=folder
+    )
     theirs, mine = tse.read_vehicle(tmp_path / "calibrated.toml"), calibrated.vehicle
     assert done.code == 0 and calibrated.converged
     assert mine.values == pytest.approx(theirs.values, rel=1e-9) and mine.calibration.keys() == theirs.calibration.keys()

@@ -75,7 +75,7 @@ REPAIRED: dict[str, tuple[Change, list[str]]] = {
 def test_a_log_with_a_few_bad_rows_is_used_and_they_are_named(name, drive, tmp_path):
     change, words = REPAIRED[name]
     change(drive.table()).to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code in RAN, done.err
     for word in words:
         assert word in done.err, done.err
@@ -96,7 +96,7 @@ def test_log_is_refused_with_its_place(name, drive, tmp_path):
     log, out = tmp_path / "bad.csv", tmp_path / "est.csv"
     change(drive.table()).to_csv(log, index=False)
     out.write_text("as before\n")
-    refused(tselab_here("estimate", log, "--vehicle", drive.vehicle, "--out", out), ["bad.csv", *words])
+    refused(tselab_here("estimate", "--verbose", log, "--vehicle", drive.vehicle, "--out", out), ["bad.csv", *words])
     assert out.read_text() == "as before\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv", "est.csv"]
 
@@ -134,7 +134,7 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
 def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
     content, words = FILES[name]
     (tmp_path / "bad.csv").write_bytes(content)
-    refused(tselab_here("estimate", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", *words])
+    refused(tselab_here("estimate", "--verbose", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", *words])
     assert not (tmp_path / "bad.est.csv").exists()
 
 
@@ -152,11 +152,20 @@ def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
 
 
 def test_missing_files_and_directories_are_named(drive, tmp_path):
-    refused(tselab_here("estimate", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"])
-    refused(tselab_here("estimate", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"])
-    refused(tselab_here("estimate", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path), ["is a directory"])
-    refused(tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"), ["does not exist"])
-    refused(tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"])
+    refused(
+        tselab_here("estimate", "--verbose", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"]
+    )
+    refused(
+        tselab_here("estimate", "--verbose", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"]
+    )
+    refused(tselab_here("estimate", "--verbose", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path), ["is a directory"])
+    refused(
+        tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"),
+        ["does not exist"],
+    )
+    refused(
+        tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"]
+    )
 
 
 VEHICLES: dict[str, tuple[str, list[str]]] = {
@@ -211,7 +220,7 @@ SETTINGS: dict[str, tuple[str, list[str]]] = {
 def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
     text, words = SETTINGS[name]
     (tmp_path / "filter.toml").write_text(text)
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", cwd=tmp_path)
     refused(done, ["filter.toml", *words])
 
 
@@ -228,7 +237,7 @@ def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
     ],
 )
 def test_option_is_refused_with_its_name(options, words, drive, tmp_path):
-    refused(tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path), words)
+    refused(tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path), words)
     assert not list(tmp_path.iterdir())
 
 

@@ -50,7 +50,9 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def calibrated(case: Path) -> tuple[Path, Result]:
     logs = sorted(case.glob("log_*.csv"))
     out = case / "calibrated.toml"
-    return out, tselab("calibrate", *logs, "--vehicle", case / "car.toml", "--hold-out", *case.glob("hold_out_*.csv"), "--out", out)
+    return out, tselab(
+        "calibrate", "--verbose", *logs, "--vehicle", case / "car.toml", "--hold-out", *case.glob("hold_out_*.csv"), "--out", out
+    )
 
 
 def test_another_simulators_car_is_found(case: Path, calibrated: tuple[Path, Result]) -> None:
@@ -88,7 +90,7 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrate
     assert vehicle.values["model_sd"] < 0.07  # of a simulator, less than half of the class; real cars have .1 .. .3
     assert vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
     out = case / "again.toml"
-    run = tselab_here("calibrate", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out)
+    run = tselab_here("calibrate", "--verbose", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out)
     assert run.code == 0, run.err
     first, second = (json.loads(p.with_suffix(".json").read_text())["findings"] for p in (calibrated[0], out))
     for a, b in zip(first, second, strict=True):
@@ -172,7 +174,7 @@ def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
         rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(5).standard_normal(len(rows))
     log = written(tmp_path / "straight.csv", rows)
     (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
-    run = tselab_here("calibrate", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml")
+    run = tselab_here("calibrate", "--verbose", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml")
     assert run.code in (0, 12), run.err
     found = {f["name"]: f for f in json.loads((tmp_path / "out.json").read_text())["findings"]}
     for name in ("relaxation_length", "body_roll_gain", "yaw_inertia", "steer_angle_latency", "imu_lever_arm_x"):
@@ -192,7 +194,7 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
     proof, outs = {}, {}
     for vehicle in (plain, told):
         outs[vehicle] = tmp_path / "else where" / f"{vehicle.stem} calibrated.toml"
-        run = tselab_here("calibrate", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1")
+        run = tselab_here("calibrate", "--verbose", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1")
         assert run.code == 12, run.err
         assert ("has a formula (lopsided)" in run.err) == (vehicle == told)
         proof[vehicle] = json.loads(outs[vehicle].with_suffix(".json").read_text())["proof"][0]["channels"]["yaw_rate"]["after"]
@@ -201,14 +203,18 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
     found = read_vehicle(outs[told])
     assert found.formula == lopsided and lopsided.settings().items() <= found.values.items()
     again = tmp_path / "again.toml"
-    assert tselab_here("calibrate", log, "--vehicle", outs[told], "--out", again, "--steps", "1").code == 12
+    assert tselab_here("calibrate", "--verbose", log, "--vehicle", outs[told], "--out", again, "--steps", "1").code == 12
     assert read_vehicle(again).formula == lopsided
-    assert tselab_here("calibrate", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2  # not over the formula
+    assert (
+        tselab_here("calibrate", "--verbose", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2
+    )  # not over the formula
 
 
 def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
     out = case / "short.toml"
-    run = tselab_here("calibrate", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1")
+    run = tselab_here(
+        "calibrate", "--verbose", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1"
+    )
     assert run.code == 12 and "NOT converged" in run.out
     assert "NOT CONVERGED" in out.read_text()
 
@@ -218,7 +224,7 @@ def test_a_log_of_seconds_is_nothing_to_rely_on(case: Path, tmp_path: Path) -> N
     rows = case.joinpath("log_slalom.csv").read_text().splitlines()
     log = tmp_path / "short.csv"
     log.write_text("\n".join(rows[:501]) + "\n")
-    run = tselab_here("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml")
+    run = tselab_here("calibrate", "--verbose", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml")
     assert run.code == 4, run.err
     assert re.search(r"Not to be relied on: \d s can be compared with a simulation, 20 s are needed\.", run.out)
 
@@ -229,7 +235,9 @@ def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) 
         rows.loc[30:, empty] = np.nan  # the reader refuses an empty column
         log = tmp_path / "without.csv"
         rows.to_csv(log, index=False)
-        run = tselab_here("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
+        run = tselab_here(
+            "calibrate", "--verbose", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
+        )
         assert run.code == code and "Traceback" not in run.err, run.err
 
 
@@ -237,7 +245,7 @@ def test_a_log_that_is_too_short_is_said_and_not_mixed_up_with_the_next(case: Pa
     short = tmp_path / "short.csv"
     short.write_text("".join((case / "log_highway.csv").read_text().splitlines(keepends=True)[:201]))
     arguments = ("--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
-    run = tselab_here("calibrate", short, case / "log_slalom.csv", *arguments)
+    run = tselab_here("calibrate", "--verbose", short, case / "log_slalom.csv", *arguments)
     assert run.code == 12 and "short.csv" in run.err and "Traceback" not in run.err, run.err
 
 
@@ -245,10 +253,19 @@ def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_
     bad = tmp_path / "bad.csv"
     bad.write_text("time,steer_angle\n0,1\n")
     run = tselab_here(
-        "calibrate", case / "log_highway.csv", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
+        "calibrate",
+        "--verbose",
+        case / "log_highway.csv",
+        bad,
+        "--vehicle",
+        case / "car.toml",
+        "--out",
+        tmp_path / "o.toml",
+        "--steps",
+        "1",
     )
     assert run.code == 12 and "left out" in run.err and "bad.csv" in run.err
-    alone = tselab_here("calibrate", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml")
+    alone = tselab_here("calibrate", "--verbose", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml")
     assert alone.code == 2 and "bad.csv" in alone.err and "Traceback" not in alone.err
     assert not (tmp_path / "p.toml").exists()
 
@@ -264,7 +281,7 @@ def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_
     ],
 )
 def test_bad_arguments_end_in_a_sentence(case: Path, arguments: list[str], said: str) -> None:
-    run = tselab_here("calibrate", *arguments, "--vehicle", "car.toml", cwd=case)
+    run = tselab_here("calibrate", "--verbose", *arguments, "--vehicle", "car.toml", cwd=case)
     assert run.code == 2 and said in run.err and "Traceback" not in run.err
 
 

@@ -52,7 +52,7 @@ LATER_COLUMNS = [
 @pytest.fixture(scope="module")
 def result(drive, tmp_path_factory):
     folder = tmp_path_factory.mktemp("estimate")
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, cwd=folder)
+    done = tselab("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=folder)
     assert done.code == 0, done.err
     return done, pd.read_csv(folder / "log.est.csv")
 
@@ -100,7 +100,7 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
     for i, seed in enumerate((5, 5, 6)):
         out = tmp_path / f"{i}.csv"
         options = ["--form", "robust", "--seed", seed, "--particles", 64, "--out", out]
-        assert tselab("estimate", drive.log, "--vehicle", drive.vehicle, *options).code == 0
+        assert tselab("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, *options).code == 0
         contents.append(out.read_bytes())
     assert contents[0] == contents[1] != contents[2]
 
@@ -169,7 +169,7 @@ def estimated(drive, tmp_path):
 
     def run(table, *options, codes=(0,)):
         table.to_csv(tmp_path / "log.csv", index=False)
-        done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, *options, cwd=tmp_path)
+        done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, *options, cwd=tmp_path)
         assert done.code in codes, done.err
         return done, pd.read_csv(tmp_path / "log.est.csv")
 
@@ -208,7 +208,9 @@ def test_slow_log_of_20_hz_is_handled(drive, estimated):
 
 
 def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path)
+    done = tselab_here(
+        "estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path
+    )
     assert done.code == 0, done.err
     assert "500 rows, 20.0 s, every 40 ms (means of 4 rows)" in done.out
     assert "averaged over 0.04 s: 2001 rows became 500, of 4 rows each" in done.err
@@ -223,7 +225,7 @@ def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
     [(0.2, "0.2 is outside its range 0.001 .. 0.1 s"), (0.012, "the rows of the log are 0.01 s apart"), ("nan", "outside")],
 )
 def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)
     assert done.code == 2 and "option --average: " in done.err and text in done.err
 
 
@@ -250,7 +252,7 @@ def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_p
     table["ref_note"] = "text"
     text = table[table.columns[::-1]].to_csv(index=False)
     (tmp_path / "log.csv").write_text("\ufeff" + text + "\n\n", encoding="utf-8")
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code in RAN, done.err
     assert "ref_note is not numeric" in done.err
     assert len(pd.read_csv(tmp_path / "log.est.csv")) == 300
@@ -266,7 +268,7 @@ def test_settings_come_from_file_and_options_win(drive, tmp_path):
     )
     done = tselab_here("estimate", "--form", "robust", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
                   "--particles", 48,
-                  "--set", "initial_cy_front=0.8", cwd=tmp_path)  # fmt: skip
+                  "--set", "initial_cy_front=0.8", "--verbose", cwd=tmp_path)  # fmt: skip
     assert done.code == 0, done.err
     assert "48 particles, forgetting 0.98" in done.out
     first = pd.read_csv(tmp_path / "log.est.csv").iloc[0]
@@ -312,7 +314,7 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
     long["time"] = np.arange(len(long)) * 0.01
     long.to_csv(tmp_path / "long.csv", index=False)
     run = subprocess.Popen(
-        [*COMMAND, "estimate", "long.csv", "--vehicle", str(drive.vehicle), "--progress", "--report", "r.html",
+        [*COMMAND, "estimate", "--verbose", "long.csv", "--vehicle", str(drive.vehicle), "--progress", "--report", "r.html",
          "--save-learnt", "car.tse"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
@@ -330,7 +332,7 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
     assert 0 < len(est) < len(long)
     assert np.isfinite(est.select_dtypes("number").to_numpy()).all()
     assert {p.name for p in tmp_path.iterdir()} == {"long.csv", "long.est.csv", "r.html", "car.tse"}
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--load-learnt", "car.tse", cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--load-learnt", "car.tse", cwd=tmp_path)
     assert "started from: car.tse" in done.out
 
 
@@ -352,7 +354,7 @@ def simulate(folder, name, seed, *options, maneuver="square-waves"):
 
 
 def estimate(folder, name, *options, codes=RAN):
-    done = tselab_here("estimate", f"{name}.csv", "--vehicle", "car.toml", *options, cwd=folder)
+    done = tselab_here("estimate", "--verbose", f"{name}.csv", "--vehicle", "car.toml", *options, cwd=folder)
     assert done.code in codes, done.err
     return done
 
@@ -440,7 +442,7 @@ def test_one_file_may_be_loaded_and_replaced(first):
 def test_sensors_filled_in_from_another_log_and_other_filter_settings_do_not_matter(first):
     lines = (first / "car.toml").read_text().split("[sensors]")[0]
     (first / "bare.toml").write_text(lines)
-    done = tselab_here("estimate", "second.csv", "--vehicle", "bare.toml", "--set", "max_gap=0.3", "--load-learnt",
+    done = tselab_here("estimate", "--verbose", "second.csv", "--vehicle", "bare.toml", "--set", "max_gap=0.3", "--load-learnt",
                   "default.tse", "--age", 1, cwd=first)  # fmt: skip
     assert done.code == 0, done.err
 
@@ -461,7 +463,7 @@ def test_a_file_that_is_wrong_is_named_with_what_is_wrong_and_nothing_is_written
 def test_another_vehicle_and_a_newer_format_are_told_apart(first):
     car = (first / "car.toml").read_text()
     (first / "other.toml").write_text(re.sub(r"(?m)^mass\s*=.*$", "mass = 1555", car))
-    done = tselab_here("estimate", "second.csv", "--vehicle", "other.toml", "--load-learnt", "default.tse", cwd=first)
+    done = tselab_here("estimate", "--verbose", "second.csv", "--vehicle", "other.toml", "--load-learnt", "default.tse", cwd=first)
     assert done.code == 2 and "default.tse: the learnt state belongs to another vehicle" in done.err
     data = (first / "default.tse").read_bytes()
     newer, older = data[:4] + struct.pack("<H", 4) + data[6:-4], data[:4] + struct.pack("<HH", 1, 96) + data[8:92]

@@ -145,7 +145,7 @@ def run(tmp_path_factory):
     vehicle = car(folder)
     logs = [write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i) for i, d in enumerate(("sweep", "brakes"), 1)]
     held = write_log(folder / "held.csv", vehicle, "steps", HIDDEN.settings(), 3)
-    done = tselab("gap", *logs, "--vehicle", vehicle, "--out", folder / "out", "--hold-out", held, "--jobs", 2)
+    done = tselab("gap", "--verbose", *logs, "--vehicle", vehicle, "--out", folder / "out", "--hold-out", held, "--jobs", 2)
     return folder, logs, done
 
 
@@ -182,7 +182,9 @@ def test_a_vehicle_file_keeps_the_formula_that_it_has(run):
     """Who has one is not given another, and loses none."""
     folder, logs, _ = run
     out = folder / "again"
-    done = tselab_here("gap", logs[0], "--vehicle", folder / "out" / "vehicle_improved.toml", "--out", out, "--jobs", 2)
+    done = tselab_here(
+        "gap", "--verbose", logs[0], "--vehicle", folder / "out" / "vehicle_improved.toml", "--out", out, "--jobs", 2
+    )
     assert done.code in (0, 10, 11), done.out + done.err
     assert read_vehicle(out / "vehicle_improved.toml").formula == read_formula(folder / "out" / "formula.toml")
 

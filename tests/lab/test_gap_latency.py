@@ -71,7 +71,7 @@ def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(tmp_path: Pa
     """At one speed and without braking the car is a linear system: late wheels and a late IMU are the same thing to it."""
     vehicle, out = car(tmp_path), tmp_path / "out"
     log = write_log(tmp_path / "gentle.csv", vehicle, GENTLE, {"imu_delay_time": DELAY}, 7, seconds=12.0)
-    done = tselab("gap", log, "--vehicle", vehicle, "--out", out, "--jobs", 1)
+    done = tselab("gap", "--verbose", log, "--vehicle", vehicle, "--out", out, "--jobs", 1)
     assert done.code == 11, done.out + done.err
     verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
     assert verdict["verdict"] == "named"

@@ -50,7 +50,7 @@ def case(tmp_path_factory):
     logs = [write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0) for seed, d in enumerate(("sweep", "brakes"), 1)]
     held = write_log(folder / "held.csv", vehicle, "steps", DELAY, 3, 16.0)
     out = folder / "out"
-    done = tselab("gap", *logs, "--vehicle", vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
+    done = tselab("gap", "--verbose", *logs, "--vehicle", vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
     return Case(folder, vehicle, logs, held, out, done)
 
 
@@ -133,7 +133,7 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(case, tmp
 
 def test_header_and_vehicle_are_the_same_bytes_again(case):
     before = {f: (case.out / f).read_bytes() for f in ("effects.h", "vehicle_improved.toml", "verdict.json")}
-    again = tselab("gap", *case.logs, "--vehicle", case.vehicle, "--out", case.out, "--hold-out", case.held)
+    again = tselab("gap", "--verbose", *case.logs, "--vehicle", case.vehicle, "--out", case.out, "--hold-out", case.held)
     assert again.code == case.done.code and again.out == case.done.out
     assert {f: (case.out / f).read_bytes() for f in before} == before
     assert not re.search(r"\b20\d\d-|\d\d:\d\d", before["effects.h"].decode())  # no date
@@ -178,7 +178,7 @@ def test_picture_is_a_png(case):
 def test_nothing_hidden_is_exit_0(tmp_path):
     vehicle = car(tmp_path)
     logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "brakes"), 5)]
-    done = tselab("gap", *logs, "--vehicle", vehicle, "--out", tmp_path / "out")
+    done = tselab("gap", "--verbose", *logs, "--vehicle", vehicle, "--out", tmp_path / "out")
     assert done.code == 0, done.out + done.err
     text = (tmp_path / "out" / "vehicle_improved.toml").read_text()
     assert "[effects" not in text and "could not have shown" in done.out
@@ -223,7 +223,7 @@ def test_what_held_out_logs_leave_is_in_the_words_and_in_the_report(case, tmp_pa
     """A log of a car with another steering: what is left of the fitted logs is noise, and not of that one."""
     held = write_log(tmp_path / "other.csv", case.vehicle, "steps", DELAY | {"steering_ratio_change": 0.1}, 3, 16.0)
     out = tmp_path / "out"
-    done = tselab("gap", *case.logs, "--vehicle", case.vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
+    done = tselab("gap", "--verbose", *case.logs, "--vehicle", case.vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
     assert "The held-out logs are not explained" in done.out
     assert re.search(r"<li>Held-out logs: [^<]*times the noise", (out / "report.html").read_text(encoding="utf-8"))
     assert "<li>Held-out logs:" not in (case.out / "report.html").read_text(encoding="utf-8")

@@ -126,7 +126,9 @@ def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
     table["ref_vel_y"] = driven["true_vel_y"][::10]
     table.to_csv(folder / "log.csv", index=False)
     (folder / "car.toml").write_text(CAR + EXACT)
-    done = tselab_here("estimate", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder)
+    done = tselab_here(
+        "estimate", "--verbose", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder
+    )
     assert done.code in RAN, done.err
     return done, pd.read_csv(folder / "log.est.csv"), table, (folder / "r.html").read_text(encoding="utf-8")
 

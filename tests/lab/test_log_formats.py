@@ -43,7 +43,7 @@ def clean(tmp_path_factory):
 
 def estimates(log: Path, car: Path, folder: Path, *options: object) -> pd.Series:
     """Means over the end of EST.csv."""
-    done = tselab_here("estimate", log, "--vehicle", car, "--out", folder / "est.csv", *options)
+    done = tselab_here("estimate", "--verbose", log, "--vehicle", car, "--out", folder / "est.csv", *options)
     assert done.code == 0, done.err
     return pd.read_csv(folder / "est.csv").iloc[-LAST:][list(STIFFNESS)].mean()
 
@@ -106,7 +106,7 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
     path = FORMATS["German CSV"][1](tmp_path, messages(table))
     by_hand = read_signals(tmp_path / "signals.toml")
     (tmp_path / "signals.toml").unlink()
-    done = tselab_here("estimate", path, "--vehicle", car, "--out", tmp_path / "e.csv")
+    done = tselab_here("estimate", "--verbose", path, "--vehicle", car, "--out", tmp_path / "e.csv")
     assert done.code == 2 and "tselab signals fahrt.csv --write signals.toml" in done.err
     done = tselab_here("signals", path, "--vehicle", car, "--write", tmp_path / "signals.toml")
     assert done.code == 0, done.err
@@ -421,7 +421,7 @@ def test_real_log_gives_finite_positive_plausible_stiffness(name, average, tmp_p
     options = () if average is None else ("--average", average)
     found = []
     for _ in range(2):
-        done = tselab_here("estimate", folder / "data.csv", "--vehicle", folder / "vehicle.toml", "--report", "r.html",
+        done = tselab_here("estimate", "--verbose", folder / "data.csv", "--vehicle", folder / "vehicle.toml", "--report", "r.html",
                            "--no-calibrate", *options, cwd=tmp_path)  # fmt: skip
         assert done.code in RAN, done.err
         assert "filled in: cornering_stiffness_front" in done.out and "filled in: [uncertainty] mass_sd" in done.out

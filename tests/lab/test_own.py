@@ -40,9 +40,9 @@ def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
     folder = tmp_path_factory.mktemp("own")
     make_logs("mountain", MINUTES, cars=make_cars(1, 3301), seed=4)[0].write(folder, "mountain")
     log, car = folder / "log_mountain.csv", folder / "car.toml"
-    first = tselab("estimate", log, "--vehicle", car, "--report", "r.html", "--json", cwd=folder)
+    first = tselab("estimate", "--verbose", log, "--vehicle", car, "--report", "r.html", "--json", cwd=folder)
     est = pd.read_csv(folder / "log_mountain.est.csv")
-    plain = tselab("estimate", log, "--vehicle", car, "--no-calibrate", "--out", "plain.csv", cwd=folder)
+    plain = tselab("estimate", "--verbose", log, "--vehicle", car, "--no-calibrate", "--out", "plain.csv", cwd=folder)
     assert plain.code in (0, 3, 4), plain.err
     return Case(folder, log, car, first, est, pd.read_csv(folder / "plain.csv"))
 
@@ -107,7 +107,7 @@ def test_a_second_run_takes_what_the_first_has_kept(case, monkeypatch, tmp_path)
         raise AssertionError("calibrated anew")
 
     monkeypatch.setattr(workflow, "of_logs", fail)
-    again = tselab_here("estimate", case.log, "--vehicle", case.car, "--out", "est.csv", cwd=tmp_path)
+    again = tselab_here("estimate", "--verbose", case.log, "--vehicle", case.car, "--out", "est.csv", cwd=tmp_path)
     assert "kept from an earlier run: " in again.out
     assert (tmp_path / "est.csv").read_bytes() == (case.folder / "log_mountain.est.csv").read_bytes()
 
@@ -160,10 +160,10 @@ def test_another_car_or_log_is_another_entry(case, tmp_path):
 def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_path):
     rows = case.log.read_text().splitlines()
     (tmp_path / "log.csv").write_text("\n".join(rows[:3001]) + "\n")
-    done = tselab_here("estimate", "log.csv", "--vehicle", case.car, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", case.car, cwd=tmp_path)
     assert "not calibrated on the log itself: it lasts 29.99 s, 60 s are needed" in done.out
     assert "filled in: cornering_stiffness_front" in done.out
-    plain = tselab_here("estimate", "log.csv", "--vehicle", case.car, "--no-calibrate", "--out", "p.csv", cwd=tmp_path)
+    plain = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", case.car, "--no-calibrate", "--out", "p.csv", cwd=tmp_path)
     assert "calibrated on the log" not in plain.out
     assert (tmp_path / "p.csv").read_bytes() == (tmp_path / "log.est.csv").read_bytes()
 
@@ -198,10 +198,10 @@ def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch
     monkeypatch.setattr(workflow, "of_logs", interrupt)
     (tmp_path / "car.toml").write_text(case.car.read_text() + "\n[latency]\nsteer_angle = 0.02\n", encoding="utf-8")
     before = sorted(cache.rglob("*.json"))
-    done = tselab_here("estimate", case.log, "--vehicle", "car.toml", "--out", "est.csv", cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", case.log, "--vehicle", "car.toml", "--out", "est.csv", cwd=tmp_path)
     assert done.code == 130 and "the calibration was stopped by Ctrl-C" in done.err
     assert f"not calibrated on the log itself: {own.STOPPED}" in done.out
-    tselab_here("estimate", case.log, "--vehicle", "car.toml", "--no-calibrate", "--out", "plain.csv", cwd=tmp_path)
+    tselab_here("estimate", "--verbose", case.log, "--vehicle", "car.toml", "--no-calibrate", "--out", "plain.csv", cwd=tmp_path)
     assert (tmp_path / "est.csv").read_bytes() == (tmp_path / "plain.csv").read_bytes()
     assert sorted(cache.rglob("*.json")) == before and not list(cache.rglob("*.lock"))
     with pytest.raises(KeyboardInterrupt):
@@ -224,7 +224,7 @@ def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):
     learnt = tmp_path / "car.tse"
     for options in (("--vehicle", car), ("--vehicle", case.car, "--save-learnt", learnt),
                     ("--vehicle", case.car, "--load-learnt", learnt)):  # fmt: skip
-        done = tselab_here("estimate", case.log, *options, "--json", "--out", "e.csv", cwd=tmp_path)
+        done = tselab_here("estimate", "--verbose", case.log, *options, "--json", "--out", "e.csv", cwd=tmp_path)
         assert json.loads(done.out)["calibration"] is None, options
 
 
@@ -252,7 +252,9 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     assert not any("calibrated on" in n or "taught is not used" in n for n in second["notes"])
     (made,) = (tmp_path / "out" / CALIBRATED).glob("*.toml")
     assert read_vehicle(made).calibration["own"]
-    loaded = tselab_here("estimate", "logs/2026-01-02.csv", "--vehicle", made, "--load-learnt", "out/learnt/x.tse", cwd=tmp_path)
+    loaded = tselab_here(
+        "estimate", "--verbose", "logs/2026-01-02.csv", "--vehicle", made, "--load-learnt", "out/learnt/x.tse", cwd=tmp_path
+    )
     assert loaded.code in (0, 3), loaded.err
     stat = made.stat().st_mtime_ns
     assert tselab_here(*command, cwd=tmp_path).out == done.out and made.stat().st_mtime_ns == stat

@@ -29,7 +29,7 @@ def page(drive, tmp_path_factory):
     vehicle = folder / "bare.toml"
     text = drive.vehicle.read_text().split("[sensors]")[0]
     vehicle.write_text("\n".join(line for line in text.splitlines() if "stiffness_" not in line) + '\n["<b>red</b>"]\nshade = 1\n')
-    done = tselab_here("estimate", drive.log, "--vehicle", vehicle, "--report", "r.html", cwd=folder)
+    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", vehicle, "--report", "r.html", cwd=folder)
     assert done.code == 0, done.err
     return (folder / "r.html").read_text(encoding="utf-8"), done
 
@@ -163,7 +163,7 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
     table["accel_y"] += 0.6 * np.random.default_rng(1).standard_normal(len(table))
     table.to_csv(tmp_path / "noisy.csv", index=False)
     for log, noisy in ((drive.log, False), ("noisy.csv", True)):
-        done = tselab_here("estimate", log, "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path)
+        done = tselab_here("estimate", "--verbose", log, "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path)
         assert done.code == 0, done.err
         page = (tmp_path / "r.html").read_text(encoding="utf-8")
         names = {trace["name"] for trace in figures_of(page)[3]["data"]}

@@ -450,12 +450,12 @@ def test_the_commands_take_a_road(banked, tmp_path):
     on = ("--road", str(tmp_path / "road.csv"))
     simulated = ("simulate", "--maneuver", "double-lane-change", "--duration", "20", "--out", str(log))
     assert tselab(*simulated, *on).code == 0
-    said = tselab("estimate", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
+    said = tselab("estimate", "--verbose", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
     assert said.code in (0, 3, 4) and "100 % of the rows are on the road" in said.err + said.out
     said = tselab("replay", str(log), "--vehicle", str(car), *on)
     assert said.code == 0 and "100 % of the rows are on the road" in said.err
     (tmp_path / "road.csv").write_text(TEXT.replace("0.02", "0.5"), encoding="utf-8")
-    said = tselab("estimate", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
+    said = tselab("estimate", "--verbose", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
     assert said.code == 2 and "column bank: 0.5 is outside the allowed range" in said.err
-    said = tselab("estimate", str(log), "--vehicle", str(car), "--form", "paper", "--out", str(est), *on)
+    said = tselab("estimate", "--verbose", str(log), "--vehicle", str(car), "--form", "paper", "--out", str(est), *on)
     assert said.code == 2

@@ -93,7 +93,7 @@ def test_a_wrong_file_is_refused_with_line_field_and_what_is_allowed(name, drive
     assert old in GOOD
     table().to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "signals.toml").write_text(GOOD.replace(old, new))
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--signals", "signals.toml", cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, "--signals", "signals.toml", cwd=tmp_path)
     assert done.code == 2 and "Traceback" not in done.err, done.err
     assert len(done.err.splitlines()) <= 3
     for word in ("signals.toml" if "zait" not in new else "log.csv", *words):
@@ -233,14 +233,14 @@ def test_times_in_words_are_times(form, tmp_path, drive):
     assert np.allclose(dates.time - dates.time[0], plain.time, atol=1e-6)
     for name in plain.data:
         assert np.array_equal(dates.data[name], plain.data[name]), name
-    done = tselab("estimate", tmp_path / "dates.csv", "--vehicle", drive.vehicle, "--out", tmp_path / "est.csv")
+    done = tselab("estimate", "--verbose", tmp_path / "dates.csv", "--vehicle", drive.vehicle, "--out", tmp_path / "est.csv")
     assert done.code in (0, 3, 4), done.err
 
 
 def test_a_time_that_is_none_is_refused_as_before(tmp_path, drive):
     log = tse.simulate("double-lane-change", duration=2).log
     log.assign(time="soon").to_csv(tmp_path / "soon.csv", index=False)
-    done = tselab("estimate", tmp_path / "soon.csv", "--vehicle", drive.vehicle)
+    done = tselab("estimate", "--verbose", tmp_path / "soon.csv", "--vehicle", drive.vehicle)
     assert done.code == 2 and "column time" in done.err and "soon" in done.err
 
 
@@ -332,9 +332,11 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     table = pd.read_csv(lively)
     table["accel_y"] /= 9.81
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 4 and "warning: check the units: accel_y is in g" in done.err
-    strict = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path)
+    strict = tselab_here(
+        "estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path
+    )
     assert strict.code == 2 and "option --strict: check the units: accel_y is in g" in strict.err
     assert not (tmp_path / "strict.csv").exists()
 
@@ -406,7 +408,7 @@ def test_a_log_that_contradicts_itself_tells_nothing_and_teaches_nothing(lively,
     table["steer_angle"] *= -1
     table.to_csv(tmp_path / "log.csv", index=False)
     more = ("--table", "t.parquet", "--save-learnt", "l")
-    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, *more, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, *more, cwd=tmp_path)
     assert done.code == 4 and "steer_angle is positive to the right" in done.err
     told = pd.read_parquet(tmp_path / "t.parquet")
     assert (told.usable == "no").all() and told.value.isna().all() and (told.reason == "contradicted").all()
@@ -419,7 +421,7 @@ def test_wheels_that_stand_while_the_car_drives_are_a_note(lively, drive, tmp_pa
     rows = (table.time > 10) & (table.time < 30)
     table.loc[rows, ["wheel_speed_front", "wheel_speed_rear"]] = 0.0
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
+    done = tselab("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code in RAN and "RuntimeWarning" not in done.err
     assert "note: both wheel speeds are 0 from 10.01 to 29.99 s, while the car drove (19.6 m/s in the row before" in done.err
 
@@ -451,7 +453,7 @@ def test_no_row_of_a_log_that_contradicts_itself_is_valid(mistake, drive, tmp_pa
     table.to_csv(tmp_path / "log.csv", index=False)
     vehicle = tmp_path / "car.toml"
     vehicle.write_text(drive.vehicle.read_text())
-    done = tselab_here("estimate", "log.csv", "--vehicle", vehicle, "--out", "est.csv", cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", vehicle, "--out", "est.csv", cwd=tmp_path)
     hint = "the wheel speeds are in mph" if mistake == "units" else "front and rear wheel speeds seem to be exchanged"
     assert done.code == 4 and hint in done.err
     estimated = pd.read_csv(tmp_path / "est.csv")

@@ -187,7 +187,7 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(ROAD), False))
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     lines = done.out.splitlines()
     at = lines.index("From 0.0 .. 36.0 s:")
@@ -196,7 +196,7 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     assert lines[at + 4] == "From 36.0 .. 60.0 s:" and "84 kN/rad ± 2 (95 %)" in lines[at + 6]
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.9)) for i in range(1, 40)]
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(every_5_s, 200), False))
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
 
 
@@ -211,7 +211,7 @@ def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_pat
     road = ("--road-change", f"40:{level}") if level < 1 else ()
     done = tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 60, *road, "--out", "log.csv", cwd=tmp_path)
     assert done.code == 0, done.err
-    done = tselab_here("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path)
+    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path)
     times = [c.time for c in changes(pd.read_csv(tmp_path / "e.csv"))]
     assert times == [pytest.approx(40.0, abs=1.0)] if level < 1 else times == []
 
@@ -356,7 +356,7 @@ def test_a_log_with_no_valid_row_has_an_answer_with_its_reason(tmp_path):
     (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
     made = ("simulate", "--maneuver", "straight", "--duration", 20, "--out", "log.csv")
     assert tselab_here(*made, "--vehicle", "car.toml", cwd=tmp_path).code == 0
-    run = ("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv")
+    run = ("estimate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", "e.csv")
     done = tselab_here(*run, "--report", "r.html", "--table", "t.csv", cwd=tmp_path)
     assert done.code == 4, done.err
     lines = [x for x in done.out.splitlines() if "stiffness:" in x]

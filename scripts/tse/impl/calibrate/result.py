@@ -278,3 +278,28 @@ def words(result: Result) -> list[str]:
     if hidden:
         lines.append(f"Not shown by these logs: {', '.join(hidden)}.")
     return lines + result.surer
+
+
+def answer(result: Result, stiffness: str) -> list[str]:
+    """Return the result in a few lines: the stiffness, what was found beside it, what is
+    unchanged, what it is worth, and what makes it surer. words() says all."""
+    found = [g.name for g in result.groups if any(f.shown and abs(f.value - f.before) > SURE * f.sd for f in g.members)]
+    hidden = sum(not f.shown for f in result.findings)
+    held = any(p.held_out for p in result.proofs)
+    of = [p for p in result.proofs if p.held_out == held]
+    lines = [stiffness]
+    lines.append(f"Found beside it: {', '.join(found) if found else 'nothing that differs from the vehicle file'}.")
+    lines.append(f"Unchanged: {hidden} of {len(result.findings)} numbers, which these logs do not show.")
+    for c in ("accel_y", "yaw_rate"):
+        if any(c in p.channels for p in of):
+            x = over(of, c)
+            lines.append(
+                f"{c} of {'held-out' if held else 'the fitted'} logs is {x.after:.2g} {CHANNEL_UNIT[c]} off the simulation, "
+                f"before {x.before:.2g}; {x.noise:.2g} is noise."
+            )
+    if not result.fit.converged:
+        lines += [line for line in words(result) if "NOT converged" in line]
+    lines += against(result.proofs)
+    if wrong := result.misstated:
+        lines.append(f"Check the vehicle file: {wrong}.")
+    return lines + result.surer[:2]
