@@ -37,8 +37,11 @@ def make_guesses(
     if v is not None:
         v = v * scale.per["wheel"]
     # the wheels give the sign of the yaw rate, where they can; the others follow it
-    sign = {"yaw_rate": float(np.sign(facts.get("track_corr", 0.0))) if abs(facts.get("track_corr", 0.0)) > 0.7 else 1.0}
-    sided = abs(facts.get("track_corr", 0.0)) > 0.7
+    # and where they cannot, the course of a receiver does
+    by_wheels = facts.get("track_corr", 0.0)
+    turn = by_wheels if abs(by_wheels) > 0.7 else facts.get("course_corr", 0.0)
+    sided = abs(turn) > 0.7
+    sign = {"yaw_rate": float(np.sign(turn)) if sided else 1.0}
     sign["accel_y"] = sign["yaw_rate"] * (
         float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0
     )
@@ -58,7 +61,7 @@ def make_guesses(
     find_latencies(look, found, wheels, scale, sign, warnings)
     _odd(look, found, chosen, scale, sign, v, warnings)
     _turned(look, found, scale, sign, v, warnings)
-    if all(c in found and found[c].sign < 0 for c in ("yaw_rate", "accel_y", "steer_angle")) and sided:
+    if all(c in found and found[c].sign < 0 for c in ("yaw_rate", "accel_y", "steer_angle")) and abs(by_wheels) > 0.7:
         warnings.append(
             "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left and right wheels are "
             "exchanged; the wheels are believed"
@@ -116,6 +119,8 @@ def _guess(
             )
         if "accel_y" in scale.figures:
             figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}")
+        if sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
+            figures.append(f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}")
         if not sided:
             figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
     confidence = _confidence(worth["said"], worth["shown"])

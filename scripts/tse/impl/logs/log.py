@@ -20,7 +20,7 @@ from tse.impl.logs.read_text import parsing
 from tse.impl.logs.readers import read_recording
 from tse.impl.logs.recording import PIECE, ROW, Recording, check_rows, in_room, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
-from tse.impl.logs.table import Column, seconds
+from tse.impl.logs.table import PACKED, Column, is_packed, of_packed, seconds
 from tse.impl.rows import (
     FEW_OUTSIDE,
     MEASURES,
@@ -38,6 +38,7 @@ from tse.impl.rows import (
 from tse.impl.vehicle import Vehicle
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
@@ -81,6 +82,9 @@ def _is_plain(path: Path, reading: Reading) -> bool:
     first = dict(zip(names, lines[1], strict=False)) if len(lines) > 1 else {}
     if _CLOCK.search(first.get("time", "")):
         return False  # dates or times of day
+    cells = [c.strip() for c in first.values()]
+    if any(_DECIMAL_COMMA.fullmatch(c) for c in cells) and not any("." in c for c in cells):
+        return False  # decimals are written with a comma, in quotes
     return "time" in names and len(wanted & {n.lower() for n in names}) > 3
 
 
@@ -103,7 +107,11 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
         notes.append(f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out")
     if skipped:
         notes.append(f"column {', '.join(skipped)} is not numeric: not used")
-    time, keep = straightened(path, table.pop("time"), line, notes)
+    time = table.pop("time")
+    if is_packed(time):
+        notes.append(PACKED)
+        time = of_packed(time)
+    time, keep = straightened(path, time, line, notes)
     if not keep.all():
         table, line = {c: x[keep] for c, x in table.items()}, line[keep]
     return checked(path, time, table, line, notes, spare)

@@ -124,6 +124,7 @@ class Look:
             if bit := _sign_bit(short[name], time, value, {short[b]: (b, *bits[b]) for b in bits}):
                 self.sign_bit[name] = bit
                 raw[name] = time, np.where(_held(time, *bits[bit]) == 1, -value, value)
+        self.raw = raw
         own = {name: entries(Series(name, time, value)) for name, (time, value) in raw.items()}
         self.channels: dict[str, Channel] = {c.name: c for c in recording if c.name in own}
         self._called: dict[str, str] = {}

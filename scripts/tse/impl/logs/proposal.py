@@ -14,6 +14,7 @@ from tse.impl.logs.mapping import Series
 from tse.impl.logs.raster import entries, rate_of
 from tse.impl.logs.recording import Channel, How, Recording
 from tse.impl.logs.scales import find_units
+from tse.impl.logs.velocities import find_velocities
 from tse.impl.logs.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
 
 
@@ -125,7 +126,9 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
             g.sign_bit = look.sign_bit[g.name[0]]
             g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
     raw = speed_of(look, wheels)
-    guesses += find_pedals(recording, look, None if raw is None else raw * scale.per["wheel"])
+    v = None if raw is None else raw * scale.per["wheel"]
+    guesses += find_velocities(look, guesses, v, recording.format)
+    guesses += find_pedals(recording, look, v)
     find_companions(recording, guesses)
     warnings += counted(recording) if not wheels else []
     have = {g.channel for g in guesses}

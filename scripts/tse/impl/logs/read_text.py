@@ -29,7 +29,7 @@ EMPTY = {"", "nan", "na", "n/a", "null", "-", "none", "#n/a", "inf", "-inf", "tr
 
 def read(path: Path, how: How) -> Recording:
     """A table of text."""
-    encoding, errors = _encoding(path, how)
+    encoding, errors = text_encoding(path, how)
     with open(path, encoding=encoding, errors=errors, newline="") as file:
         head = file.read(1 << 20)
     if "\0" in head[:65536]:
@@ -100,8 +100,9 @@ def parsing(path: Path) -> Iterator[None]:
 BINARY = "{}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
 
 
-def _encoding(path: Path, how: How) -> tuple[str, str]:
-    """The encoding of a text, and what becomes of bytes that are none of it."""
+def text_encoding(path: Path, how: How | None = None) -> tuple[str, str]:
+    """Return the encoding of a text, and what becomes of bytes that are none of it. UserError: it is binary."""
+    how = how or How()
     with open(path, "rb") as file:
         start = file.read(4096)
     if how.encoding:

@@ -16,6 +16,7 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "columns": ((".parquet", ".pq", ".feather", ".arrow", ".ipc"), (b"PAR1", b"ARROW1", b"FEA1")),
     "mat": ((".mat", ".h5", ".hdf5"), (b"MATLAB 5.0", b"MATLAB 7.3", b"\x89HDF")),
     "openpilot": ((".rlog", ".qlog", ".bz2", ".zst"), ()),
+    "vbo": ((".vbo",), ()),
     "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
 }
 OTHERS = {  # what people have, that nobody reads here, and what to do
@@ -26,7 +27,7 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
     ".arxml": "this is the database, not the log: name it with --database", ".a2l": "this describes an ECU, it is not a log",
     ".toml": "a log is needed here", ".pkl": "save the table as Parquet", ".pickle": "save the table as Parquet",
     ".npz": "save the arrays as MAT or Parquet", ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV",
-    ".d97": "export it as MF4", ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT",
+    ".d97": "export it as MF4", ".ld": "export it as CSV or MAT",
     ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
 CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#")  # (1489113253.31) can0 083#0FE0, whatever the file is called
@@ -35,7 +36,7 @@ FRAMES = re.compile(
     rb"[\"']?time[^,;\t\n]*[,;\t][^\n]*\b(id|arbitration_?id|can_?id|identifier)\b[^\n]*[,;\t]\s*[\"']?(data|d0|d1|byte_?[01]|data_?[01])\b",
     re.IGNORECASE,
 )
-FORMATS = "CSV, MF4/MDF, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
+FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
 def reader_of(path: Path) -> str:
@@ -69,7 +70,7 @@ def reader_of(path: Path) -> str:
         raise UserError(f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; read are {FORMATS}")
     if found == "can" and suffix in (".log", ".can") and text:
         return "text"  # .log is the end of many a name
-    if found in ("can", "openpilot"):
+    if found in ("can", "openpilot", "vbo"):
         return found
     if text:
         return "text"

@@ -7,7 +7,7 @@ import itertools
 import os
 import re
 from array import array
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Collection, Container, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -27,6 +27,9 @@ except ImportError:  # Windows has none
 
 MOST_NAMED = 6  # names that one message lists
 PIECE = 1 << 16  # frames and rows of text that are decoded at a time
+
+
+RECEIVER = "receiver of GNSS"  # what is said about a channel of one
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,34 @@ def check_rows(path: Path, what: str, rows: int, each: int = SIGNAL) -> None:
         raise UserError(
             f"{path}: {what} has {rows:,} rows; of a file of its size up to {most:,} are read (four hours at 100 Hz of any): cut "
             "it into drives; or it is made to fill the machine"
+        )
+
+
+MOST_COLUMNS = 20_000  # of a table; the largest of public logs has 3 000
+LONGEST_NAME = 1000  # characters
+
+
+def check_columns(path: Path, names: Collection[str]) -> None:
+    """Refuse a table that is too wide.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    names : collection of str
+        Names of all columns.
+
+    Raises
+    ------
+    UserError
+        There are more than MOST_COLUMNS, or a name is longer than LONGEST_NAME.
+    """
+    if len(names) > MOST_COLUMNS:
+        raise UserError(f"{path}: has {len(names):,} columns; up to {MOST_COLUMNS:,} are read: leave out those that are not needed")
+    long = next((n for n in names if len(n) > LONGEST_NAME), None)
+    if long is not None:
+        raise UserError(
+            f"{path}: the name of a column has {len(long):,} characters ({long[:30]!r} ...); up to {LONGEST_NAME:,} are read"
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from tse.impl.logs import physics
 from tse.impl.logs.look import KINDS, NAMED, TURNED, Look
 from tse.impl.logs.physics import TRACK, TRACK_SD, fit, smoothed
+from tse.impl.logs.recording import RECEIVER
 from tse.impl.logs.table import unit_at_end
 from tse.impl.logs.vocabulary import score, text_of
 from tse.impl.logs.wheels import is_speed, named_speed, speed_of, turn_of
@@ -117,6 +118,8 @@ def facts_of(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v
         if abs(found.corr) > TURNED:
             facts["track"] = abs(found.slope)
         facts["track_corr"] = found.corr
+    if r is not None:
+        facts["course_corr"] = _course(look, r, v)
     if "accel_x" in chosen:
         found = fit(physics.derivative(v), look.x[chosen["accel_x"]])
         if abs(found.corr) > 0.8:
@@ -128,6 +131,28 @@ def facts_of(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v
         if found.corr > 0.98:
             facts["speed"] = float(np.nanmedian((ground / v)[v > 0.3 * np.nanmax(v)]))
     return facts
+
+
+def _course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
+    """Return how well the yaw rate goes with the course of a receiver of GNSS.
+
+    The course counts clockwise from north, in degrees. 1: the yaw rate is positive to the
+    left. -1: to the right. 0: there is no course."""
+    named = [
+        n for n in look.raw
+        if score("heading", n) >= NAMED and kind(look.unit(n)) in ("", "angle")
+        and (look.channels[n].text == RECEIVER or re.search(r"gps|gnss", text_of(n)))
+    ]  # fmt: skip
+    if not named:
+        return 0.0
+    time, course = look.raw[named[0]]
+    good = np.isfinite(course)
+    time, course = time[good], course[good]
+    if len(course) < 10 or np.ptp(course) < 1.0 or course.min() < -181.0 or course.max() > 361.0:
+        return 0.0
+    turned = -np.unwrap(np.radians(course))
+    rate = smoothed(np.gradient(smoothed(np.interp(look.time, time, turned, np.nan, np.nan))) * physics.RATE)
+    return fit(r, rate, np.abs(v) > 0.3 * np.nanmax(np.abs(v))).corr
 
 
 def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:

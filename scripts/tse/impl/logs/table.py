@@ -189,6 +189,9 @@ def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> 
         x = found
     time = x.to_numpy(dtype=float, na_value=np.nan)
     unit = how.time_unit or (c.unit if kind(c.unit) == "time" else "") or _unit_of_name(c.name)
+    if unit in ("", "s") and how.time_unit is None and is_packed(time):
+        notes.append(PACKED)
+        return of_packed(time)
     if unit:
         per = factor(unit, "s")
         if per is None:
@@ -201,6 +204,53 @@ def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> 
     if name != "s":
         notes.append(f"time: rows are {usual:g} apart, so they are taken as {name} ([log] time_unit says otherwise)")
     return time * per
+
+
+PACKED = "time: its numbers are times of day as HHMMSS.ss, so they are taken as such ([log] time_unit says otherwise)"
+DAY = 86400.0  # s
+
+
+def of_packed(time: np.ndarray) -> np.ndarray:
+    """Return times of day that are packed as HHMMSS.ss, s since the first midnight.
+
+    Parameters
+    ----------
+    time : ndarray, (rows,)
+        Hours times 10000 plus minutes times 100 plus seconds. NaN: missing.
+
+    Returns
+    -------
+    ndarray, (rows,)
+        Seconds. After midnight they go on.
+    """
+    with np.errstate(invalid="ignore"):
+        whole = np.floor(time)
+        hours, minutes = np.floor(whole / 1e4), np.floor(whole / 100) % 100
+        found = 3600 * hours + 60 * minutes + (time - 100 * np.floor(whole / 100))
+    there = np.flatnonzero(np.isfinite(found))
+    if len(there) > 1:
+        days = np.cumsum(np.diff(found[there]) < -0.5 * DAY)
+        found[there[1:]] += DAY * days
+    return found
+
+
+def is_packed(time: np.ndarray) -> bool:
+    """Return whether numbers are times of day packed as HHMMSS.ss.
+
+    They are where none has 60 or more seconds or minutes and the time jumps from 59 to 100 as often as a minute ends. A count of
+    seconds has 60 in its second minute."""
+    t = time[np.isfinite(time)]
+    if len(t) < 10 or t.min() < 0 or t.max() >= 240000:
+        return False
+    if (t % 100 >= 60).any() or (t // 100 % 100 >= 60).any() or t[0] // 100 == t[-1] // 100:
+        return False
+    step = np.diff(t)
+    usual = float(np.median(step))
+    minute = np.diff(t // 100) != 0
+    if not 0 < usual <= 1.0 or not minute.any():
+        return False
+    after = np.diff(of_packed(t))
+    return bool((step[minute] > 39).all() and np.median(after[minute]) < 5 * usual + 1e-3)
 
 
 def _unit_of_name(name: str) -> str:

@@ -130,6 +130,26 @@ def place_of(name: str) -> tuple[str, float]:
     return "", 0.0
 
 
+# A corner that is written together with what it is of, in one word: FLwhlspd, LFspeed, whlflspd
+OF_A_WHEEL = r"wheel|whl|wh|wss|wsp|ws|spd|speed|vel|rad|rpm|geschw|rot|omega"
+CORNERS = {
+    "front_left": r"fl|lf|vl|frontleft|leftfront|frontl|lfront",
+    "front_right": r"fr|rf|vr|frontright|rightfront|frontr|rfront",
+    "rear_left": r"rl|lr|hl|bl|rearleft|leftrear|rearl|lrear|backleft",
+    "rear_right": r"rr|hr|br|rearright|rightrear|rearr|rrear|backright",
+}
+
+
+def _corner(joined: str) -> str:
+    """Return the corner that begins a word, or stands between two words of a wheel; "" where none does."""
+    for place, pattern in CORNERS.items():
+        if re.match(rf"({pattern})({OF_A_WHEEL})", joined) or re.search(
+            rf"(wheel|whl|rad|ws|tire|tyre)({pattern})({OF_A_WHEEL})", joined
+        ):
+            return place
+    return ""
+
+
 def _place(end: str, wheel: bool) -> tuple[str, float]:
     joined = end.replace(" ", "")
     for place, pattern in PLACES.items():
@@ -144,4 +164,5 @@ def _place(end: str, wheel: bool) -> tuple[str, float]:
             )
         ):
             return place, worth - 0.3
-    return "", 0.0
+    corner = _corner(joined)
+    return (corner, 2.7) if corner else ("", 0.0)
