@@ -1,14 +1,18 @@
 """Files of the trade: each case is a kind of file that was read wrong once, built small, with the right answer."""
 
 import csv
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from conftest import tselab, tselab_here
 from log_formats import drive
-from trade_files import MIDNIGHT, packed, si, write_vbo
+from trade_files import DBC, MIDNIGHT, ODD_LINES, frames, packed, si, write_candump, write_vbo
 from tse.impl.errors import UserError
+from tse.impl.logs.counters import modulo_of
+from tse.impl.logs.databases import read_database
 from tse.impl.logs.log import read_log
 from tse.impl.logs.proposal import propose
 from tse.impl.logs.readers import read_recording
@@ -123,3 +127,72 @@ def test_a_table_with_the_names_of_tse_is_read_in_either_writing(kind, car, tmp_
     np.testing.assert_allclose(log.data["yaw_rate"], clean.yaw_rate, rtol=1e-6)
     assert not any("gap" in n or "jumps" in n for n in log.notes)
     assert any("HHMMSS" in n for n in log.notes) == (kind == "packed time")
+
+
+# ---- Databases
+
+
+@pytest.mark.parametrize("odd", ODD_LINES)
+def test_a_database_is_read_without_its_odd_line_which_is_named(odd, trip, tmp_path):
+    path = write_candump(tmp_path / "drive.log", frames(trip[:200]), DBC + ODD_LINES[odd] + "\n")
+    log = read_recording(path)
+    np.testing.assert_allclose(log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:200]), atol=0.006)
+    assert {"ESC_2.WheelSpeedRR", "SAS_1.SteeringWheelAngle"} <= set(log.channels)
+    said = [n for n in log.notes if n.startswith("car.dbc: line 2")]
+    assert len(said) == (0 if "point" in odd or "behind" in odd else 1), log.notes
+
+
+def test_of_a_database_that_is_none_the_name_is_said(trip, tmp_path):
+    path = write_candump(tmp_path / "drive.log", frames(trip[:20]), "this is no database")
+    with pytest.raises(UserError, match=r"car\.dbc: is no database of a bus"):
+        read_recording(path)
+
+
+OPENDBC = Path(os.environ.get("TSE_OPENDBC", Path(__file__).parents[3] / "shared" / "opendbc"))
+
+
+def test_all_public_databases_are_read():
+    files = [p for p in sorted(OPENDBC.glob("**/*.dbc")) if b"\nBO_ " in p.read_bytes()]
+    if not files:
+        pytest.skip("opendbc is not beside this checkout (TSE_OPENDBC names its folder)")
+    for path in files:
+        assert read_database(path, []), path
+
+
+def test_what_a_database_says_of_values_is_used(trip, tmp_path):
+    """A code for no value in a measurement is missing; the codes of a state stay."""
+    sent = frames(trip[:300])
+    lost = [100, 101, 250]
+    for i in lost:
+        t, identifier, data = sent[3 * i]
+        sent[3 * i] = t, identifier, b"\xff\x7f" + data[2:]
+    text = DBC + 'VAL_ 100 YawRate 32767 "SNA" ;\nVAL_ 100 ESC_1_Qualifier 0 "valid" 3 "not_available" ;\n'
+    log = read_recording(write_candump(tmp_path / "drive.log", sent, text))
+    yaw = log.channels["ESC_1.YawRate"]
+    assert list(np.flatnonzero(np.isnan(yaw.value))) == lost
+    assert "ESC_1.YawRate: 3 values that the database calls SNA are treated as missing" in log.notes
+    assert log.channels["ESC_1.ESC_1_Qualifier"].states == {0.0: "valid", 3.0: "not_available"}
+
+
+def test_a_counter_of_fifteen_values_loses_no_message(trip, car, tmp_path):
+    path = write_candump(tmp_path / "drive.log", frames(trip))
+    assert tselab_here("signals", path, "--vehicle", car, "--write", tmp_path / "signals.toml").code == 0
+    assert "modulo = 15" in (tmp_path / "signals.toml").read_text()
+    assert not any("lost" in n for n in read_log(path, reading=Reading(car=read_vehicle(car))).notes)
+
+
+@pytest.mark.parametrize(("counter", "modulo"), [
+    (np.arange(400) % 16, 16), (np.arange(400) % 15, 15), (np.arange(400) % 15 + 1, 15), (np.arange(200) % 256, 256),
+    (np.arange(400) // 2 % 16, 0), (np.delete(np.arange(400) % 16, [17, 80, 81, 200]), 16), (np.zeros(50), 0),
+])  # fmt: skip
+def test_how_far_a_counter_counts_is_read_from_it(counter, modulo):
+    assert modulo_of(counter.astype(float)) == modulo
+
+
+def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
+    """Two bits, 3 where the sensor is not ready: the values are wrong then."""
+    qualifier = np.where((np.arange(len(trip)) > 500) & (np.arange(len(trip)) < 560), 3, 0)
+    found = propose(read_recording(write_candump(tmp_path / "drive.log", frames(trip, qualifier))))
+    for channel in ("yaw_rate", "accel_x", "accel_y"):
+        assert found[channel].valid == ("ESC_1.ESC_1_Qualifier", 0.0), channel
+    assert found["steer_angle"].valid is None

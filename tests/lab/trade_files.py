@@ -52,3 +52,71 @@ def write_vbo(path: Path, drive: pd.DataFrame, wheels: bool = True, start: float
                      + " ".join(cells))  # fmt: skip
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode("cp1252"))
     return path
+
+
+# ---- Frames of a bus
+
+DBC = """VERSION ""
+
+NS_ :
+
+BS_:
+
+BU_: A B
+
+BO_ 100 ESC_1: 8 A
+ SG_ YawRate : 0|16@1- (0.01,0) [-327|327] "deg/s" B
+ SG_ LateralAcceleration : 16|16@1- (0.001,0) [-32|32] "m/s2" B
+ SG_ LongitudinalAcceleration : 32|16@1- (0.001,0) [-32|32] "m/s2" B
+ SG_ ESC_1_Counter : 48|4@1+ (1,0) [0|14] "" B
+ SG_ ESC_1_Qualifier : 52|2@1+ (1,0) [0|3] "" B
+
+BO_ 101 ESC_2: 8 A
+ SG_ WheelSpeedFL : 0|15@1+ (0.01,0) [0|327] "km/h" B
+ SG_ WheelSpeedFR : 16|15@1+ (0.01,0) [0|327] "km/h" B
+ SG_ WheelSpeedRL : 32|15@1+ (0.01,0) [0|327] "km/h" B
+ SG_ WheelSpeedRR : 48|15@1+ (0.01,0) [0|327] "km/h" B
+
+BO_ 102 SAS_1: 4 A
+ SG_ SteeringWheelAngle : 0|16@1- (0.1,0) [-780|780] "deg" B
+ SG_ SAS_1_Counter : 16|4@1+ (1,0) [0|14] "" B
+
+"""
+ODD_LINES = {
+    "a comment without a signal": 'CM_ SG_ 100 "no signal is named";',
+    "a comment without a kind": 'CM_ 100 "no BO_";',
+    "a value table of no signal": 'VAL_ 100 NotThere 1 "On" 0 "Off" ;',
+    "a name that begins with a digit": 'BO_ 1275 2017_5: 8 A\n SG_ 0_COUNTER : 0|4@1+ (1,0) [0|15] "" B',
+    "a factor that begins with a point": 'BO_ 300 X: 8 A\n SG_ T : 0|13@1+ (.25,-500) [-500|1547] "Nm" B',
+    "an identifier of a standard frame that is too long": 'BO_ 316495015 LongId: 8 A\n SG_ T2 : 0|8@1+ (1,0) [0|255] "" B',
+    "a message behind the comments": 'CM_ SG_ 100 YawRate "of the car";\nBO_ 301 Y: 8 A\n SG_ T3 : 0|8@1+ (1,0) [0|255] "" B',
+    "a quote that is not closed": 'CM_ SG_ 100 YawRate "of the car;',
+    "a signal that is cut": "BO_ 302 Z: 8 A\n SG_ T4 : 0|8@1+ (1,) [0|1] B",
+}  # fmt: skip
+
+
+def frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tuple[float, int, bytes]]:
+    """Time, identifier and bytes of each frame: three messages each 20 ms, counters of 0 .. 14."""
+
+    def packed_as(value: pd.Series, step: float) -> np.ndarray:
+        return np.round(value.to_numpy() / step).astype(int)
+
+    yaw, lateral, along = (packed_as(drive[c] * k, s) for c, k, s in
+                           (("yaw_rate", DEG, 0.01), ("accel_y", 1.0, 0.001), ("accel_x", 1.0, 0.001)))  # fmt: skip
+    angle = packed_as(drive.steer_angle * DEG * RATIO, 0.1)
+    wheels = [packed_as(3.6 * drive[c], 0.01) for c in CORNERS]
+    found = []
+    for i, t in enumerate(drive.time):
+        state = (0 if qualifier is None else int(qualifier[i])) << 4 | i % 15
+        esc = b"".join(int(x[i]).to_bytes(2, "little", signed=True) for x in (yaw, lateral, along)) + bytes([state, 0])
+        found.append((t, 100, esc))
+        found.append((t + 0.0005, 101, b"".join(int(x[i]).to_bytes(2, "little") for x in wheels)))
+        found.append((t + 0.001, 102, int(angle[i]).to_bytes(2, "little", signed=True) + bytes([i % 15, 0])))
+    return found
+
+
+def write_candump(path: Path, sent: list[tuple[float, int, bytes]], database: str = DBC) -> Path:
+    """The log of candump -l, and the database beside it."""
+    path.write_text("".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{d.hex().upper()}\n" for t, i, d in sent))
+    (path.parent / "car.dbc").write_text(database, encoding="cp1252")
+    return path

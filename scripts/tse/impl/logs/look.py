@@ -7,6 +7,7 @@ from difflib import SequenceMatcher
 
 import numpy as np
 
+from tse.impl.logs.counters import modulo_of
 from tse.impl.logs.mapping import Clocks, Series
 from tse.impl.logs.physics import RATE, smoothed
 from tse.impl.logs.raster import entries, rate_of, resample
@@ -156,7 +157,15 @@ class Look:
 # value that is sent in coarse steps; and wheels that count instead of telling a speed.
 
 
-FLAG = re.compile(r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|quality|\bvld\b|\bok\b|invalid|ungueltig", re.IGNORECASE)
+FLAG = re.compile(
+    r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|invalid|ungueltig|\berr|error|fehler|fault|\bfail|"
+    r"status|\bsts\b|\bstat\b|\bstate\b|avail|plaus",
+    re.IGNORECASE,
+)
+OF_ALL = re.compile(r"qual|valid|gueltig|g\u00fcltig|\bqf\b|qbit|\bvld\b", re.IGNORECASE)  # of a flag of the whole message
+BAD_STATE = re.compile(
+    r"inval|\bnot|\bno\b|err|fault|fail|fehl|ung(ue|ü)lt|init|sna|unavail|undef|reserv|nicht|implaus|unplaus|degrad", re.IGNORECASE
+)
 COUNTER = re.compile(r"\bbz\b|count|\bcntr?\b|rolling|zaehler|z\u00e4hler|alive|\bmc\b|sequence", re.IGNORECASE)
 REST = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re.IGNORECASE)
 TICKS = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
@@ -164,7 +173,6 @@ MOST_FLAGS = 8  # values of a flag
 LEAST_VALID = 0.9  # share of the rows that hold the one value which means valid
 FLAG_ALIKE = 0.5  # of a flag's and its signal's name: difflib's ratio
 FAR_BEYOND = 1.5  # times the largest other value
-COUNTED = 0.8  # share of the entries in which a counter goes on by one
 COARSE = 0.02  # a value in steps of so much of its range is coarse
 FILLED = 0.35  # of the size of the steps: what is left of them where the other signal is the rest
 
@@ -177,7 +185,21 @@ def flag_of(recording: Recording, mine: Channel, taken: frozenset[str] | set[str
         if c.name not in taken and c is not mine and _message(c) == _message(mine) and len(c) == len(mine)
         and (v := _valid_value(c)) is not None
     )  # fmt: skip
-    return (found[-1][1], found[-1][2]) if found and found[-1][0] >= FLAG_ALIKE else None
+    if found and found[-1][0] >= FLAG_ALIKE:
+        return found[-1][1], found[-1][2]
+    whole = [(n, v) for _, n, v in found if OF_ALL.search(text_of(recording.channels[n].short)) and not _of_another(recording, n)]
+    return whole[0] if len(whole) == 1 and _message(mine) else None
+
+
+def _of_another(recording: Recording, flag: str) -> bool:
+    """Return whether the name of a flag is that of one signal of its message: then it says nothing of the others."""
+    mine = recording.channels[flag]
+    message = _message(mine).replace("/", ".").rpartition(".")[2]
+    plain = " ".join(w for w in text_of(mine.short).split() if not FLAG.search(w) and w not in text_of(message).split())
+    return len(plain) > 3 and any(
+        c is not mine and SequenceMatcher(None, plain, text_of(c.short), autojunk=False).ratio() >= FLAG_ALIKE
+        for c in recording if _message(c) == _message(mine) and not FLAG.search(text_of(c.short))
+    )  # fmt: skip
 
 
 def no_value(value: np.ndarray) -> np.ndarray:
@@ -231,6 +253,9 @@ def _valid_value(c: Channel) -> float | None:
     if not 2 <= len(values) <= MOST_FLAGS or (values != np.round(values)).any():
         return None
     most = int(count.argmax())
+    if c.states and any(BAD_STATE.search(t.replace("_", " ")) for t in c.states.values()):
+        good = [v for v in values if not BAD_STATE.search(c.states.get(float(v), "").replace("_", " "))]
+        return float(good[0]) if len(good) == 1 else None  # the database says which
     return float(values[most]) if LEAST_VALID <= count[most] / count.sum() < 1.0 else None
 
 
@@ -241,10 +266,7 @@ def _counts(c: Channel) -> int:
     there = c.value[np.isfinite(c.value)][:100000]
     if len(there) < 50 or (there != np.round(there)).any() or there.min() < 0:
         return 0
-    for modulo in (4, 8, 16, 32, 64, 256, 65536, int(there.max()) + 1):
-        if modulo > there.max() and np.mean(np.mod(np.diff(there), modulo) == 1) > COUNTED:
-            return modulo
-    return 0
+    return modulo_of(there)
 
 
 def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:

@@ -8,11 +8,13 @@ import numpy as np
 
 from tse.impl.clock import straight
 from tse.impl.errors import UserError
+from tse.impl.logs.counters import modulo_of
 from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.signals import Counter, Flag, Signal, Signals, unit_of
 from tse.impl.rows import SIDES
 from tse.impl.units import factor
 
+USUAL_MODULO = 16  # of a counter of 4 bits
 MOST_LOST = 0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
 
 
@@ -170,7 +172,8 @@ def _drop_repeated(
     notes: list[str],
 ) -> None:
     state = _standing(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
-    step = np.mod(np.diff(state), counter.modulo)
+    modulo = counter.modulo or modulo_of(state) or USUAL_MODULO
+    step = np.mod(np.diff(state), modulo)
     again = np.append(False, step == 0)
     if again.mean() > MOST_LOST:
         notes.append(f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: not used")

@@ -15,6 +15,7 @@ import numpy as np
 
 from tse.impl.clock import straight
 from tse.impl.errors import NoFile, UserError
+from tse.impl.logs.databases import read_database
 from tse.impl.logs.recording import FRAME, PIECE, Channel, Growing, How, Recording, check_rows, listed, need, unused
 
 # ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
@@ -55,7 +56,8 @@ class Bus:
 
     def __init__(self, path: Path, databases: Sequence[Path], how: How):
         self._path, self._databases, self._how = path, databases, how
-        self._messages = _messages_of(path, databases)
+        self.notes: list[str] = []
+        self._messages = _messages_of(databases, self.notes)
         self._kept: dict[int, _Kept] = {}
         self._unknown: set[int] = set()
         self._buses: dict[str, int] = {}
@@ -97,8 +99,11 @@ class Bus:
         return self._kept[key]
 
     def channels(self, time: np.ndarray, keep: np.ndarray | None, notes: list[str]) -> dict[str, Channel]:
-        """Signals by message.signal, s and physical units. Values that the database calls invalid stay. `time`: of the frames that
-        are kept, in the order of the file; `keep`: which those are, (frames,); None: all, and they are put in order of time."""
+        """Signals by message.signal, s and physical units. Values of measurements that the database calls invalid are missing.
+
+        `time`: of the frames that are kept, in the order of the file; `keep`: which those are, (frames,); None: all, and they are
+        put in order of time."""
+        notes += self.notes
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         bus = list(self._buses)  # the lowest first, whichever sent first in this log
@@ -116,10 +121,12 @@ class Bus:
                     clocks[frames] = same, clocks[frames][1]
                 at, chosen = clocks[frames]
                 value = kept.value[s.name].array()[chosen]
+                states = _states(s)
+                value = _without_codes(f"{kept.message.name}.{s.name}", s, value, states, notes)
                 plain = f"{kept.message.name}.{s.name}"
                 name = unused(plain, channels)
                 again = name if name != plain else again
-                channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200])
+                channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200], states)
             if again:
                 notes.append(f"message {kept.message.name} is there more than once: signals of {key & IDENTIFIER:#x} on bus "
                              f"{bus[key >> BUS]} are called as {again}")  # fmt: skip
@@ -147,18 +154,39 @@ class Bus:
         return own, slice(None)
 
 
-def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:
-    cantools = need("cantools", "can", str(path))
-    logging.getLogger("cantools").setLevel(logging.ERROR)  # two messages of one name are no matter: they go by identifier
+def _messages_of(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
     messages: dict[int, Any] = {}
     for p in databases:
-        try:
-            database = cantools.database.load_file(p, strict=False)
-        except Exception as error:  # its parsers raise what they like
-            raise UserError(f"{p}: is no database of a bus that can be read: {str(error).splitlines()[0][:150]}") from None
-        for message in getattr(database, "messages", []):
+        for message in read_database(p, notes):
             messages.setdefault(_key(message.frame_id, message.is_extended_frame), message)
     return messages
+
+
+LEAST_MEASURED = 8  # bits of a signal that measures: one that has fewer is a state
+NO_VALUE = re.compile(
+    r"\b(sna|snv|inval\w*|not ?(avail\w*|valid|def\w*|present|init\w*)|no ?(value|data|signal)|n/a|init\w*|error|err|fault\w*|"
+    r"failure|fehler\w*|ung(ue|ü)ltig\w*|nicht ?(verf\w*|def\w*)|unbef\w*|undef\w*|unknown|unplausi\w*|implaus\w*|reserv\w*)\b",
+    re.IGNORECASE,
+)
+
+
+def _states(s: Any) -> dict[float, str]:
+    """Return what single values of a signal mean, by the value in its unit."""
+    return {float(raw) * float(s.scale) + float(s.offset): str(text) for raw, text in (s.choices or {}).items()}
+
+
+def _without_codes(name: str, s: Any, value: np.ndarray, states: dict[float, str], notes: list[str]) -> np.ndarray:
+    """Return a measurement, NaN where its database says that the number stands for no value."""
+    codes = {v: t for v, t in states.items() if NO_VALUE.search(t.replace("_", " "))}
+    if s.length < LEAST_MEASURED or not codes:
+        return value
+    near = 0.25 * abs(float(s.scale))
+    bad = np.any([np.abs(value - v) <= near for v in codes], axis=0)
+    if not bad.any():
+        return value
+    said = listed(dict.fromkeys(t for v, t in codes.items() if (np.abs(value - v) <= near).any()))
+    notes.append(f"{name}: {bad.sum()} values that the database calls {said} are treated as missing")
+    return np.where(bad, np.nan, value)
 
 
 def _key(identifier: Any, extended: Any) -> Any:

@@ -7,7 +7,7 @@ import itertools
 import os
 import re
 from array import array
-from collections.abc import Callable, Collection, Container, Iterable, Iterator
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -42,6 +42,7 @@ class Channel:
     value: np.ndarray
     unit: str = ""  # as the file says it; "": it does not
     text: str = ""  # what the file says about it
+    states: Mapping[float, str] = field(default_factory=dict)  # what single values mean, as a database has it
 
     @property
     def short(self) -> str:

@@ -43,7 +43,7 @@ class Counter:
     """The counter of a message: an entry with the counter of the one before is that one again."""
 
     name: str
-    modulo: int = 16
+    modulo: int | None = None  # None: as the log shows it
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,9 @@ def _counter(at: str, value: Any, refuse: Any) -> Counter:
     if isinstance(value, str):
         return Counter(value)
     if isinstance(value, dict) and set(value) <= {"name", "modulo"} and isinstance(value.get("name"), str):
-        modulo = value.get("modulo", 16)
+        modulo = value.get("modulo")
+        if modulo is None:
+            return Counter(value["name"])
         if isinstance(modulo, int) and not isinstance(modulo, bool) and 2 <= modulo <= 2**32:
             return Counter(value["name"], modulo)
     raise refuse(at, "counter", 'must be the name of the message\'s counter, or {name = "...", modulo = 16}')

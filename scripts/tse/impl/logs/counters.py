@@ -1,0 +1,39 @@
+"""Counters of messages: how far they count."""
+
+import numpy as np
+
+COUNTED = 0.8  # share of the entries in which a counter goes on by one
+POWERS = (4, 8, 16, 32, 64, 256, 65536)  # values that most counters have
+
+
+def modulo_of(counter: np.ndarray) -> int:
+    """Return how far a counter counts.
+
+    Parameters
+    ----------
+    counter : ndarray, (entries,)
+        Its values, one per message. NaN: missing.
+
+    Returns
+    -------
+    int
+        The number of values after which it begins again. 0: it does not count.
+
+    Notes
+    -----
+    A counter may leave out its highest value, or 0: 0 .. 14 and 1 .. 15 have 15 values.
+    Of several that fit alike a power of 2 is taken.
+    """
+    there = counter[np.isfinite(counter)]
+    if len(there) < 2 or there.min() < 0:
+        return 0
+    own = int(there.max() - there.min()) + 1
+    step = np.diff(there)
+    best, share = 0, COUNTED
+    for modulo in (*POWERS, own):
+        if modulo < max(own, 2) or (own < 3 and modulo == own):
+            continue
+        on = float(np.mean(np.mod(step, modulo) == 1))
+        if on > share + (0.0 if modulo != own else 1e-9):
+            best, share = modulo, on
+    return best
