@@ -91,7 +91,8 @@ def _below(folder: Path, not_logs: set[Path]) -> Iterator[Path]:
 
 
 def _looks_like_one(name: str) -> bool:
-    return name.endswith(OPENPILOT) or (Path(name).suffix in SUFFIXES and not name.endswith(RESULTS))
+    plain = name.removesuffix(".gz")
+    return name.endswith(OPENPILOT) or (Path(plain).suffix in SUFFIXES and not plain.endswith(RESULTS))
 
 
 # ---- cars

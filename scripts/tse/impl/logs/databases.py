@@ -10,6 +10,7 @@ from typing import Any
 from tse.impl.errors import UserError
 from tse.impl.logs.recording import need
 
+SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 LARGEST_DATABASE = 512 << 20  # bytes; ARXML of a whole car has 200 MB
 MOST_SAID = 4  # odd lines that one note names
 IDENTIFIER, LONGEST_STANDARD, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31

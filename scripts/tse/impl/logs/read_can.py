@@ -1,12 +1,9 @@
 """Logs of a CAN bus by python-can: BLF, ASC, TRC, candump; their frames by the databases."""
 
-import base64
 import contextlib
-import csv
-import itertools
 import logging
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,12 +12,12 @@ import numpy as np
 
 from tse.impl.clock import straight
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.databases import read_database
+from tse.impl.logs.bus_text import LOOKED_AT, AscText, Frame, Lines, TrcText, frames_of, kind_of
+from tse.impl.logs.databases import SUFFIXES, read_database
 from tse.impl.logs.recording import FRAME, PIECE, Channel, Growing, How, Recording, check_rows, listed, need, unused
 
 # ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
 
-SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 IDENTIFIER, LONGEST_STANDARD = 0x1FFFFFFF, 0x7FF
 EXTENDED, BUS = 29, 32  # bits of a key, above the identifier: that it is an extended one, and which bus
 
@@ -253,60 +250,14 @@ def _number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
     return number if raw else number * float(s.scale) + float(s.offset)
 
 
-FIRST = 2000  # rows of a table from which its identifiers and times are understood
-TITLES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
-
-
-IDENTIFIERS = ("id", "arbitration_id", "arbitrationid", "can_id", "canid", "identifier")
-HEXADECIMAL = re.compile(r"(0x)?[0-9a-f]+$", re.IGNORECASE)
-
-
-def _is_table(path: Path) -> bool:
-    with open(path, "rb") as file:
-        return not file.read(64).lstrip().startswith(b"(")
-
-
-def _table(path: Path, can: Any, bus: Bus) -> Iterator[Any]:
-    """Frames of a CSV with a frame per row: time, identifier, bytes in one column (hexadecimal, or python-can's base 64) or in one
-    each. Identifiers are hexadecimal, unless more of them are in the databases as decimal ones. Times are in s, whole numbers in
-    us, as SavvyCAN's."""
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        first = file.readline()
-        separator = max(",;\t", key=first.count)
-        names = [n.strip().strip("\"'").lower().replace(" ", "_") for n in first.rstrip("\r\n").split(separator)]
-        rows = csv.reader(file, delimiter=separator)
-        time = next(i for i, n in enumerate(names) if n.startswith("time"))
-        ident = next(i for i, n in enumerate(names) if n in IDENTIFIERS)
-        one = next((i for i, n in enumerate(names) if n == "data"), None)
-        each = [i for i, n in enumerate(names) if re.fullmatch(r"(d|byte_?|data_?)\d", n)]
-        length, extended, bus_ = (
-            next((i for i, n in enumerate(names) if n in known), None)
-            for known in (("len", "dlc", "length"), ("extended", "is_extended_id", "ide"), ("bus", "channel"))
-        )
-        begin = [row for row, _ in zip(rows, range(FIRST), strict=False) if len(row) > max(time, ident)]
-        decimal = _decimal({row[ident].strip() for row in begin}, bus)
-        whole = all(re.fullmatch(r"\d+", row[time].strip()) for row in begin)
-        coded = one is not None and not all(HEXADECIMAL.match(row[one].replace(" ", "") or "0") for row in begin if len(row) > one)
-        for row in itertools.chain(begin, rows):
-            if not row:
-                continue
-            if one is not None:
-                data = base64.b64decode(row[one]) if coded else bytes.fromhex(row[one].replace("0x", ""))
-            else:
-                count = int(row[length]) if length is not None else len(each)
-                data = bytes(int(row[i], 16) for i in each[:count] if i < len(row) and row[i].strip())
-            stamp = row[time].strip().replace(",", ".")
-            yield can.Message(timestamp=1e-6 * int(stamp) if whole else float(stamp),
-                              arbitration_id=int(row[ident].strip(), 10 if decimal else 16), data=data, check=False,
-                              is_extended_id=extended is not None and row[extended].strip().lower() in ("true", "1"),
-                              channel=None if bus_ is None else row[bus_].strip(), is_fd=len(data) > 8)  # fmt: skip
-
-
-def _decimal(ids: set[str], bus: Bus) -> bool:
-    if not all(i.isdigit() for i in ids) or any(i.startswith("0") and len(i) > 1 for i in ids):
-        return False
-    as_decimal, as_hexadecimal = (sum(bus.knows(int(i, base)) for i in ids) for base in (10, 16))
-    return as_decimal > as_hexadecimal
+TITLES = {"blf": "BLF", "asc": "ASC", "trc": "TRC"}
+KINDS = {
+    "asc": "an ASC",
+    "trc": "a TRC",
+    "candump": "a log of candump",
+    "table": "a table of frames",
+    "busmaster": "a log of BUSMASTER",
+}
 
 
 def read(path: Path, how: How) -> Recording:
@@ -315,57 +266,74 @@ def read(path: Path, how: How) -> Recording:
     logging.getLogger("can").setLevel(logging.CRITICAL)
     databases = databases_for(path, how, required=True)
     bus, times = Bus(path, databases, how), Growing()
-    time: list[float] = []
-    ids: list[int] = []
-    extended: list[bool] = []
-    buses: list[str] = []
-    data: list[bytes] = []
+    frames: list[Frame] = []
 
     def decode() -> None:
-        check_rows(path, "the bus", len(times) + len(time), FRAME)
-        times.extend(np.array(time))
-        bus.add(np.array(ids, np.int64), np.array(extended, bool), buses, data)
-        for each in (time, ids, extended, buses, data):
-            each.clear()
+        check_rows(path, "the bus", len(times) + len(frames), FRAME)
+        times.extend(np.array([f.time for f in frames]))
+        bus.add(np.array([f.identifier for f in frames], np.int64), np.array([f.extended for f in frames], bool),
+                [f.bus for f in frames], [f.data for f in frames])  # fmt: skip
+        frames.clear()
 
     notes: list[str] = []
-    errors = 0
-    suffix = path.suffix.lower()
-    kind = TITLES.get(suffix, "a log of candump")
+    lines = Lines(path)
+    with open(path, "rb") as file:
+        head = file.read(LOOKED_AT)
+    kind = "blf" if head.startswith(b"LOGG") else kind_of(head, path.suffix.lower()) or "candump"
     try:
-        with open(path, "rb") as file:
-            blf = file.read(4) == b"LOGG"
-        named = TITLES.get(suffix)  # all else that comes here is candump's, whatever its suffix
-        table = not blf and not named and _is_table(path)
-        kind = "a table of frames" if table else kind
-        reader = (
-            can.BLFReader(str(path)) if blf else can.LogReader(str(path)) if named
-            else _table(path, can, bus) if table else can.CanutilsLogReader(str(path))
-        )  # fmt: skip
-        for message in reader:
-            if message.is_error_frame or message.is_remote_frame:
-                errors += message.is_error_frame
-                continue
-            time.append(message.timestamp)
-            ids.append(message.arbitration_id)
-            extended.append(message.is_extended_id)
-            buses.append(str(message.channel or 0))
-            data.append(bytes(message.data))
-            if len(time) == PIECE:
+        of_text = kind in ("candump", "table", "busmaster")
+        source = frames_of(path, kind, lines, bus.knows) if of_text else _of_library(_reader(can, path, kind, lines, notes), lines)
+        for frame in source:
+            frames.append(frame)
+            if len(frames) == PIECE:
                 decode()
     except (UserError, MemoryError):
         raise
     except Exception as error:  # its parsers stumble over damage in many ways
-        if not time and not len(times):
-            raise UserError(f"{path}: is damaged, or not {kind} as its maker writes it: {str(error)[:120]}") from None
-        notes.append(f"the file is damaged after {len(times) + len(time)} frames ({str(error)[:80]}): what is before is used")
-    if time:
+        if not frames and not len(times):
+            what = KINDS.get(kind, "a BLF")
+            raise UserError(f"{path}: is damaged, or not {what} as its maker writes it: {str(error)[:120]}") from None
+        notes.append(f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): what is before is used")
+    if frames:
         decode()
     if not len(times):
         raise UserError(f"{path}: has no frames")
-    if errors:
-        notes.append(f"{errors} error frames on the bus")
+    if lines.odd:
+        notes.append(lines.note())
+    if lines.errors:
+        notes.append(f"{lines.errors} error frames on the bus")
     clock, keep, said = straight(times.array(), together=True)  # one clock for all messages: before they are separated
     notes += [f"frames: {s}" for s in said]
     channels = bus.channels(clock, keep, notes)
-    return Recording(path, TITLES.get(suffix, "CAN log"), channels, notes)
+    return Recording(path, TITLES.get(kind, "CAN log"), channels, notes)
+
+
+def _of_library(reader: Any, lines: Lines) -> Iterator[Frame]:
+    """Frames of a reader of python-can."""
+    for m in reader:
+        if m.is_error_frame or m.is_remote_frame:
+            lines.errors += m.is_error_frame
+            continue
+        yield Frame(m.timestamp, m.arbitration_id, m.is_extended_id, str(m.channel or 0), bytes(m.data))
+
+
+def _reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:
+    """A reader of python-can that leaves out a line which is no frame, and goes on."""
+    if kind == "blf":
+        return can.BLFReader(str(path))
+
+    def lenient(parse: Callable[..., Any]) -> Callable[..., Any]:
+        def parsed(*args: Any) -> Any:
+            try:
+                return parse(*args)
+            except (ValueError, IndexError, TypeError):
+                lines.odd.append(lines.number)
+                return None
+
+        return parsed
+
+    reader = can.ASCReader(AscText(lines, notes)) if kind == "asc" else can.TRCReader(TrcText(lines))
+    for name in ("_process_classic_can_frame", "_process_fd_can_frame", "_parse_line"):
+        if hasattr(reader, name):
+            setattr(reader, name, lenient(getattr(reader, name)))
+    return reader

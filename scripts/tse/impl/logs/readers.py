@@ -1,10 +1,17 @@
 """Readers, one per family of formats: a path in, a Recording out. Which: by what the file begins with, then by its suffix."""
 
+import gzip
 import importlib
-import re
+import tempfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from tse.impl.errors import NoFile, UserError
+from tse.impl.logs.bus_text import kind_of
+from tse.impl.logs.databases import SUFFIXES as DATABASES
 from tse.impl.logs.recording import How, Recording, in_room
 
 # module, its suffixes, what a file of it begins with
@@ -21,7 +28,7 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
 }
 OTHERS = {  # what people have, that nobody reads here, and what to do
     ".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV", ".ods": "save the sheet as CSV", ".zip": "unpack it first",
-    ".gz": "unpack it first", ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it first",
+    ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it first",
     ".pcap": "record the bus as BLF, ASC or MF4", ".pcapng": "record the bus as BLF, ASC or MF4",
     ".dbc": "this is the database, not the log: name it with --database",
     ".arxml": "this is the database, not the log: name it with --database", ".a2l": "this describes an ECU, it is not a log",
@@ -30,12 +37,7 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
     ".d97": "export it as MF4", ".ld": "export it as CSV or MAT",
     ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
-CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#")  # (1489113253.31) can0 083#0FE0, whatever the file is called
-# a table with a frame per row: SavvyCAN's, python-can's and others of time, identifier, bytes
-FRAMES = re.compile(
-    rb"[\"']?time[^,;\t\n]*[,;\t][^\n]*\b(id|arbitration_?id|can_?id|identifier)\b[^\n]*[,;\t]\s*[\"']?(data|d0|d1|byte_?[01]|data_?[01])\b",
-    re.IGNORECASE,
-)
+HEAD = 1 << 14  # bytes from which a format is recognised
 FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
@@ -49,7 +51,7 @@ def reader_of(path: Path) -> str:
         raise UserError(f"{path}: is no file; a log is read more than once, so write it to a file first")
     try:
         with open(path, "rb") as file:
-            head = file.read(256)
+            head = file.read(HEAD)
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None
     except OSError as error:
@@ -59,12 +61,12 @@ def reader_of(path: Path) -> str:
     for name, (_, beginnings) in READERS.items():
         if head.startswith(beginnings):
             return name
-    if CANDUMP.match(head.lstrip()) or FRAMES.match(head.lstrip(b"\xef\xbb\xbf \r\n")):
-        return "can"
     suffix = path.suffix.lower()
+    if kind_of(head, suffix):
+        return "can"
     if suffix in OTHERS:
         raise UserError(f"{path}: cannot be read as it is: {OTHERS[suffix]}; read are {FORMATS}")
-    text = b"\0" not in head or head.startswith((b"\xff\xfe", b"\xfe\xff"))
+    text = b"\0" not in head[:256] or head.startswith((b"\xff\xfe", b"\xfe\xff"))
     found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
     if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
         raise UserError(f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; read are {FORMATS}")
@@ -77,9 +79,73 @@ def reader_of(path: Path) -> str:
     raise UserError(f"{path}: is a binary file of no format that is known here; read are {FORMATS}")
 
 
+GZIP = b"\x1f\x8b"
+LEAST_UNPACKED, MOST_UNPACKED = 64 << 20, 40  # bytes that any packed log may have; and times its own size
+
+
+@contextmanager
+def unpacked(path: Path) -> Iterator[Path]:
+    """Give a log that is packed by gzip as a file that is not, for as long as the block lasts.
+
+    Parameters
+    ----------
+    path : Path
+        drive.csv.gz, or any file.
+
+    Yields
+    ------
+    Path
+        The unpacked file, whose name has no .gz. The file itself where it is not packed.
+
+    Raises
+    ------
+    UserError
+        It is damaged, or unpacks to far more than a log does.
+    """
+    try:
+        with open(path, "rb") as file:
+            packed = path.is_file() and file.read(2) == GZIP
+    except OSError:
+        packed = False  # who reads it says so
+    if not packed:
+        yield path
+        return
+    name = path.name[:-3] if path.suffix.lower() == ".gz" else path.name
+    room = max(LEAST_UNPACKED, MOST_UNPACKED * path.stat().st_size)
+    with tempfile.TemporaryDirectory(prefix="tselab-") as folder:
+        plain = Path(folder) / (name or "log")
+        try:
+            with gzip.open(path, "rb") as source, open(plain, "wb") as target:
+                while part := source.read(1 << 20):
+                    if target.tell() + len(part) > room:
+                        raise UserError(
+                            f"{path}: unpacks to more than {room >> 20:,} MB, {MOST_UNPACKED} times its size: "
+                            "unpack it first, if it is a log"
+                        )
+                    target.write(part)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise UserError(f"{path}: is damaged or cut off: {error}; unpack it first") from None
+        except OSError as error:
+            raise UserError(f"{path}: cannot be unpacked: {error.strerror or error}") from None
+        yield plain
+
+
 def read_recording(path: Path, how: How | None = None) -> Recording:
     """A log as it is in its file. UserError: it cannot be read; the text says what helps."""
     path = Path(path)
+    with unpacked(path) as plain:
+        if plain == path:
+            return _read_plain(path, how)
+        how = how or How()
+        beside = how.databases or tuple(sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASES))
+        try:
+            found = _read_plain(plain, replace(how, databases=beside))
+        except UserError as error:
+            raise UserError(str(error).replace(str(plain), str(path))) from None
+        return replace(found, path=path)
+
+
+def _read_plain(path: Path, how: How | None) -> Recording:
     module = importlib.import_module(f"tse.impl.logs.read_{reader_of(path)}")
     with in_room(path):
         found: Recording = module.read(path, how or How())
