@@ -97,6 +97,7 @@ def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bo
         parts += [headline(g), *(f"  {f}" for f in g.figures)]
     if proposal.missing:
         parts.append(f"not found: {', '.join(proposal.missing)}")
+        parts += [f"  {channel}: {why}" for channel in proposal.missing for why in proposal.nearest.get(channel, ())]
     parts += [f"warning: {w}" for w in proposal.warnings]
     parts += [f"note: {n}" for n in recording.notes]
     return "\n".join(parts)
@@ -109,6 +110,7 @@ def _as_json(recording: Recording, proposal: Proposal, lines: list[Line]) -> dic
         "signals": [vars(x) for x in lines],
         "proposal": {g.channel: {k: v for k, v in vars(g).items() if k != "channel"} for g in proposal.guesses},
         "missing": proposal.missing,
+        "nearest": proposal.nearest,
         "warnings": proposal.warnings,
         "notes": recording.notes,
     }

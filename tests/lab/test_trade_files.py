@@ -1,6 +1,7 @@
 """Files of the trade: each case is a kind of file that was read wrong once, built small, with the right answer."""
 
 import csv
+import gzip
 import os
 from pathlib import Path
 
@@ -8,15 +9,32 @@ import numpy as np
 import pytest
 
 from conftest import tselab, tselab_here
-from log_formats import drive
-from trade_files import DBC, MIDNIGHT, ODD_LINES, frames, packed, si, write_candump, write_vbo
+from log_formats import DEG, RATIO, drive
+from trade_files import (
+    BUS_LOGS,
+    CORNERS,
+    DBC,
+    MIDNIGHT,
+    ODD_LINES,
+    frames,
+    packed,
+    si,
+    write_bus_log,
+    write_candump,
+    write_groups,
+    write_long,
+    write_racechrono,
+    write_vbo,
+)  # fmt: skip
 from tse.impl.errors import UserError
 from tse.impl.logs.counters import modulo_of
 from tse.impl.logs.databases import read_database
 from tse.impl.logs.log import read_log
-from tse.impl.logs.proposal import propose
+from tse.impl.logs.proposal import propose, toml_text
 from tse.impl.logs.readers import read_recording
+from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.table import is_packed, of_packed
+from tse.impl.logs.vocabulary import place_of
 from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
 
@@ -196,3 +214,156 @@ def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
     for channel in ("yaw_rate", "accel_x", "accel_y"):
         assert found[channel].valid == ("ESC_1.ESC_1_Qualifier", 0.0), channel
     assert found["steer_angle"].valid is None
+
+
+# ---- Units, names
+
+
+def table_of(trip, **columns):
+    """A CSV as a recording, of columns that replace others."""
+    return Recording(Path("log.csv"), "CSV", {n: Channel(n, trip.time.to_numpy(), np.asarray(x, float), u)
+                                              for n, (x, u) in columns.items()})  # fmt: skip
+
+
+def motion(trip):
+    return {"steer": (trip.steer_angle * DEG * RATIO, "deg"), "ay": (trip.accel_y, "m/s2"), "ax": (trip.accel_x, "m/s2"),
+            "omega": (trip.yaw_rate, "rad/s")}  # fmt: skip
+
+
+@pytest.mark.parametrize(("unit", "warned"), [("km^h", True), ("kmph", False), ("Kmh", False), ("kmH?", True)])
+def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip):
+    found = propose(table_of(trip, **motion(trip), **{f"wheel_{c}": (3.6 * trip[c], unit) for c in CORNERS}))
+    assert found.missing == [] and found["yaw_rate"].name == ("omega",)
+    assert found["wheel_speed_front"].name == ("wheel_fl", "wheel_fr")
+    assert (found["wheel_speed_front"].unit == "km/h") == warned
+    assert any("is not known: km/h is proposed" in w for w in found.warnings) == warned
+    assert not any("but its size" in w for w in found.warnings)
+
+
+@pytest.mark.parametrize("form", [
+    "{}whlspd", "{}speed", "{}_wheel", "WhlSpd{}", "wheelspeed{}", "v_{}", "{}WheelSpeed", "Wheel_{}_Speed", "WHEEL_SPEED_{}",
+    "ABS_{}_Spd", "whl{}spd", "Speed.{}", "W_SPD_{}_KMH",
+])  # fmt: skip
+@pytest.mark.parametrize("corners", ["FL FR RL RR", "VL VR HL HR", "LF RF LR RR", "FrontLeft FrontRight RearLeft RearRight"])
+def test_the_corner_may_stand_anywhere_in_the_name_of_a_wheel(form, corners):
+    names = [form.format(c) for c in corners.split()]
+    assert [place_of(n)[0] for n in names] == ["front_left", "front_right", "rear_left", "rear_right"], names
+    lower = [n.lower() for n in names]
+    assert [place_of(n)[0] for n in lower] == ["front_left", "front_right", "rear_left", "rear_right"], lower
+
+
+def test_a_gear_is_no_angle_and_a_speed_of_the_receiver_no_acceleration(trip):
+    time = trip.time.to_numpy()
+    gear = 3 + np.round(2 * np.sin(0.3 * time))
+    speed = trip[list(CORNERS)].mean(axis=1)
+    found = propose(table_of(trip, **{
+        "Gear Position (Gear)": (gear, ""), "RPM": (1000 + 40 * speed * gear, "RPM"), "Vehicle Speed": (3.6 * speed, "kph"),
+        "GPS Speed": (speed * trip.yaw_rate, ""), "Pitch Angle": (5 * trip.steer_angle, "deg"),
+    }))  # fmt: skip
+    assert {g.channel for g in found.guesses} == {"wheel_speed_rear"}
+    assert set(found.nearest) == set(found.missing)
+    assert all(found.nearest.values())
+
+
+def test_for_what_is_not_found_the_nearest_are_named_with_the_reason(trip):
+    columns = motion(trip) | {f"wheel_{c}": (3.6 * trip[c], "km/h") for c in CORNERS}
+    rng = np.random.default_rng(5)
+    noise = rng.normal(size=len(trip))
+    columns |= {"ay": (np.full(len(trip), 0.3), "m/s2"), "omega z": (noise, "V"), "steer": (noise, "bar")}
+    del columns["omega"]
+    found = propose(table_of(trip, **columns))
+    said = {c: " / ".join(x) for c, x in found.nearest.items()}
+    assert "ay: is 0.3 all the time" in said["accel_y"]
+    assert "omega z: its unit V is not that of a rate" in said["yaw_rate"]
+    assert "steer: its unit bar is not that of an angle" in said["steer_angle"]
+
+
+# ---- Clocks of groups
+
+
+@pytest.mark.parametrize(("ahead", "says"), [
+    (5.0, "is 5.00 s off"), (-12.4, "is 12.40 s off"), (1.7e9, "does not overlap"), (0.0, ""), (0.04, ""),
+])  # fmt: skip
+def test_the_clock_of_a_group_that_is_off_is_found_and_taken_off(ahead, says, trip, car, tmp_path):
+    pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
+    path = write_groups(tmp_path / "drive.mf4", trip, ahead)
+    found = propose(read_recording(path), read_vehicle(car))
+    said = [w for w in found.warnings if "clock of group" in w]
+    assert len(said) == bool(says) and all(says in w for w in said), found.warnings
+    assert found.missing == [] and found["yaw_rate"].sign == 1 and found["accel_x"].sign == 1
+    assert found["wheel_speed_front"].clock == pytest.approx(ahead if says else 0.0, abs=0.03)
+    (tmp_path / "signals.toml").write_text(toml_text(read_recording(path), found))
+    log = read_log(path, reading=Reading(car=read_vehicle(car)))
+    speed = 0.5 * (trip.rl + trip.rr).to_numpy() / read_vehicle(car).values["wheel_radius_rear"]
+    wanted = np.interp(log.time, trip.time + (ahead if not says else 0.0), speed)
+    good = np.isfinite(log.data["wheel_speed_rear"].to_numpy())
+    assert good.sum() > 1300
+    assert np.std((log.data["wheel_speed_rear"].to_numpy() - wanted)[good]) < 0.2
+
+
+def test_a_time_in_ms_is_taken_as_such_and_said(trip, tmp_path):
+    pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
+    log = read_recording(write_groups(tmp_path / "drive.mf4", trip, per_second=1000.0))
+    np.testing.assert_allclose(np.diff(log.channels["YawRate"].time), 0.02, atol=1e-6)
+    assert any("time seems to be in ms" in n for n in log.notes)
+
+
+# ---- Tables
+
+
+def test_of_three_rows_above_the_numbers_the_first_has_the_names(trip, tmp_path):
+    log = read_recording(write_racechrono(tmp_path / "session.csv", trip))
+    c = log.channels["yaw_rate"]
+    assert c.unit == "deg/s" and log.channels["lateral_acc"].unit == "G"
+    np.testing.assert_allclose(c.time, trip.time, atol=1e-6)
+    assert propose(log).missing == []
+
+
+@pytest.mark.parametrize("cars", [("CAR-1",), ("CAR-1", "CAR-2")])
+def test_a_long_table_becomes_a_signal_per_name(cars, trip, tmp_path):
+    log = read_recording(write_long(tmp_path / "telemetry.csv", trip[:400], cars))
+    name = "CAR-2.yaw_rate" if len(cars) > 1 else "yaw_rate"
+    np.testing.assert_allclose(log.channels[name].value, np.degrees(trip.yaw_rate[:400]), rtol=1e-6)
+    np.testing.assert_allclose(np.diff(log.channels[name].time), 0.02, atol=1.1e-3)
+    assert any("a long table" in n for n in log.notes)
+    assert len(log.channels) == 8 * len(cars)
+
+
+# ---- Bus logs
+
+
+@pytest.mark.parametrize("zipped", [False, True])
+@pytest.mark.parametrize("layout", BUS_LOGS)
+def test_a_bus_log_of_this_layout_is_read(layout, zipped, trip, tmp_path):
+    pytest.importorskip("can", reason="python-can is not installed: scripts/setup.sh logs")
+    path = write_bus_log(layout, tmp_path, frames(trip[:500]))
+    if zipped:
+        packed_path = path.with_name(path.name + ".gz")
+        packed_path.write_bytes(gzip.compress(path.read_bytes()))
+        path.unlink()
+        path = packed_path
+    log = read_recording(path)
+    yaw, wheel, angle = (log.channels[n] for n in ("ESC_1.YawRate", "ESC_2.WheelSpeedRR", "SAS_1.SteeringWheelAngle"))
+    np.testing.assert_allclose(yaw.value, np.degrees(trip.yaw_rate[:500]), atol=0.006)
+    np.testing.assert_allclose(wheel.value, 3.6 * trip.rr[:500], atol=0.006)
+    np.testing.assert_allclose(angle.value, DEG * RATIO * trip.steer_angle[:500], atol=0.06)
+    np.testing.assert_allclose(yaw.time - yaw.time[0], trip.time[:500], atol=2e-4)
+    assert not any("lost" in n or "back" in n or "odd" in n or "damaged" in n for n in log.notes), log.notes
+
+
+def test_frames_without_a_time_are_refused_with_what_helps(trip, tmp_path):
+    path = write_bus_log("candump -tz", tmp_path, frames(trip[:50]))
+    path.write_text("".join(line.split(") ")[1] + "\n" for line in path.read_text().splitlines()))
+    with pytest.raises(UserError, match=r"no times: record with candump -l"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("layout", ["ASC", "candump -l", "candump -ta", "TRC 1.1", "BUSMASTER", "CANedge CSV"])
+def test_a_line_that_is_no_frame_is_left_out_and_named(layout, trip, tmp_path):
+    path = write_bus_log(layout, tmp_path, frames(trip[:50]))
+    lines = path.read_text(encoding="latin-1").splitlines()
+    lines[100] = lines[100][: len(lines[100]) - 9] + "ZZ"
+    path.write_text("\n".join(lines) + "\n", encoding="latin-1")
+    log = read_recording(path)
+    assert sum(len(c) for n, c in log.channels.items() if n.endswith(("YawRate", "WheelSpeedFL", "SteeringWheelAngle"))) == 149
+    assert any("1 lines are no frames" in n and "line 101" in n for n in log.notes), log.notes

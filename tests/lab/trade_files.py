@@ -120,3 +120,160 @@ def write_candump(path: Path, sent: list[tuple[float, int, bytes]], database: st
     path.write_text("".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{d.hex().upper()}\n" for t, i, d in sent))
     (path.parent / "car.dbc").write_text(database, encoding="cp1252")
     return path
+
+
+# ---- MF4 whose groups have clocks of their own
+
+
+def write_groups(path: Path, drive: pd.DataFrame, ahead: float = 0.0, per_second: float = 1.0) -> Path:
+    """Three groups: IMU, wheels, whose clock is `ahead` of the others, s, and steering; times are `per_second`."""
+    from asammdf import MDF, Signal
+
+    groups = [
+        {"LateralAcc": (drive.accel_y, "m/s^2"), "LongAcc": (drive.accel_x, "m/s^2"), "YawRate": (drive.yaw_rate, "rad/s")},
+        {f"WheelSpeed{c.upper()}": (3.6 * drive[c], "km/h") for c in CORNERS},
+        {"SteeringWheelAngle": (DEG * RATIO * drive.steer_angle, "deg")},
+    ]
+    with MDF(version="4.10") as made:
+        for i, group in enumerate(groups):
+            time = (drive.time.to_numpy() + (ahead if i == 1 else 0.0)) * per_second
+            made.append([Signal(x.to_numpy(), time, unit=u, name=n) for n, (x, u) in group.items()])
+        made.save(path, overwrite=True)
+    return path
+
+
+# ---- Tables
+
+
+def wide(drive: pd.DataFrame) -> dict[str, tuple[pd.Series, str]]:
+    """Columns of a table with their units."""
+    columns = {"steering_angle": (DEG * RATIO * drive.steer_angle, "deg"), "lateral_acc": (drive.accel_y / G, "G"),
+               "longitudinal_acc": (drive.accel_x / G, "G"), "yaw_rate": (DEG * drive.yaw_rate, "deg/s")}  # fmt: skip
+    return columns | {f"wheel_speed_{c}": (drive[c], "m/s") for c in CORNERS}
+
+
+def write_racechrono(path: Path, drive: pd.DataFrame) -> Path:
+    """Names, units and sources, below a preamble; the stamp has whole seconds."""
+    columns = wide(drive)
+    lines = ["This file is created using an app.", "Format,3", 'Session title,"Track X, day 1"', "Session type,Lap timing",
+             "Created,04/05/2025,10:00", "Note,", "",
+             "timestamp,fragment_id,lap_number,elapsed_time," + ",".join(columns),
+             "unix time,,,s," + ",".join(u for _, u in columns.values()),
+             ",,,," + ",".join(["200: canbus", "300: acc", "300: acc", "400: gyro", *["200: canbus"] * 4])]  # fmt: skip
+    for i, t in enumerate(drive.time):
+        lines.append(f"{EPOCH + t:.0f},0,1,{t:.2f}," + ",".join(f"{x.iloc[i]:.9g}" for x, _ in columns.values()))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_long(path: Path, drive: pd.DataFrame, cars: tuple[str, ...] = ("CAR-1",)) -> Path:
+    """A value per row."""
+    lines = ["timestamp,vehicle_id,telemetry_name,telemetry_value"]
+    stamps = pd.to_datetime(EPOCH + drive.time, unit="s").dt.strftime("%Y-%m-%dT%H:%M:%S.%f").str[:-3] + "Z"
+    for i, stamp in enumerate(stamps):
+        for name, (x, _) in wide(drive).items():
+            lines += [f"{stamp},{car},{name},{x.iloc[i]:.9g}" for car in cars]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+# ---- Bus logs as text, by the tool that writes them
+
+
+def _hex(data: bytes, between: str = " ") -> str:
+    return between.join(f"{b:02X}" for b in data)
+
+
+def _clock(t: float, digits: int) -> str:
+    whole = round(10**digits * (MIDNIGHT + t))
+    s, part = divmod(whole, 10**digits)
+    return f"{s // 3600:02d}:{s // 60 % 60:02d}:{s % 60:02d}:{part:0{digits}d}"
+
+
+def _asc(sent: list[tuple[float, int, bytes]], mode: str = "absolute", start: float = 0.0, mark: str = ".") -> str:
+    head = ["date Mit Mär 6 01:21:51.000 pm 2024", f"base hex  timestamps {mode}", "internal events logged", "// Prüfstand",
+            "Begin Triggerblock Mit Mär 6 01:21:51.000 pm 2024", "   0.000000 Start of measurement"]  # fmt: skip
+    lines, before = [], 0.0
+    for t, i, d in sent:
+        stamp = t - before if mode == "relative" else t + start
+        before = t
+        lines.append(f"{stamp:.6f}".replace(".", mark) + f" 1  {i:X}             Rx   d {len(d)} {_hex(d)}")
+    return "\n".join([*head, *lines, "End TriggerBlock", ""])
+
+
+def _candump(sent: list[tuple[float, int, bytes]], stamp: str) -> str:
+    lines, before = [], 0.0
+    for t, i, d in sent:
+        text = {"absolute": f"({EPOCH + t:.6f}) ", "delta": f"({t - before:010.6f}) ", "zero": f"({t:010.6f}) ", "none": "",
+                "date": f"({pd.Timestamp(EPOCH + t, unit='s'):%Y-%m-%d %H:%M:%S.%f}) "}[stamp]  # fmt: skip
+        before = t
+        lines.append(f" {text} can0  {i:03X}   [{len(d)}]  {_hex(d)}")
+    return "\n".join([*lines, ""])
+
+
+def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX") -> str:
+    head = ["***BUSMASTER Ver 3.2.2***", "***PROTOCOL CAN***", "***NOTE: PLEASE DO NOT EDIT THIS DOCUMENT***",
+            "***[START LOGGING SESSION]***", "***START DATE AND TIME 12:6:2024 10:59:40:000***", f"***{base}***",
+            "***SYSTEM MODE***",
+            "***START CHANNEL BAUD RATE***", "***CHANNEL 1 - Adapter - 500000 bps***", "***END CHANNEL BAUD RATE***",
+            "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***"]  # fmt: skip
+    of = (lambda d: _hex(d)) if base == "HEX" else (lambda d: " ".join(str(b) for b in d))
+    lines = [f"{_clock(t, 4)} Rx 1 {f'0x{i:03X}' if base == 'HEX' else i} s {len(d)} {of(d)}" for t, i, d in sent]
+    return "\n".join([*head, *lines, "***[STOP LOGGING SESSION]***", ""])
+
+
+def _trc(sent: list[tuple[float, int, bytes]], version: str) -> str:
+    head = [] if version == "1.0" else [f";$FILEVERSION={version}", ";$STARTTIME=45000.5"]
+    head += [";$COLUMNS=N,O,T,B,I,d,R,L,D"] if version == "2.1" else [";  Prüfstand"]
+    lines = []
+    for n, (t, i, d) in enumerate(sent, 1):
+        before = {"1.0": "", "1.1": "Rx", "1.2": "1 Rx", "1.3": "1 Rx", "2.1": "DT 1"}[version]
+        between = {"1.3": "-", "2.1": "Rx -"}.get(version, "")
+        number = f"{n:7d}" if version == "2.1" else f"{n:6d})"
+        lines.append(f"{number} {1e3 * t:11.3f} {before} {i:04X} {between} {len(d)} {_hex(d)}")
+    return "\n".join([*head, *lines, ""])
+
+
+def _table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
+    lines = [row.format(t=t, e=EPOCH + t, ms=1e3 * t, i=i, n=len(d), h=_hex(d, ""), s=_hex(d), x=",".join(f"{b:02X}" for b in d),
+                        c=_clock(t, 6)[::-1].replace(":", ".", 1)[::-1]) for t, i, d in sent]  # fmt: skip
+    return "\n".join([title, *lines, ""])
+
+
+BUS_LOGS = {  # suffix, and who writes it
+    "ASC": (".asc", lambda s: _asc(s)),
+    "ASC of cp1252": (".asc", lambda s: _asc(s)),
+    "ASC with relative stamps": (".asc", lambda s: _asc(s, "relative")),
+    "ASC with stamps below 0": (".asc", lambda s: _asc(s, start=-20.0)),
+    "ASC with decimal commas": (".asc", lambda s: _asc(s, mark=",")),
+    "ASC under another suffix": (".txt", lambda s: _asc(s)),
+    "candump -l": (".log", lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{_hex(d, '')}\n" for t, i, d in s)),
+    "candump -l with R": (".log", lambda s: "".join(f"({EPOCH + t:.9f}) can0 {i:03X}#{_hex(d, '')} R\n" for t, i, d in s)),
+    "candump -ta": (".txt", lambda s: _candump(s, "absolute")),
+    "candump -td": (".log", lambda s: _candump(s, "delta")),
+    "candump -tz": (".txt", lambda s: _candump(s, "zero")),
+    "candump -tA": (".txt", lambda s: _candump(s, "date")),
+    "CANedge CSV": (".csv", lambda s: _table(
+        s, "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes",
+        "{e:.6f};1;{i:X};0;{n};{n};0;0;0;0;0;{h}")),
+    "Cabana CSV": (".csv", lambda s: _table(s, "time,addr,bus,data", "{t:.6f},0x{i:x},0,0x{h}")),
+    "CSV of PCAN-View": (".csv", lambda s: _table(
+        s, ";Message Number,Time Offset (ms),Type,ID (hex),Data Length,Data (hex)", "1,{ms:.3f},Rx,{i:04X},{n},{s}")),
+    "CSV with a time of day": (".csv", lambda s: _table(s, "Time,Channel,ID,DLC,Data", "{c},1,0x{i:03X},{n},{s}")),
+    "TRC 1.0": (".trc", lambda s: _trc(s, "1.0")),
+    "TRC 1.1": (".trc", lambda s: _trc(s, "1.1")),
+    "TRC 1.2": (".trc", lambda s: _trc(s, "1.2")),
+    "TRC 1.3": (".trc", lambda s: _trc(s, "1.3")),
+    "TRC 2.1": (".trc", lambda s: _trc(s, "2.1")),
+    "BUSMASTER": (".log", lambda s: _busmaster(s)),
+    "BUSMASTER, decimal": (".log", lambda s: _busmaster(s, "DEC")),
+}  # fmt: skip
+
+
+def write_bus_log(name: str, folder: Path, sent: list[tuple[float, int, bytes]]) -> Path:
+    """A log of this layout, and the database beside it."""
+    suffix, made = BUS_LOGS[name]
+    path = folder / f"drive{suffix}"
+    path.write_bytes(made(sent).encode("utf-8" if name == "ASC" else "cp1252"))
+    (folder / "car.dbc").write_text(DBC, encoding="cp1252")
+    return path

@@ -24,6 +24,7 @@ SPELT = {
     "hz": "turn/s", "rev/s": "turn/s",
     "rpm": "turn/min", "1/min": "turn/min", "u/min": "turn/min", "min^-1": "turn/min", "rev/min": "turn/min",
     "unit_minutinvers": "turn/min",
+    "kmph": "km/h", "km/std": "km/h", "kmh^-1": "km/h", "km.h-1": "km/h",
     "km/h": "km/h", "kmh": "km/h", "kph": "km/h", "km/hr": "km/h", "unit_kilometerperhour": "km/h", "unit_kilomperhour": "km/h",
     "mph": "mile/h", "mi/h": "mile/h", "unit_mileperhour": "mile/h", "kn": "knot", "kt": "knot", "kts": "knot", "knots": "knot",
     "m/s": "m/s", "mps": "m/s", "m/sec": "m/s", "unit_meterpersecon": "m/s", "unit_meterpersecond": "m/s",
@@ -62,6 +63,11 @@ def quantity(unit: str) -> pint.Quantity | None:
         return registry().Quantity(plain or text)
     except Exception:  # pint's tokenizer raises what it likes at odd text
         return None
+
+
+def is_strange(unit: str) -> bool:
+    """Return whether a unit is one that nobody knows: km^h. The size of the signal says then what it is."""
+    return quantity(unit) is None
 
 
 def known(unit: str) -> bool:

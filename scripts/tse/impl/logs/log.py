@@ -18,7 +18,7 @@ from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
 from tse.impl.logs.read_text import parsing
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import PIECE, ROW, Recording, check_rows, in_room, listed
+from tse.impl.logs.recording import PIECE, ROW, Recording, check_columns, check_rows, in_room, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
 from tse.impl.logs.table import PACKED, Column, is_packed, of_packed, seconds
 from tse.impl.rows import (
@@ -91,6 +91,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 def _read_plain(path: Path, spare: Collection[str]) -> Log:
     head, whole = _head(path)
     header = [c.strip() for c in next(csv.reader(head[:1]), [])]
+    check_columns(path, header)
     wanted = columns()
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
     absent = lacking(header, sides, spare)

@@ -14,7 +14,7 @@ from tse.impl.logs.raster import entries, rate_of, resample
 from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.table import unit_at_end
 from tse.impl.logs.vocabulary import text_of
-from tse.impl.units import kind
+from tse.impl.units import is_strange, kind
 
 KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("acceleration",), "steer_angle": ("angle",),
     "wheel": ("speed", "rate"),
@@ -42,6 +42,7 @@ class Guess:
     sign: float = 1.0
     ratio: float | None = None
     latency: float = 0.0
+    clock: float = 0.0  # s by which the clock of its group is ahead of the others
     above: float | None = None  # of a pressure: the car brakes above it
     sign_bit: str | None = None
     add: str | None = None
@@ -59,6 +60,9 @@ class Proposal:
     guesses: list[Guess]
     warnings: list[str]
     missing: list[str]
+    nearest: dict[str, list[str]] = field(
+        default_factory=dict
+    )  # of each that is missing: the nearest signals, and what is against them
 
     def __getitem__(self, channel: str) -> Guess | None:
         return next((g for g in self.guesses if g.channel == channel), None)
@@ -148,9 +152,9 @@ class Look:
         return self._called[name]
 
     def unit(self, name: str) -> str:
-        """As the log says, or the end of the name."""
+        """Return it as the log says, or the end of the name. One that nobody knows is as none."""
         c = self.channels[name]
-        return c.unit if kind(c.unit) not in ("",) else unit_at_end(c.short)
+        return c.unit if kind(c.unit) not in ("",) and not is_strange(c.unit) else unit_at_end(c.short)
 
 
 # ---- What stands beside a measurement in its message: flags that say whether it is valid, the message's counter, the rest of a

@@ -100,7 +100,7 @@ def _one(
     if signal.counter is not None:
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
-    return Series(part, clocks.earlier(time, signal.latency), value, signal.latency, signal.hold)
+    return Series(part, clocks.earlier(time, signal.latency + signal.clock), value, signal.latency, signal.hold)
 
 
 def _factor(signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]) -> float:

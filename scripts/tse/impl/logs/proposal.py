@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 
 from tse.impl.clock import straight
+from tse.impl.logs.candidates import nearest_candidates
+from tse.impl.logs.group_clocks import align_clocks
 from tse.impl.logs.guesses import make_guesses
 from tse.impl.logs.look import Guess, Look, Proposal, counted, find_companions
 from tse.impl.logs.mapping import Series
 from tse.impl.logs.raster import entries, rate_of
-from tse.impl.logs.recording import Channel, How, Recording
+from tse.impl.logs.recording import Channel, How, Recording, listed
 from tse.impl.logs.scales import find_units
 from tse.impl.logs.velocities import find_velocities
 from tse.impl.logs.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
+from tse.impl.units import is_strange
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ def headline(g: Guess) -> str:
     """Return a guess in a line."""
     more = [f"{g.unit} ({g.unit_from})"] + (["sign -1"] if g.sign < 0 else []) + ([f"ratio {g.ratio:g}"] if g.ratio else [])
     more += [f"latency {1e3 * g.latency:.0f} ms"] if g.latency else []
+    more += [f"its clock {g.clock:+g} s off"] if g.clock else []
     more += [f"on above {g.above:g}"] if g.above is not None else []
     more += [f"and {g.add}"] if g.add else []
     more += [f"valid where {g.valid[0]} is {g.valid[1]:g}"] if g.valid else []
@@ -72,6 +76,7 @@ def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, 
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
         more = {"sign": "-1" if g.sign < 0 else "", "add": _quoted(g.add), "sign_bit": _quoted(g.sign_bit),
                 "ratio": f"{g.ratio:g}" if g.ratio else "", "latency": f"{g.latency:g}" if g.latency else "",
+                "clock": f"{g.clock:.12g}" if g.clock else "",
                 "above": "" if g.above is None else f"{g.above:g}",
                 "valid": f"{{name = {_quoted(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
                 "counter": f"{{name = {_quoted(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
@@ -79,8 +84,22 @@ def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, 
         }  # fmt: skip
         lines += [f"{key} = {value}" for key, value in more.items() if value]
     for channel in proposal.missing:
-        lines += ["", f"# [signals.{channel}]", '# name = "..."  # not found; left out, it is used as missing']
+        lines += ["", f"# [signals.{channel}]", *(f"# {x}" for x in proposal.nearest.get(channel, ()))]
+        lines += ['# name = "..."  # not found; left out, it is used as missing']
     return "\n".join(lines) + "\n"
+
+
+def _strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
+    """Return a warning for each unit that nobody knows of a signal that is proposed."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for g in guesses:
+        for n in g.name:
+            if is_strange(unit := recording.channels[n].unit):
+                found.setdefault((unit, g.unit), []).append(n)
+    return [
+        f"the unit {unit!r} of {listed(names)} is not known: {own} is proposed, by size; look whether it is right"
+        for (unit, own), names in found.items()
+    ]
 
 
 def _quoted(text: str | None) -> str:
@@ -108,8 +127,9 @@ PASSES = 3
 
 def propose(recording: Recording, car: Any | None = None) -> Proposal:
     """Guess which signal is which. `car`: a vehicle.Vehicle; its radii, wheelbase and ratio make the figures sharper."""
-    look = Look(recording)
     warnings: list[str] = []
+    recording, moved = align_clocks(recording, warnings)
+    look = Look(recording)
     wheels = find_wheels(look) or find_speed(look)
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
@@ -130,10 +150,12 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     guesses += find_velocities(look, guesses, v, recording.format)
     guesses += find_pedals(recording, look, v)
     find_companions(recording, guesses)
+    warnings += _strange_units(recording, guesses)
     warnings += counted(recording) if not wheels else []
+    for g in guesses:
+        g.clock = round(moved.get(g.name[0], 0.0), 2)
     have = {g.channel for g in guesses}
-    return Proposal(
-        guesses,
-        warnings,
-        [c for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate") if c not in have],
-    )
+    missing = [
+        c for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate") if c not in have
+    ]
+    return Proposal(guesses, warnings, missing, nearest_candidates(recording, look, guesses, missing, v))

@@ -13,6 +13,7 @@ import numpy as np
 from tse.impl.errors import UserError
 from tse.impl.logs.read_can import Bus, databases_for
 from tse.impl.logs.recording import PIECE, Channel, Growing, How, Recording, check_rows, need, unused
+from tse.impl.logs.table import in_seconds
 
 FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
 
@@ -27,7 +28,7 @@ def read(path: Path, how: How) -> Recording:
     sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
         with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
-            channels = _plain(path, mdf, how)
+            channels = in_seconds(_plain(path, mdf, how), how, notes)
             channels |= _of_frames(path, mdf, how, bool(channels), notes)
             version = mdf.version
     except (UserError, MemoryError):

@@ -7,6 +7,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,11 @@ import pandas as pd
 
 from tse.impl.errors import UserError
 from tse.impl.logs.readers import FORMATS
-from tse.impl.logs.recording import PIECE, How, Recording
-from tse.impl.logs.table import Column, may_be_time, recording_of, with_unit
+from tse.impl.logs.recording import PIECE, Channel, How, Recording, check_columns
+from tse.impl.logs.table import TIME_WORDS, Column, may_be_time, numbers, recording_of, seconds, unit_at_end, with_unit, words
 from tse.impl.units import known
 
+MOST_HEADERS = 4  # rows of names, units and sources
 HEAD = 400  # lines that are looked at
 DELIMITERS = (",", ";", "\t", "|")
 NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
@@ -42,6 +44,7 @@ def read(path: Path, how: How) -> Recording:
     header, units, first = _layout(path, cells, how, separator)
     width = len(cells[first]) if first < len(cells) else 0
     names = _names(path, cells[header] if header is not None else None, width, lines, header)
+    check_columns(path, names)
     decimal = how.decimal or _decimal(cells[first:])
     if decimal is None and separator != ",":  # whole numbers as far as was looked: a car that stands
         with open(path, encoding=encoding, errors=errors, newline="") as file:
@@ -49,7 +52,8 @@ def read(path: Path, how: How) -> Recording:
             decimal = next(filter(None, further), None)
     decimal = decimal or "."
     of = dict(zip(names, units or [""] * len(names), strict=False))
-    needed = [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
+    long = _long_table(names, cells[first:])
+    needed = list(long) if long else [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
     with open(path, encoding=encoding, errors=errors, newline="") as file, parsing(path):
         parts = pd.read_csv(
             file, sep=r"\s+" if separator == " " else separator, decimal=decimal, names=range(len(names)), header=None,
@@ -58,6 +62,8 @@ def read(path: Path, how: How) -> Recording:
         table = pd.concat([part[needed] for part in parts], ignore_index=True)
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
+    if long:
+        return _pivoted(path, [names[i] for i in long], [table[i] for i in long], how)
     columns = [
         Column(name, table[i] if i in table else np.full(len(table), np.nan), of.get(name, ""))
         for i, name in enumerate(names)
@@ -69,6 +75,61 @@ def read(path: Path, how: How) -> Recording:
         parts += [f"names in line {header + 1}"] if header else []
         notes.append(f"read as CSV with {', '.join(parts)}{', a row of units' if units else ''}")
     return recording_of(path, "CSV", columns, how, notes)
+
+
+# A long table has a value per row, and beside it the name of what was measured.
+OF_NAMES = re.compile(
+    r"(?:^|[_ .])(name|signal|channel|parameter|variable|metric|key|tag|measurement|sensor|kanal|messgroesse)$", re.I
+)
+OF_VALUES = re.compile(r"(?:^|[_ .])(value|val|reading|wert|messwert)$", re.I)
+OF_CARS = re.compile(r"(?:^|[_ .])(vehicle|car|device|vin|fahrzeug)(?:[_ .]?(id|name|number))?$", re.I)
+MOST_LONG = 2000  # names in a long table
+
+
+def _long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]:
+    """Return the columns of time, name, value and, where there is one, car of a long table; () where it is none."""
+    titles = [n.strip().lower() for n in names]
+    name, value = ([i for i, n in enumerate(titles) if p.search(n)] for p in (OF_NAMES, OF_VALUES))
+    value = [i for i in value if i not in name]
+    time = [
+        i
+        for i, n in enumerate(titles)
+        if i not in (*name, *value) and may_be_time(i, n, "") and any(w in TIME_WORDS for w in words(n))
+    ]
+    good = [r for r in rows if len(r) == len(names)]
+    if not value or not time or len(good) < 2:
+        return ()
+    cars = [i for i, n in enumerate(titles) if OF_CARS.search(n)]
+    texts = [i for i in name if i not in cars and all(r[i] and not NUMBER.fullmatch(r[i]) for r in good)]
+    numbers_ = [i for i in value if sum(_is_data(r[i]) for r in good) > 0.5 * len(good)]
+    if not texts or not numbers_ or len({r[texts[0]] for r in good}) > 0.5 * len(good):
+        return ()
+    return (time[0], texts[0], numbers_[0], *cars[:1])
+
+
+def _pivoted(path: Path, titles: list[str], columns: list[pd.Series], how: How) -> Recording:
+    """Return a channel per name of a long table, each with its own times."""
+    notes = [f"a long table: the names are in column {titles[1]}, the values in {titles[2]}"]
+    time = seconds(path, Column(titles[0], columns[0]), notes, how)
+    value, _ = numbers(pd.to_numeric(columns[2], errors="coerce"))
+    if value is None:
+        raise UserError(f"{path}: a long table, and column {titles[2]} has no numbers")
+    name = columns[1].astype("string").str.strip()
+    if len(columns) > 3 and columns[3].nunique() > 1:
+        name = columns[3].astype("string").str.strip() + "." + name
+        notes.append(f"it is of {columns[3].nunique()} cars: each name begins with what is in column {titles[3]}")
+    if (count := name.nunique()) > MOST_LONG:
+        raise UserError(f"{path}: a long table with {count:,} names in column {titles[1]}; up to {MOST_LONG:,} are read")
+    channels: dict[str, Channel] = {}
+    for given, rows in name.groupby(name).indices.items():
+        plain, unit = with_unit(str(given))
+        if how.wanted and not how.wanted(plain):
+            continue
+        order = rows[np.argsort(time[rows], kind="stable")]
+        channels[plain] = Channel(plain, time[order], value[order], unit or unit_at_end(plain))
+    shared: dict[bytes, np.ndarray] = {}
+    channels = {n: replace(c, time=shared.setdefault(c.time.tobytes(), c.time)) for n, c in channels.items()}
+    return Recording(path, "CSV", channels, notes)
 
 
 def _is_needed(place: int, name: str, unit: str, how: How) -> bool:
@@ -186,12 +247,26 @@ def _layout(path: Path, cells: list[list[str]], how: How, separator: str) -> tup
         if not above:
             return None, None, first
         full = [i for i in above if len(cells[i]) in (width, width + 1)] or above[-1:]
-        header = full[-1]
-        if len(full) > 1 and _are_units(cells[header]) and not _are_units(cells[full[-2]]):
-            header = full[-2]
+        header = _row_of_names(cells, full)
     between = [i for i in range(header + 1, first) if any(cells[i])]
     units = next((cells[i] for i in between if _are_units(cells[i])), None)
     return header, [u.strip("[]()") for u in units] if units else None, first
+
+
+def _row_of_names(cells: list[list[str]], full: list[int]) -> int:
+    """Return the row of the names among those that stand above the data, one below the other.
+
+    Below the names there may be units, and where each column comes from: such a row says the same of many columns."""
+    block = full[-1:]
+    while len(block) < MOST_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
+        block = [block[0] - 1, *block]
+    if len(block) == 1:
+        return block[0]
+    different = {i: len({c for c in cells[i] if c}) for i in block if not _are_units(cells[i])}
+    if not different:
+        return block[0]
+    most = max(different.values())
+    return max(i for i, n in different.items() if n == most)
 
 
 def _are_units(cells: list[str]) -> bool:

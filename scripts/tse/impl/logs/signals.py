@@ -15,9 +15,11 @@ from tse.impl.units import factor, quantity
 
 SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
 LONGEST_LATENCY = 1.0  # s
+LONGEST_CLOCK = 4e9  # s: an epoch
 LOG_KEYS = {f.name for f in fields(How)} - {"wanted"} | {"rate"}
 KEYS = (
-    "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "valid", "counter", "hold", "above",
+    "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "clock", "valid", "counter",
+    "hold", "above",
     "unsure",
 )  # fmt: skip
 RANGES = {  # key -> low, high, unit, what it is
@@ -26,6 +28,7 @@ RANGES = {  # key -> low, high, unit, what it is
     "radius": (0.05, 5.0, "m", "of the wheel, for speeds; the vehicle file's if left out"),
     "above": (-1e6, 1e6, "", "of a pressure: the brakes are on above it, in the unit of the signal"),
     "latency": (-LONGEST_LATENCY, LONGEST_LATENCY, "s", "by how much later than it was true a value is logged"),
+    "clock": (-LONGEST_CLOCK, LONGEST_CLOCK, "s", "by how much the clock of its group is ahead of the others"),
 }
 LEAST_RATIO, MOST_RATIO = 0.5, 100.0
 
@@ -62,6 +65,7 @@ class Signal:
     )
     radius: float | None = None
     latency: float = 0.0
+    clock: float = 0.0
     valid: Flag | None = None
     counter: Counter | None = None
     hold: bool = False  # sent only when it changes: a value stands until the next

@@ -206,6 +206,56 @@ def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> 
     return time * per
 
 
+SLOWEST_GROUP = 2.0  # s between the entries of the fastest group, above which a file does not count in s
+FEWEST = 100  # entries of a group that is looked at
+LIKE = 0.03  # of a ratio of durations
+
+
+def in_seconds(channels: dict[str, Channel], how: How, notes: list[str]) -> dict[str, Channel]:
+    """Return channels whose times are in s, of a file that should count in s.
+
+    Parameters
+    ----------
+    channels : dict of str to Channel
+        By name.
+    how : How
+        Options: time_unit says in which unit all count.
+    notes : list of str
+        Is extended by what was found.
+
+    Returns
+    -------
+    dict of str to Channel
+        The same channels. Where the entries of all groups are more than 2 s apart, or one group lasts 1000 times as
+        long as the others, times are taken as ms, us or ns.
+    """
+    times = {id(c.time): c.time for c in channels.values()}
+    per: dict[int, float] = dict.fromkeys(times, 1.0)
+    if how.time_unit:
+        per = dict.fromkeys(times, factor(how.time_unit, "s") or 1.0)
+    else:
+        steps = {i: float(np.median(d[d > 0])) for i, t in times.items() if len(t) >= FEWEST and (d := np.diff(t))[d > 0].size}
+        spans = {i: float(np.ptp(times[i][np.isfinite(times[i])])) for i in steps}
+        if steps and min(steps.values()) > SLOWEST_GROUP:
+            _, unit, each = next(t for t in TICKS if min(steps.values()) <= t[0])
+            per = dict.fromkeys(times, each)
+            notes.append(
+                f"time seems to be in {unit}: entries are {min(steps.values()):g} apart, so it is taken as such "
+                "([log] time_unit says otherwise)"
+            )
+        for i in steps if len(steps) > 1 and per[next(iter(times))] == 1.0 else ():
+            others = [s for j, s in spans.items() if j != i and steps[j] <= SLOWEST_GROUP]
+            for unit, each in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+                if others and steps[i] > SLOWEST_GROUP and abs(spans[i] * each / np.median(others) - 1) < LIKE:
+                    per[i] = each
+                    named = listed(c.name for c in channels.values() if id(c.time) == i)
+                    notes.append(f"time of {named} seems to be in {unit}, unlike that of the others: it is taken as such")
+    if all(p == 1.0 for p in per.values()):
+        return channels
+    scaled = {i: t * per[i] for i, t in times.items()}
+    return {n: replace(c, time=scaled[id(c.time)]) for n, c in channels.items()}
+
+
 PACKED = "time: its numbers are times of day as HHMMSS.ss, so they are taken as such ([log] time_unit says otherwise)"
 DAY = 86400.0  # s
 

@@ -56,16 +56,19 @@ NOT = {  # what sounds like a role and is another thing
     "yaw_rate": r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|conf\w*|std|sd\b|var\b|"
                 r"cov\w*|temp\w*|raw off\w*|"
                 r"model|limit|torque|moment|counter|\bbz\b|qbit|gps|gnss|display|calc|est\b",
-    "accel_y": r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
+    "accel_y": r"speed|spd|velocity|vel\b|"
+               r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
                r"model|qbit|gyro|rate|pedal|"
                r"display|calc|est\b|dist\w*|gain|latitude",
-    "accel_x": r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
+    "accel_x": r"speed|spd|velocity|vel\b|"
+               r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
                r"model|qbit|gyro|rate|pedal|"
                r"display|calc|est\b|gain|longitude",
     "steer_angle": r"rate|spd|speed|geschw\w*|vel\w*|torque|tq|trq|moment\w*|target|req\w*|soll|des\w*|cmd|command|offset|bias|"
                    r"qual\w*|valid|status|stat\b|"
                    r"ratio|qbit|vz\b|sign|limit|yaw|slip|heading|gps|pinion|motor|temp\w*|counter|rear|current|blink\w*|cal\b|"
-                   r"calib\w*",
+                   r"calib\w*|pitch|roll|lean|bank|camber|slope|incl\w*|grad\w*|tilt|gears?|gang|throttle|pedal|crank\w*|cam|"
+                   r"ignition|spark|timing|sideslip|attack|azimuth|elevation|course|lat\w*|lon\w*|phase",
     "speed": r"target|cmd|command|"
              r"req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
              r"var\b|cov\w*|yaw|angular|"
@@ -75,6 +78,15 @@ NOT = {  # what sounds like a role and is another thing
     "longitude": r"acc\w*|g\b|longitudinal|rate|std|sd\b|dist\w*|vel\w*|force|error",
     "heading": r"rate|target|std|acc\w*|rms",
 }  # fmt: skip
+# What is no motion of the car: such a signal is none of the roles, however well it goes with the others by chance. A speed
+# is no acceleration and no angle.
+OTHER = re.compile(
+    r"\b(gears?|gang|ganganzeige|rpm|drehzahl|nmot|throttle|pedal|accelerator|gas|aps|clutch|kupplung|temp\w*|press\w*|druck|laps?|runde|"
+    r"fuel|tank|batt\w*|volt\w*|satellites?|sats|[hpv]dop|altitude|height|hoehe|dist\w*|odo\w*|mileage|counter|crc|checksum|lambda|"
+    r"afr|boost|oil|coolant|pitch|roll|engine|latitude|longitude|date|fragment|session|index|accuracy|humidity|wiper|door|fan|ignition|"
+    r"spark|camber|gradient|slope|azimuth)\b"
+)
+OTHER_SPEED = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
 PLACES = {  # where a wheel is, as a word or the end of one
     "front_left": r"fl|lf|vl|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|f ?l|l ?f|fr ?lt|delantera "
                   r"izquierda|anteriore sinistra|di",
@@ -88,6 +100,7 @@ PLACES = {  # where a wheel is, as a word or the end of one
     "front": r"front|vorne?|va|avant|fa|frnt|delantero|anteriore",
     "rear": r"rear|hinten|ha|arriere|ra|trasero|posteriore",
 }  # fmt: skip
+AXLES = ("front", "rear")
 WHEEL = re.compile(r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bws(?=[fvrhl][lr]\b)|\bnrad|roue|rueda|"
                    r"ruota|omega|\bwheels?\b|abs|\bn\b|\bv\b|drehzahl|"
                    r"\bspeed\b|\bspd\b|\brw\b|\bvrad|wspd|whlspd|wheelspeed|\bvel")  # fmt: skip
@@ -114,6 +127,14 @@ def score(role: str, name: str) -> float:
     if best and re.search(rf"\b({NOT[role]})", end):
         best -= 4.0
     return best
+
+
+def is_another_thing(role: str, name: str) -> bool:
+    """Return whether a name says that a signal is something else than a role: a gear is no angle, a speed no acceleration."""
+    if score(role, name) >= 1.0:
+        return False
+    text = text_of(name)
+    return bool(OTHER.search(text) or (role != "speed" and OTHER_SPEED.search(text)))
 
 
 def place_of(name: str) -> tuple[str, float]:
@@ -152,7 +173,10 @@ def _corner(joined: str) -> str:
 
 def _place(end: str, wheel: bool) -> tuple[str, float]:
     joined = end.replace(" ", "")
+    corner = _corner(joined)
     for place, pattern in PLACES.items():
+        if corner and place in AXLES:
+            return corner, 2.7
         worth = 3.0 if wheel else 1.0
         if re.search(rf"\b({pattern})\b", end):
             return place, worth if len(place) > 5 or wheel else 0.0
@@ -164,5 +188,4 @@ def _place(end: str, wheel: bool) -> tuple[str, float]:
             )
         ):
             return place, worth - 0.3
-    corner = _corner(joined)
     return (corner, 2.7) if corner else ("", 0.0)

@@ -13,7 +13,7 @@ from tse.impl.logs.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
 from tse.impl.logs.physics import fit, mean_of
 from tse.impl.logs.raster import resample
 from tse.impl.logs.recording import Channel, Recording
-from tse.impl.logs.vocabulary import NO_WHEEL, place_of, score, text_of
+from tse.impl.logs.vocabulary import NO_WHEEL, is_another_thing, place_of, score, text_of
 from tse.impl.units import kind
 
 SLOWEST = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
@@ -191,6 +191,7 @@ def find_roles(
             and n not in found.values()
             and w >= NAMED
             and (score(role, look.called(n)) >= 0.8 or shown[role][n] >= 2.5)  # a unit alone is no name
+            and not is_another_thing(role, look.called(n))
         ):
             found[role] = n
     return found, {role: {"said": said[role].get(n, 0.0), "shown": shown[role].get(n, 0.0)} for role, n in found.items()}
@@ -206,6 +207,7 @@ def quaternions(look: Look) -> set[str]:
 def _said(look: Look, role: str, name: str) -> float:
     unit = kind(look.unit(name))
     of_kind = 1.0 if unit in KINDS[role] else (0.0 if unit == "" else -3.0)
+    of_kind -= 3.0 * is_another_thing(role, look.called(name))
     return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
 
