@@ -8,6 +8,7 @@ import hmac
 import json
 import os
 import secrets
+import stat
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -214,7 +215,42 @@ loads = tomllib.loads
 MOST_INTEGER = 1 << 63  # what TOML asks of a reader; Python's integers go on, and are no settings then
 
 
+LARGEST_TOML = 16 << 20  # bytes; a signals.toml of 10 000 channels has 1 MB
+DEEPEST = 64  # tables in tables
+
+
+def check_regular(path: Path, most: int, what: str) -> None:
+    """Refuse, before it is read, what is no regular file, or far too large for what it should be.
+
+    Parameters
+    ----------
+    path : Path
+        What is to be read. One that is not there passes: who opens it says so.
+    most : int
+        Bytes that it may have.
+    what : str
+        What is needed there, for the message: "a TOML file".
+
+    Raises
+    ------
+    UserError
+        It is a device or a pipe, or has more bytes.
+    """
+    try:
+        found = Path(path).stat()
+    except (OSError, ValueError):
+        return
+    if stat.S_ISDIR(found.st_mode):
+        return
+    if not stat.S_ISREG(found.st_mode):
+        raise UserError(f"{path}: is a device or a pipe, {what} is needed")
+    if found.st_size > most:
+        raise UserError(f"{path}: has {found.st_size >> 20:,} MB; {what} of up to {most >> 20} MB is read")
+
+
 def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file says. UserError: it is none, is no regular file, or is nested too deeply."""
+    check_regular(path, LARGEST_TOML, "a TOML file")
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
@@ -229,20 +265,22 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    _check_integers(path, data, "")
+    _check_values(path, data, "", 0)
     return data
 
 
 def _table_hint(path: Path) -> str:
     """What to say of a file whose first line names columns."""
-    with open(path, encoding="utf-8-sig") as file:
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
         line = file.readline(65536)
     cells = max(line.count(c) for c in ",;\t") + 1
     return f"\n  it is a table of {cells} columns: a log in the place of a TOML file?" if cells > 3 and "=" not in line else ""
 
 
-def _check_integers(path: Path, value: Any, key: str) -> None:
+def _check_values(path: Path, value: Any, key: str, depth: int) -> None:
     if isinstance(value, int) and not -MOST_INTEGER <= value < MOST_INTEGER:
-        raise UserError(f"{path}: is not valid TOML: key {key}: an integer has at most 64 bits")
+        raise UserError(f"{path}: is not valid TOML: key {key[:200]}: an integer has at most 64 bits")
+    if depth > DEEPEST:
+        raise UserError(f"{path}: is not valid TOML: key {key[:40]} ...: tables are nested more than {DEEPEST} deep")
     for name, part in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
-        _check_integers(path, part, f"{key}.{name}" if key else str(name))
+        _check_values(path, part, f"{key}.{name}" if key else str(name), depth + 1)

@@ -24,10 +24,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tse.impl.errors import NoFile, UserError
-from tse.impl.files import atomic
+from tse.impl.files import atomic, check_regular
 
 Array = npt.NDArray[np.float64]
 
+LARGEST_ROAD = 1 << 30  # bytes of a road file: 10 000 km in steps of a metre
 STEEPEST = 0.35  # rad: range of bank_angle and grade_angle
 PROFILE = ("bank", "grade", "bank_sd", "grade_sd")
 RANGES = {  # of each column: unit, lowest, highest
@@ -221,6 +222,7 @@ def read_road(path: Path) -> Road:
 
     path = Path(path)
     try:
+        check_regular(path, LARGEST_ROAD, "a road file")
         table = pd.read_csv(path, header=None, skipinitialspace=True, dtype=str, keep_default_na=False, encoding="utf-8-sig")
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None

@@ -14,13 +14,14 @@ from pathlib import Path
 import pandas as pd
 
 from tse.impl.errors import NoFile, UserError, meant
-from tse.impl.files import real
+from tse.impl.files import check_regular, real
 from tse.impl.logs.readers import READERS
 
 # Of what a reader takes these are too common for other things to be taken for logs in a folder; named one by one they are.
 UNSURE = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - UNSURE
 RESULTS = (".est.csv", ".est.parquet")  # what tselab estimate leaves
+LARGEST_TABLE = 256 << 20  # bytes
 TABLE_COLUMNS = ("log", "vehicle", "car", "signals")
 OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")
 DATE = re.compile(
@@ -136,6 +137,7 @@ def _fits(path: Path, base: Path, pattern: str) -> bool:
 
 
 def _read_table(table: Path) -> list[dict[str, str]]:
+    check_regular(table, LARGEST_TABLE, "a table of vehicles")
     try:
         with open(table, encoding="utf-8-sig") as file:
             lines = [line for line in file if line.strip() and not line.startswith("#")]  # a name may have one, too

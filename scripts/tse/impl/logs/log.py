@@ -1,6 +1,5 @@
 """Read a log: a CSV with the names of the library, a frame, or any format of readers.py. tse.impl.rows checks what comes."""
 
-import csv
 import re
 import shlex
 from collections.abc import Collection, Mapping
@@ -18,7 +17,7 @@ from tse.impl.logs.mapping import Series, series
 from tse.impl.logs.raster import on_raster
 from tse.impl.logs.read_text import parsing
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import PIECE, ROW, Recording, check_columns, check_rows, in_room, listed
+from tse.impl.logs.recording import PIECE, ROW, Recording, cells_of, check_columns, check_rows, in_room, in_time, listed
 from tse.impl.logs.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
 from tse.impl.logs.table import PACKED, Column, is_packed, of_packed, seconds
 from tse.impl.rows import (
@@ -45,7 +44,7 @@ NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
     """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
     path, reading = Path(path), reading or Reading()
-    with in_room(path):
+    with in_room(path), in_time(path):
         log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
     if reading.car is not None:
         log = of_car(log, reading.car)
@@ -73,7 +72,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
             head = file.read(65536)
     except (OSError, UnicodeDecodeError):
         return False
-    lines = list(csv.reader(head.splitlines()[:2])) if "\0" not in head else []
+    lines = [cells_of(path, x) for x in head.splitlines()[:2]] if "\0" not in head else []
     names = [c.strip() for c in lines[0]] if lines else []
     wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
     beside = beside_of(path)
@@ -90,7 +89,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 
 def _read_plain(path: Path, spare: Collection[str]) -> Log:
     head, whole = _head(path)
-    header = [c.strip() for c in next(csv.reader(head[:1]), [])]
+    header = [c.strip() for c in (cells_of(path, head[0]) if head else [])]
     check_columns(path, header)
     wanted = columns()
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
@@ -229,7 +228,7 @@ def _numbers(
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
     are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
     Rows without any of what is needed are blank. `whole`: rows to read, where not all; `first`: the line of the first."""
-    if (cells := len(row := next(csv.reader(first), []))) > len(header):  # of which pandas only warns
+    if (cells := len(row := cells_of(path, first[0]) if first else [])) > len(header):  # of which pandas only warns
         wide = cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row)
         hint = "\n  hint: commas separate the columns and are in the numbers, too: write decimals with a point" if wide else ""
         raise UserError(f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}")

@@ -201,7 +201,9 @@ def _version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
     try:
         with h5py.File(path, "r") as file:
             yield from _walk_hdf(file, "", opaque, h5py)
-    except (OSError, RuntimeError, KeyError) as error:
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:  # a damaged file: whatever its library stumbles over
         raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
 
 

@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import struct
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ def read(path: Path, how: How) -> Recording:
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     notes: list[str] = []
     damage = ""
+    _check_chains(path)
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
@@ -44,6 +46,52 @@ def read(path: Path, how: How) -> Recording:
             "missing: copy it again, or have the recorder's own tool repair it"
         )
     return Recording(path, f"MDF {version}", channels, notes)
+
+
+CHAINS = {b"##DG": (b"##CG", b"##DL"), b"##CG": (b"##CN",), b"##CN": (b"##CN",), b"##FH": (), b"##DL": (), b"##HL": (b"##DL",)}
+MOST_BLOCKS = 5_000_000  # that are followed
+
+
+def _check_chains(path: Path) -> None:
+    """Refuse an MDF 4 whose lists of groups, channels or data lead in a circle: its reader would follow them for ever.
+
+    A block begins with its kind, its length and the number of its links. The first link of those in CHAINS is the next of
+    its list."""
+    with open(path, "rb") as file:
+
+        def links(at: int, kind: bytes, of_list: bool = False) -> list[int]:
+            file.seek(at)
+            head = file.read(24)
+            if len(head) < 24 or head[:4] != kind:
+                if of_list:
+                    raise UserError(
+                        f"{path}: is damaged or cut off: there is no {kind[2:].decode()} block at byte {at}; copy it again"
+                    )
+                return []  # data of another kind
+            count = min(struct.unpack("<Q", head[16:])[0], 8)
+            return list(struct.unpack(f"<{count}Q", part)) if len(part := file.read(8 * count)) == 8 * count else []
+
+        if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
+            return
+        start = links(64, b"##HD")
+        todo: list[tuple[bytes, int]] = [(b"##DG", at) for at in start[:1]] + [(b"##FH", at) for at in start[1:2]]
+        met: set[int] = set()
+        while todo:
+            kind, at = todo.pop()
+            chain: set[int] = set()
+            while 0 < at < 1 << 62:
+                if at in chain or len(met) > MOST_BLOCKS:
+                    raise UserError(
+                        f"{path}: is damaged: its list of {kind[2:].decode()} blocks leads in a circle at byte {at}; copy it again"
+                    )
+                chain.add(at)
+                if at in met:
+                    break
+                met.add(at)
+                found = links(at, kind, kind in (b"##DG", b"##CG", b"##FH") or len(chain) > 1)
+                for other in found[1:3] if kind == b"##DG" else found[1:2]:
+                    todo += [(k, other) for k in CHAINS[kind] if other]
+                at = found[0] if found else 0
 
 
 def _is_finished(file: BinaryIO) -> bool:

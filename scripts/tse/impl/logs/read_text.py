@@ -1,6 +1,5 @@
 """Text tables, CSV of any dialect: delimiter, decimal comma, encoding, a preamble, a row of units, dates."""
 
-import csv
 import itertools
 import re
 import warnings
@@ -15,7 +14,7 @@ import pandas as pd
 
 from tse.impl.errors import UserError
 from tse.impl.logs.readers import FORMATS
-from tse.impl.logs.recording import PIECE, Channel, How, Recording, check_columns
+from tse.impl.logs.recording import PIECE, Channel, How, Recording, cells_of, check_columns
 from tse.impl.logs.table import TIME_WORDS, Column, may_be_time, numbers, recording_of, seconds, unit_at_end, with_unit, words
 from tse.impl.units import known
 
@@ -40,7 +39,7 @@ def read(path: Path, how: How) -> Recording:
     if not any(x.strip() for x in lines):
         raise UserError(f"{path}: is empty")
     separator = _separator(path, lines, how)
-    cells = [_cells(x, separator) for x in lines]
+    cells = [_cells(path, x, separator) for x in lines]
     header, units, first = _layout(path, cells, how, separator)
     width = len(cells[first]) if first < len(cells) else 0
     names = _names(path, cells[header] if header is not None else None, width, lines, header)
@@ -48,7 +47,7 @@ def read(path: Path, how: How) -> Recording:
     decimal = how.decimal or _decimal(cells[first:])
     if decimal is None and separator != ",":  # whole numbers as far as was looked: a car that stands
         with open(path, encoding=encoding, errors=errors, newline="") as file:
-            further = (_decimal([_cells(x, separator)]) for x in itertools.islice(file, first, None) if "," in x or "." in x)
+            further = (_decimal([_cells(path, x, separator)]) for x in itertools.islice(file, first, None) if "," in x or "." in x)
             decimal = next(filter(None, further), None)
     decimal = decimal or "."
     of = dict(zip(names, units or [""] * len(names), strict=False))
@@ -199,10 +198,10 @@ def _separator(path: Path, lines: list[str], how: How) -> str:
     tail = filled[len(filled) // 3 :] or filled
     best, worth = ",", 0.0
     for d in (*DELIMITERS, " "):
-        counts = Counter(len(_cells(x, d)) for x in tail)
-        width, often = counts.most_common(1)[0]
+        rows = [_cells(path, x, d, tried=True) for x in tail]
+        width, often = Counter(map(len, rows)).most_common(1)[0]
         # of a decimal comma that is taken as a separator the cells are whole numbers; prefer what cuts into numbers
-        numeric = sum(_is_data(c) for x in tail[:50] for c in _cells(x, d)) / max(1, sum(len(_cells(x, d)) for x in tail[:50]))
+        numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
         value = (width > 1) * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9) + 1e-3 * width * (width > 1)
         if d == "," and any(";" in x or "\t" in x for x in tail[:3]):
             value *= 0.5
@@ -215,10 +214,10 @@ def _separator(path: Path, lines: list[str], how: How) -> str:
     return best
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def _cells(path: Path, line: str, separator: str, tried: bool = False) -> list[str]:
     if separator == " ":
         return line.split()
-    return [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    return [c.strip() for c in cells_of(path, line, separator, True, tried)]
 
 
 def _is_data(cell: str) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 from tse.impl.errors import NoFile, UserError
 from tse.impl.logs.bus_text import kind_of
 from tse.impl.logs.databases import SUFFIXES as DATABASES
-from tse.impl.logs.recording import How, Recording, in_room
+from tse.impl.logs.recording import How, Recording, in_room, in_time
 
 # module, its suffixes, what a file of it begins with
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
@@ -133,7 +133,7 @@ def unpacked(path: Path) -> Iterator[Path]:
 def read_recording(path: Path, how: How | None = None) -> Recording:
     """A log as it is in its file. UserError: it cannot be read; the text says what helps."""
     path = Path(path)
-    with unpacked(path) as plain:
+    with in_time(path), unpacked(path) as plain:
         if plain == path:
             return _read_plain(path, how)
         how = how or How()
@@ -147,8 +147,17 @@ def read_recording(path: Path, how: How | None = None) -> Recording:
 
 def _read_plain(path: Path, how: How | None) -> Recording:
     module = importlib.import_module(f"tse.impl.logs.read_{reader_of(path)}")
-    with in_room(path):
-        found: Recording = module.read(path, how or How())
+    try:
+        with in_room(path):
+            found: Recording = module.read(path, how or How())
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:  # what a reader did not expect: damage, nearly always
+        said = f"{type(error).__name__}: {str(error)[:120]}"
+        raise UserError(
+            f"{path}: cannot be read ({said}): it is damaged, or of a form that nobody has met; if another program reads it, it is "
+            "worth a report"
+        ) from error
     if not any(len(c) for c in found) and (how is None or how.wanted is None):
         raise UserError(f"{path}: has no channel with numbers in it")
     return found.since_start()

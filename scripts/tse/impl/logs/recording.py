@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import csv
+import gc
 import importlib
 import itertools
 import os
 import re
+import signal
+import sys
+import threading
+import traceback
 from array import array
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -203,6 +209,108 @@ def in_room(path: Path) -> Iterator[None]:
         ) from None
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+LEAST_TIME, EACH_TIME = 30.0, 3.0  # s of processor that reading any file may take, and more for each MB of it
+
+
+class _TookLong(BaseException):
+    """Raised inside readers of others, which catch every Exception."""
+
+
+@contextmanager
+def in_time(path: Path) -> Iterator[None]:
+    """Hold the reading of a file to a time of the processor, where the system can.
+
+    Parameters
+    ----------
+    path : Path
+        The file. Its size says how long it may take.
+
+    Raises
+    ------
+    UserError
+        It takes longer: its blocks lead in a circle, or it is made to.
+
+    Notes
+    -----
+    Signals reach the main thread alone. In others, and on Windows, nothing is limited. The innermost of
+    several blocks leaves the limit to the outermost.
+    """
+    alone = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+    if not alone or not path.exists() or signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0:
+        yield
+        return
+    most = LEAST_TIME + EACH_TIME * size_of(path) / 2**20
+
+    def stop(*_: object) -> None:
+        raise _TookLong
+
+    before = signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_VIRTUAL, most, 1.0)  # again each second: a reader may have caught it
+    try:
+        yield
+    except _TookLong as error:
+        _forget(error)
+        raise UserError(
+            f"{path}: takes more than {most:.0f} s to read, which is far more than its size: its blocks lead in a circle, or it is "
+            "made to keep a machine busy"
+        ) from None
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, before)
+
+
+def _forget(error: BaseException) -> None:
+    """Let go of what a reader had opened, without what it complains of on its way out."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        error.__traceback__ = error.__context__ = None
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+
+
+LONGEST_CELL = 1 << 16  # characters
+csv.field_size_limit(1 << 22)  # more than is ever looked at: a separator that is tried makes one cell of a whole line
+
+
+def cells_of(path: Path, line: str, separator: str = ",", blanks: bool = False, tried: bool = False) -> list[str]:
+    """Return the cells of a line of CSV.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    line : str
+        The line.
+    separator : str
+        What stands between cells.
+    blanks : bool
+        Whether blanks behind the separator are skipped.
+    tried : bool
+        Whether the separator is only tried: a long cell is no fault then.
+
+    Returns
+    -------
+    list of str
+        Empty of an empty line.
+
+    Raises
+    ------
+    UserError
+        A cell is longer than any of a log.
+    """
+    try:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=blanks), [])
+    except csv.Error as error:
+        raise UserError(f"{path}: a line is no row of a table: {error}; it begins with {line[:30]!r}") from None
+    long = next((c for c in cells if len(c) > LONGEST_CELL), None)
+    if long is not None and not tried:
+        raise UserError(f"{path}: a cell has {len(long):,} characters; up to {LONGEST_CELL:,} are read: {long[:30]!r} ...")
+    return cells
 
 
 def _data_taken() -> int | None:

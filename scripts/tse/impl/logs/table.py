@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import Channel, How, Recording, listed, near, unused
+from tse.impl.logs.recording import Channel, How, Recording, check_columns, listed, near, unused
 from tse.impl.units import factor, kind, known
 
 TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
@@ -51,6 +51,7 @@ def _are_dates(x: pd.Series | np.ndarray) -> bool:
 def recording_of(path: Path, format_: str, columns: Sequence[Column], how: How, notes: Sequence[str] = ()) -> Recording:
     """Columns as channels. UserError: none can be the time."""
     said = list(notes)
+    check_columns(path, [str(c.name) for c in columns])
     named = []
     for c in columns:
         name, unit = with_unit(str(c.name))

@@ -1,0 +1,197 @@
+"""A damaged file ends in rows or in a sentence, whatever was done to it: cut, bits turned, pieces taken out or doubled.
+
+TSE_DAMAGED says how many files of each kind are made (12; the long run: 200)."""
+
+import gzip
+import os
+import random
+import struct
+import time
+from pathlib import Path
+
+import pytest
+
+from conftest import tselab, tselab_here
+from log_formats import FORMATS, drive, messages, written
+from trade_files import (
+    BUS_LOGS,
+    DBC,
+    ODD_LINES,
+    frames,
+    si,
+    write_bus_log,
+    write_candump,
+    write_groups,
+    write_long,
+    write_racechrono,
+    write_vbo,
+)  # fmt: skip
+from tse.impl.errors import UserError
+from tse.impl.logs.log import read_log
+from tse.impl.logs.proposal import listing, propose, toml_text
+from tse.impl.logs.readers import read_recording
+from tse.impl.rows import Reading
+from tse.impl.vehicle import read_vehicle
+
+COUNT = int(os.environ.get("TSE_DAMAGED", "12"))
+LONGEST = 60.0  # s of the processor for one file
+TRADE = {
+    "VBOX": lambda f, s: write_vbo(f / "drive.vbo", s),
+    "three header rows": lambda f, s: write_racechrono(f / "drive.csv", s),
+    "long table": lambda f, s: write_long(f / "drive.csv", s),
+    "packed table": lambda f, s: _packed(write_racechrono(f / "drive.csv", s)),
+    "groups of MF4": lambda f, s: write_groups(f / "drive.mf4", s, 5.0),
+    **{name: (lambda f, s, name=name: write_bus_log(name, f, frames(s))) for name in BUS_LOGS},
+}
+
+
+def _packed(path: Path) -> Path:
+    made = path.with_name("drive.csv.gz")
+    made.write_bytes(gzip.compress(path.read_bytes()))
+    path.unlink()
+    return made
+
+
+def damaged(data: bytes, chance: random.Random) -> bytes:
+    """A file with one kind of damage."""
+    made = bytearray(data)
+    at = chance.randrange(len(made))
+    kind = chance.randrange(6)
+    if kind == 0:
+        return bytes(made[:at])
+    if kind == 1:
+        for _ in range(chance.choice((1, 4, 40))):
+            made[chance.randrange(len(made))] ^= 1 << chance.randrange(8)
+    elif kind == 2:
+        made[at : at + chance.choice((1, 8, 200))] = b""
+    elif kind == 3:
+        made[at:at] = made[max(0, at - 300) : at]
+    elif kind == 4:
+        made[at : at + 16] = bytes(chance.randrange(256) for _ in range(16))
+    else:
+        begin = chance.randrange(min(len(made), 2000))  # where a file says what it is
+        made[begin : begin + 4] = bytes(chance.choice(b"\0\xff\n,;\"'[]()#*-0 9") for _ in range(4))
+    return bytes(made)
+
+
+def try_all(path: Path, target: Path, seed: str, car) -> None:
+    """Read COUNT damaged files as the commands do."""
+    good, chance = target.read_bytes(), random.Random(seed)
+    for i in range(COUNT):
+        target.write_bytes(damaged(good, chance))
+        begin = time.process_time()
+        try:
+            found = read_recording(path)
+            proposal = propose(found, car)
+            listing(found, proposal)
+            (path.parent / "signals.toml").write_text(toml_text(found, proposal), encoding="utf-8")
+            read_log(path, reading=Reading(car=car))
+        except UserError as error:
+            assert str(error).strip(), f"{seed} {i}"
+        except Exception as error:
+            raise AssertionError(f"{seed}, file {i}: {type(error).__name__}: {error}") from error
+        finally:
+            (path.parent / "signals.toml").unlink(missing_ok=True)
+        assert time.process_time() - begin < LONGEST, f"{seed} {i}"
+
+
+@pytest.fixture(scope="module")
+def car(tmp_path_factory):
+    """A vehicle."""
+    path = tmp_path_factory.mktemp("damaged") / "car.toml"
+    path.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
+    return read_vehicle(path)
+
+
+@pytest.fixture(scope="module")
+def clean(car):
+    """Twelve seconds of a drive."""
+    return drive(car.path, seconds=12.0)
+
+
+@pytest.mark.parametrize("name", TRADE)
+def test_a_damaged_file_of_the_trade_is_read_or_refused(name, car, clean, tmp_path):
+    if "MF4" in name:
+        pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
+    path = TRADE[name](tmp_path, si(clean)[:150])
+    try_all(path, path, name, car)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_path):
+    path = written(name, tmp_path, messages(clean[:300]))
+    (tmp_path / "signals.toml").unlink(missing_ok=True)
+    target = max((p for p in path.rglob("*") if p.is_file()), key=lambda p: p.stat().st_size) if path.is_dir() else path
+    try_all(path, target, name, car)
+
+
+@pytest.mark.parametrize("odd", ["", *ODD_LINES])
+def test_a_damaged_database_is_read_or_refused(odd, car, clean, tmp_path):
+    path = write_candump(tmp_path / "drive.log", frames(si(clean)[:150]), DBC + ODD_LINES.get(odd, "") + "\n")
+    try_all(path, tmp_path / "car.dbc", odd, car)
+
+
+def _header(first_group: int, first_history: int) -> bytes:
+    """An MDF 4 of two blocks."""
+    name = b"MDF     4.10    test    ".ljust(28, b"\0") + struct.pack("<H", 410) + bytes(34)
+    return name + b"##HD\0\0\0\0" + struct.pack("<QQ6Q", 104, 6, first_group, first_history, 0, 0, 0, 0) + bytes(32)
+
+
+@pytest.mark.parametrize(("block", "where"), [
+    (b"", (64, 0)), (b"##DG\0\0\0\0" + struct.pack("<QQ4Q", 64, 4, 168, 0, 0, 0) + bytes(8), (168, 0)),
+    (b"##FH\0\0\0\0" + struct.pack("<QQ2Q", 56, 2, 168, 0) + bytes(16), (0, 168)),
+])  # fmt: skip
+def test_blocks_that_point_to_themselves_do_not_keep_a_reader(block, where, tmp_path):
+    pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
+    (tmp_path / "drive.mf4").write_bytes(_header(*where) + block)
+    begin = time.process_time()
+    done = tselab_here("signals", tmp_path / "drive.mf4")
+    assert done.code == 2 and "is damaged" in done.err, done.err
+    assert time.process_time() - begin < 10.0
+
+
+def test_a_reader_that_does_not_end_is_stopped(monkeypatch, tmp_path):
+    monkeypatch.setattr("tse.impl.logs.recording.LEAST_TIME", 0.3)
+    path = tmp_path / "drive.csv"
+    path.write_text("time,x\n0,1\n1,2\n")
+
+    def read(*_: object) -> None:
+        while True:
+            try:
+                time.sleep(0)
+            except Exception:  # as readers do
+                continue
+
+    monkeypatch.setattr("tse.impl.logs.read_text.read", read)
+    with pytest.raises(UserError, match="takes more than 0 s to read"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(("text", "says"), [
+    ("time," + ",".join(f"c{i}" for i in range(30000)) + "\n" + ",".join("1" for _ in range(30001)) + "\n", "has 30,001 columns"),
+    ("time," + "x" * 100000 + "\n0,1\n1,2\n", "a cell has 100,000 characters"),
+    ("time," + "x" * 2000 + "\n0,1\n1,2\n", "the name of a column has 2,000 characters"),
+])  # fmt: skip
+@pytest.mark.parametrize("command", ["signals", "estimate"])
+def test_a_table_that_is_too_wide_or_has_too_long_a_name_is_refused(text, says, command, car, tmp_path):
+    (tmp_path / "drive.csv").write_text(text)
+    done = tselab_here(command, tmp_path / "drive.csv", "--vehicle", car.path)
+    assert done.code == 2 and says in done.err, done.err
+
+
+def test_what_is_no_regular_file_is_refused_before_it_is_read(tmp_path):
+    (tmp_path / "log.csv").write_text("time,steer_angle,wheel_speed_front,wheel_speed_rear\n0,0,1,1\n0.01,0,1,1\n")
+    (tmp_path / "deep.toml").write_text("a" + ".a" * 3000 + " = 1\n")
+    for option, value, says in (
+        ("--vehicle", "/dev/zero", "is a device or a pipe, a TOML file is needed"),
+        ("--vehicle", tmp_path / "deep.toml", "nested more than 64 deep"),
+    ):
+        done = tselab_here("estimate", tmp_path / "log.csv", option, value)
+        assert done.code == 2 and says in done.err, done.err
+
+
+def test_what_unpacks_to_far_more_than_a_log_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr("tse.impl.logs.readers.LEAST_UNPACKED", 1 << 20)
+    (tmp_path / "drive.csv.gz").write_bytes(gzip.compress(b"time,x\n" + b"0,0\n" * 1000000))
+    done = tselab_here("signals", tmp_path / "drive.csv.gz")
+    assert done.code == 2 and "unpacks to more than 1 MB, 40 times its size" in done.err
