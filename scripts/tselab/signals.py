@@ -40,9 +40,11 @@ def signals(
     wheels' speed, steering angle against curvature. Each comes with the figure that speaks for it: look through the file and edit
     it. A file that is there is not overwritten without being asked: remove it first.
 
-    Formats: CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC, candump and CSV with a frame per row
-    (SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog
-    (extra openpilot).
+    Formats: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC, candump, BUSMASTER and CSV with
+    a frame per row (CANedge, Cabana, SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT
+    (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may be packed by gzip.
+
+    Of a channel that is not found the signals that come nearest are listed, each with what is against it.
 
     A channel is read at a time, frames of a bus and rows of a CSV in pieces; tselab estimate keeps the channels that it needs in
     memory. As a whole are read: of MAT 5 a variable (of a struct all of it), a CSV with the names of tse, of openpilot the file.
