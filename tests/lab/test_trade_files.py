@@ -80,6 +80,15 @@ def test_what_a_vbox_counts_to_the_right_is_found_positive_to_the_left(wheels, t
         assert found.missing == [] and guesses["wheel_speed_front"] == (("FLwhlspd", "FRwhlspd"), "m/s", 1.0)
 
 
+def test_what_an_ins_gives_besides_is_taken_for_nothing_else(trip, tmp_path):
+    found = propose(read_recording(write_vbo(tmp_path / "drive.vbo", trip, more=True)))
+    assert found.missing == []
+    assert {g.channel: g.name for g in found.guesses} == {
+        "steer_angle": ("SWA",), "wheel_speed_front": ("FLwhlspd", "FRwhlspd"), "wheel_speed_rear": ("RLwhlspd", "RRwhlspd"),
+        "accel_x": ("X_Accel",), "accel_y": ("Y_Accel",), "yaw_rate": ("YawRate",), "ins_vel_x": ("Lng._Vel.",),
+        "ins_vel_y": ("Lat._Vel.",)}  # fmt: skip
+
+
 def test_the_rows_of_a_vbox_file_are_those_of_the_drive(trip, car, tmp_path):
     path = write_vbo(tmp_path / "drive.vbo", trip)
     done = tselab_here("signals", path, "--vehicle", car, "--write", tmp_path / "signals.toml")

@@ -32,8 +32,10 @@ def packed(time: Iterable[float]) -> list[str]:
     return [f"{t // 3_600_000:02d}{t // 60_000 % 60:02d}{t // 1000 % 60:02d}.{t % 1000:03d}" for t in whole]
 
 
-def write_vbo(path: Path, drive: pd.DataFrame, wheels: bool = True, start: float = MIDNIGHT) -> Path:
-    """A file of a VBOX: yaw rate and lateral acceleration positive to the right, velocity across the car, too."""
+def write_vbo(path: Path, drive: pd.DataFrame, wheels: bool = True, start: float = MIDNIGHT, more: bool = False) -> Path:
+    """A file of a VBOX: yaw rate and lateral acceleration positive to the right, velocity across the car, too.
+
+    `more`: with what an INS and the bus of the car give besides, much of which sounds alike."""
     course = np.degrees(-np.cumsum(drive.yaw_rate) * 0.02) % 360.0
     speed = drive[list(CORNERS)].mean(axis=1)
     across = 0.9 * drive.yaw_rate - 0.0035 * speed * drive.accel_y
@@ -42,6 +44,38 @@ def write_vbo(path: Path, drive: pd.DataFrame, wheels: bool = True, start: float
     if wheels:
         columns |= {f"{c.upper()}whlspd": (drive[c], "m/s") for c in CORNERS}
     columns["Lat._Vel."] = -3.6 * across, "km/h"
+    if more:
+        noise = np.random.default_rng(4).normal(size=(8, len(drive)))
+        slip = -DEG * across / speed
+        columns |= {
+            n: (pd.Series(s * x), u)
+            for x, (n, s, u) in zip(
+                noise,
+                (
+                    ("RollRate1", 0.02, "rad/s"),
+                    ("PitchRate", 0.5, "°/s"),
+                    ("Pitch_Ang.", 0.3, "°"),
+                    ("Lng_Jerk", 0.1, "g/s"),
+                    ("Lat_Jerk", 0.1, "g/s"),
+                    ("T1", 1.0, "s"),
+                    ("AccrPedlLnn", 9.0, "%"),
+                    ("Temp", 0.1, "°C"),
+                ),
+                strict=True,
+            )
+        }
+        columns |= {f"Slip_{c.upper()}": (slip, "°") for c in CORNERS} | {
+            "Slip_Angle": (slip, "°"),
+            "Slip_COG": (slip, "°"),
+            "True_Head": (course + 5.0, "°"),
+            "Head_imu": (course, "°"),
+            "Roll_Angle": (-0.3 * drive.accel_y, "°"),
+            "PtTqAtW_FL": (900 * drive.accel_x, "Nm"),
+            "PtGearAct": (3.0 + np.sign(drive.yaw_rate), ""),
+            "VehSpdLgt": (speed, "m/s"),
+            "Lng._Vel.": (3.6 * speed, "km/h"),
+            "Pos.Qual.": (0.0 * speed + 4.0, ""),
+        }
     head = ["satellites", "time", "latitude", "longitude", "velocity kmh", "heading", "height", "vertical velocity kmh"]
     lines = ["File created on 01/01/2025 @ 11:00", "", "[header]", *head, *columns, "", "[channel units]",
              *(u for _, u in columns.values()), "", "[comments]", "Log Rate (Hz) : 50.00", "", "[column names]",

@@ -138,7 +138,7 @@ def _units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[
             if short[i] in ("velocity", "vert-vel"):
                 units[i] = SPEEDS.get(title.split()[-1].lower(), units[i])
             else:
-                units[i] = units[i] or with_unit(title)[1]
+                units[i] = units[i] or with_unit(title)[1] or unit_at_end(title)
     return [u or unit_at_end(n) for u, n in zip(units, names, strict=True)]
 
 

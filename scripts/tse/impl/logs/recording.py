@@ -38,6 +38,14 @@ PIECE = 1 << 16  # frames and rows of text that are decoded at a time
 RECEIVER = "receiver of GNSS"  # what is said about a channel of one
 
 
+_ABBREVIATED = re.compile(r"(?<=[A-Za-z])\.(?=_|$)")
+
+
+def last_part(name: str) -> str:
+    """Return the last part of a path of names. A point that ends a word is none of the path: Lat._Vel."""
+    return re.split(r"[./]", _ABBREVIATED.sub("", name))[-1]
+
+
 @dataclass(frozen=True)
 class Channel:
     """One signal of a log. `time`, s, and `value` have one entry per sample; NaN: missing. Channels of one message or table share
@@ -53,7 +61,7 @@ class Channel:
     @property
     def short(self) -> str:
         """The name without its message, group or topic."""
-        return self.name.replace("/", ".").rpartition(".")[2]
+        return last_part(self.name)
 
     def __len__(self) -> int:
         return len(self.time)

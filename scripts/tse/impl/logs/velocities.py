@@ -52,7 +52,7 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
 
 
 def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
-    text = text_of(look.channels[name].short if "._" not in name else name)
+    text = text_of(look.channels[name].short)
     return bool(pattern.search(text)) and not NO_VELOCITY.search(text) and kind(look.unit(name)) == "speed"
 
 

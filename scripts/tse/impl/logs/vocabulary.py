@@ -4,12 +4,14 @@ score per role: 3 the very words, 2 likely, 1 possible; below 0: something else 
 import functools
 import re
 
+from tse.impl.logs.recording import last_part
 from tse.impl.logs.table import words
 
 # role -> (pattern over the words joined by blanks, score). The best one counts; NOT below takes off.
 ROLES: dict[str, tuple[tuple[str, float], ...]] = {
     "yaw_rate": (
-        (r"yaw ?rate|yaw ?rt|yaw ?vel|yaw ?speed|gier ?rate|gier ?geschw|giergeschwindigkeit|psi ?(p|dot|d)\b|d ?psi|vitesse lacet|"
+        (r"yaw w\b|"
+         r"yaw ?rate|yaw ?rt|yaw ?vel|yaw ?speed|gier ?rate|gier ?geschw|giergeschwindigkeit|psi ?(p|dot|d)\b|d ?psi|vitesse lacet|"
          r"velocidad guinada|(rate|vel\w*|omega|gyro\w*) yaw", 3.0),
         (r"angular velocity z|angular velocity device z|angular rate z|ang vel z|(gyro\w*|gyr|omega|rate|w|rot\w*) ?z\b|rate ?z|"
          r"imu ?wz|\bwz\b|"
@@ -17,21 +19,26 @@ ROLES: dict[str, tuple[tuple[str, float], ...]] = {
         (r"\byaw\b|\bgier|\br\b|turn rate", 1.2),
     ),
     "accel_y": (
-        (r"lat\w* ?acc\w*|acc\w* ?lat\w*|lateral ?g\b|quer ?beschl\w*|beschl\w* ?quer|\ba ?lat\b|\bay\b|\ba y\b|acc\w* ?y\b|"
-         r"linear acceleration y|g ?lat\b|lat ?g\b|acc ?lat|\bgy\b|\by ?acc\w*|aquer|a ?quer|accel\w* transversal\w*|acceleration "
+        (r"lat\w* ?acc\w*|acc\w* ?lat\w*|lateral ?g\b|quer ?beschl\w*|beschl\w* ?quer|\ba ?lat\d?\b|\bay\b|\ba y\b|acc\w* ?y\b|"
+         r"linear acceleration y|\bg ?lat\b|lat ?g\b|veh ?lat\w*( ?comp)? a\b|"
+         r"acc ?lat|\bgy\b|\by ?acc\w*|aquer|a ?quer|accel\w* transversal\w*|"
+         r"acceleration "
          r"laterale|"
          r"accelerazione laterale|beschl\w* y|\by ?beschl\w*|latacc", 3.0),
         (r"lateral|\bquer|transvers", 1.2),
     ),
     "accel_x": (
-        (r"lon\w* ?acc\w*|lgt ?acc\w*|acc\w* ?lon\w*|laengs ?beschl\w*|längs ?beschl\w*|lngs ?beschl\w*|beschl\w* ?l(ä|ae)?ngs|\ba "
+        (r"\ba ?lgt\d?\b|lng ?acc\w*|"
+         r"lon\w* ?acc\w*|lgt ?acc\w*|acc\w* ?lon\w*|laengs ?beschl\w*|längs ?beschl\w*|lngs ?beschl\w*|beschl\w* ?l(ä|ae)?ngs|\ba "
          r"?lon\w*\b|\bax\b|\ba x\b|"
-         r"acc\w* ?x\b|linear acceleration x|g ?lon\w*\b|lon\w* ?g\b|\bgx\b|\bx ?acc\w*|a ?l(ä|ae)ngs|accel\w* longitudinal\w*|"
+         r"acc\w* ?x\b|linear acceleration x|\bg ?lon\w*\b|\blon\w* g\b|\blongg\b|veh ?lon\w*( ?comp)? a\b|\bgx\b|"
+         r"\bx ?acc\w*|a ?l(ä|ae)ngs|accel\w* longitudinal\w*|"
          r"acceleration longitudinale|beschl\w* x|\bx ?beschl\w*|longacc|\ba ego\b", 3.0),
         (r"longitudinal|\bl(ä|ae)ngs", 1.2),
     ),
     "steer_angle": (
-        (r"steer\w* ?(whl|wheel|wh|w)? ?ang\w*|\bstr ?(whl|wheel|wh)? ?ang\w*|str?g ?(whl|wheel|wh)? ?ang?\w*|lenk ?rad ?winkel|"
+        (r"internal ?sas|"
+         r"steer\w* ?(whl|wheel|wh|w)? ?ang\w*|\bstr ?(whl|wheel|wh)? ?ang\w*|str?g ?(whl|wheel|wh)? ?ang?\w*|lenk ?rad ?winkel|"
          r"lenk ?winkel|\bswa\b|\blrw\b|\blw ?(wi)?\b|"
          r"steer\w* ?(whl|wheel)? ?pos\w*|st ?whl ?ang\w*|sas ?ang\w*|ang\w* ?(volant|volante|sterzo|direccion)|(road ?wheel|front "
          r"?wheel) ?ang\w*|"
@@ -68,7 +75,7 @@ NOT = {  # what sounds like a role and is another thing
                    r"qual\w*|valid|status|stat\b|"
                    r"ratio|qbit|vz\b|sign|limit|yaw|slip|heading|gps|pinion|motor|temp\w*|counter|rear|current|blink\w*|cal\b|"
                    r"calib\w*|pitch|roll|lean|bank|camber|slope|incl\w*|grad\w*|tilt|gears?|gang|throttle|pedal|crank\w*|cam|"
-                   r"ignition|spark|timing|sideslip|attack|azimuth|elevation|course|lat\w*|lon\w*|phase",
+                   r"ignition|spark|timing|sideslip|attack|azimuth|elevation|course|lat\w*|lon\w*|phase|true|imu|jerk",
     "speed": r"target|cmd|command|"
              r"req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
              r"var\b|cov\w*|yaw|angular|"
@@ -88,14 +95,14 @@ OTHER = re.compile(
 )
 OTHER_SPEED = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
 PLACES = {  # where a wheel is, as a word or the end of one
-    "front_left": r"fl|lf|vl|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|f ?l|l ?f|fr ?lt|delantera "
+    "front_left": r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|f ?l|l ?f|fr ?lt|delantera "
                   r"izquierda|anteriore sinistra|di",
-    "front_right": r"fr|rf|vr|front ?right|right ?front|vorne? ?rechts|vo ?re|avd|av ?d|frnt ?rght|rght ?frnt|f ?r|r ?f|fr ?rt|"
+    "front_right": r"fr|rf|vr|frt ?r|fr ?r|front ?right|right ?front|vorne? ?rechts|vo ?re|avd|av ?d|frnt ?rght|rght ?frnt|f ?r|r ?f|fr ?rt|"
                    r"delantera derecha|"
                    r"anteriore destra|dd",
-    "rear_left": r"rl|lr|hl|rear ?left|left ?rear|hinten ?links|hi ?li|arg|ar ?g|rr ?lft|lft ?rr|r ?l|l ?r|re ?lt|trasera "
+    "rear_left": r"rl|lr|hl|re ?l|rr ?l|bck ?l|rear ?left|left ?rear|hinten ?links|hi ?li|arg|ar ?g|rr ?lft|lft ?rr|r ?l|l ?r|re ?lt|trasera "
                  r"izquierda|posteriore sinistra|ti|bl",
-    "rear_right": r"rr|hr|rear ?right|right ?rear|hinten ?rechts|hi ?re|ard|ar ?d|rr ?rght|rght ?rr|r ?r|re ?rt|trasera derecha|"
+    "rear_right": r"rr|hr|re ?r|bck ?r|rear ?right|right ?rear|hinten ?rechts|hi ?re|ard|ar ?d|rr ?rght|rght ?rr|r ?r|re ?rt|trasera derecha|"
                   r"posteriore destra|td|br",
     "front": r"front|vorne?|va|avant|fa|frnt|delantero|anteriore",
     "rear": r"rear|hinten|ha|arriere|ra|trasero|posteriore",
@@ -119,7 +126,7 @@ def text_of(name: str) -> str:
 
 def score(role: str, name: str) -> float:
     """How much a name sounds like a role; the last part of a path counts more than the whole."""
-    last = re.split(r"[./]", name)[-1]
+    last = last_part(name)
     text, end = text_of(name), text_of(last)
     best = max((s for p, s in ROLES[role] if re.search(p, end)), default=0.0)
     if best < 3.0:
@@ -139,7 +146,7 @@ def is_another_thing(role: str, name: str) -> bool:
 
 def place_of(name: str) -> tuple[str, float]:
     """Which wheel's or axle's speed a name sounds like, and how much; "" where none."""
-    last = re.split(r"[./]", name)[-1]
+    last = last_part(name)
     text, end = text_of(name), text_of(last)
     if NO_WHEEL.search(end):
         return "", 0.0

@@ -12,7 +12,7 @@ from tse.impl.logs import physics
 from tse.impl.logs.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
 from tse.impl.logs.physics import fit, mean_of
 from tse.impl.logs.raster import resample
-from tse.impl.logs.recording import Channel, Recording
+from tse.impl.logs.recording import Channel, Recording, last_part
 from tse.impl.logs.vocabulary import NO_WHEEL, is_another_thing, place_of, score, text_of
 from tse.impl.units import kind
 
@@ -54,7 +54,7 @@ def find_wheels(look: Look) -> dict[str, str]:
 
 def _stem(name: str) -> str:
     """A name without what says where."""
-    text = text_of(re.split(r"[./]", name)[-1])
+    text = text_of(last_part(name))
     return re.sub(
         r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b", "*", text
     ).replace("* *", "*")
