@@ -95,14 +95,18 @@ OTHER = re.compile(
 )
 OTHER_SPEED = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
 PLACES = {  # where a wheel is, as a word or the end of one
-    "front_left": r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|f ?l|l ?f|fr ?lt|delantera "
+    "front_left": r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|"
+                   r"f ?l|l ?f|fr ?lt|delantera "
                   r"izquierda|anteriore sinistra|di",
-    "front_right": r"fr|rf|vr|frt ?r|fr ?r|front ?right|right ?front|vorne? ?rechts|vo ?re|avd|av ?d|frnt ?rght|rght ?frnt|f ?r|r ?f|fr ?rt|"
+    "front_right": r"fr|rf|vr|frt ?r|fr ?r|front ?right|right ?front|vorne? ?rechts|vo ?re|avd|av ?d|frnt ?rght|"
+                   r"rght ?frnt|f ?r|r ?f|fr ?rt|"
                    r"delantera derecha|"
                    r"anteriore destra|dd",
-    "rear_left": r"rl|lr|hl|re ?l|rr ?l|bck ?l|rear ?left|left ?rear|hinten ?links|hi ?li|arg|ar ?g|rr ?lft|lft ?rr|r ?l|l ?r|re ?lt|trasera "
+    "rear_left": r"rl|lr|hl|re ?l|rr ?l|bck ?l|rear ?left|left ?rear|hinten ?links|hi ?li|arg|ar ?g|rr ?lft|lft ?rr|"
+                   r"r ?l|l ?r|re ?lt|trasera "
                  r"izquierda|posteriore sinistra|ti|bl",
-    "rear_right": r"rr|hr|re ?r|bck ?r|rear ?right|right ?rear|hinten ?rechts|hi ?re|ard|ar ?d|rr ?rght|rght ?rr|r ?r|re ?rt|trasera derecha|"
+    "rear_right": r"rr|hr|re ?r|bck ?r|rear ?right|right ?rear|hinten ?rechts|hi ?re|ard|ar ?d|rr ?rght|rght ?rr|r ?r|"
+                   r"re ?rt|trasera derecha|"
                   r"posteriore destra|td|br",
     "front": r"front|vorne?|va|avant|fa|frnt|delantero|anteriore",
     "rear": r"rear|hinten|ha|arriere|ra|trasero|posteriore",
