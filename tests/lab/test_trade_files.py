@@ -175,6 +175,23 @@ def test_of_a_database_that_is_none_the_name_is_said(trip, tmp_path):
         read_recording(path)
 
 
+def test_what_cantools_does_not_read_canmatrix_may(trip, monkeypatch, tmp_path):
+    cantools = pytest.importorskip("cantools", reason="cantools is not installed: scripts/setup.sh logs")
+    pytest.importorskip("canmatrix", reason="canmatrix is not installed: it comes with asammdf")
+    path = write_candump(tmp_path / "drive.log", frames(trip[:100]))
+    made = cantools.database.load_string(DBC, "dbc").as_kcd_string()
+    (tmp_path / "car.kcd").write_text(made)
+    (tmp_path / "car.dbc").unlink()
+
+    def refuse(*_: object, **__: object) -> None:
+        raise ValueError("a line that it does not know")
+
+    monkeypatch.setattr("cantools.database.load_file", refuse)
+    log = read_recording(path)
+    np.testing.assert_allclose(log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:100]), atol=0.006)
+    assert any("car.kcd: cantools does not read it" in n for n in log.notes)
+
+
 OPENDBC = Path(os.environ.get("TSE_OPENDBC", Path(__file__).parents[3] / "shared" / "opendbc"))
 
 

@@ -1,5 +1,7 @@
 """Databases of a CAN bus by cantools. A DBC whose lines are not all in order is read without the odd ones, which are named."""
 
+import importlib
+import io
 import logging
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -97,7 +99,10 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     except Exception as error:  # its parsers raise what they like
         first = (str(error).splitlines() or [type(error).__name__])[0][:150]
         refused = UserError(f"{path}: is no database of a bus that can be read: {first}")
-    if path.suffix.lower() != ".dbc" or not re.search(r"^\s*BO_\s+\d+", text, re.MULTILINE):
+    if path.suffix.lower() != ".dbc":
+        text = _by_canmatrix(path)
+        notes += [f"{path.name}: cantools does not read it ({first}); canmatrix does"] if text else []
+    if not re.search(r"^\s*BO_\s+\d+", text, re.MULTILINE):
         raise refused
     odd = _Odd()
     messages = _leniently(cantools, text, odd)
@@ -106,6 +111,20 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     if odd.said:
         notes.append(odd.note(path))
     return messages
+
+
+def _by_canmatrix(path: Path) -> str:
+    """Return a database as a DBC, as canmatrix has it; "" where that is not installed, or does not read it, either."""
+    try:
+        formats = importlib.import_module("canmatrix.formats")
+        logging.getLogger("canmatrix").setLevel(logging.CRITICAL)
+        made = io.BytesIO()
+        formats.dump(formats.loadp_flat(str(path)), made, "dbc")
+        return made.getvalue().decode("cp1252", errors="replace")
+    except MemoryError:
+        raise
+    except Exception:  # its parsers, too, raise what they like
+        return ""
 
 
 def _text(path: Path) -> str:
