@@ -133,6 +133,7 @@ class Look:
         own = {name: entries(Series(name, time, value)) for name, (time, value) in raw.items()}
         self.channels: dict[str, Channel] = {c.name: c for c in recording if c.name in own}
         self._called: dict[str, str] = {}
+        self._unit: dict[str, str] = {}
         self.rate = {n: rate_of(t) for n, (t, _) in own.items()}
         if not own:
             self.x, self.time = {}, np.zeros(0)
@@ -153,8 +154,10 @@ class Look:
 
     def unit(self, name: str) -> str:
         """Return it as the log says, or the end of the name. One that nobody knows is as none."""
-        c = self.channels[name]
-        return c.unit if kind(c.unit) not in ("",) and not is_strange(c.unit) else unit_at_end(c.short)
+        if name not in self._unit:
+            c = self.channels[name]
+            self._unit[name] = c.unit if kind(c.unit) not in ("",) and not is_strange(c.unit) else unit_at_end(c.short)
+        return self._unit[name]
 
 
 # ---- What stands beside a measurement in its message: flags that say whether it is valid, the message's counter, the rest of a

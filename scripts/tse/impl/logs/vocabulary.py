@@ -128,6 +128,7 @@ def text_of(name: str) -> str:
     return " ".join(words(name))
 
 
+@functools.lru_cache(maxsize=65536)
 def score(role: str, name: str) -> float:
     """How much a name sounds like a role; the last part of a path counts more than the whole."""
     last = last_part(name)
@@ -140,6 +141,7 @@ def score(role: str, name: str) -> float:
     return best
 
 
+@functools.lru_cache(maxsize=65536)
 def is_another_thing(role: str, name: str) -> bool:
     """Return whether a name says that a signal is something else than a role: a gear is no angle, a speed no acceleration."""
     if score(role, name) >= 1.0:
@@ -148,6 +150,7 @@ def is_another_thing(role: str, name: str) -> bool:
     return bool(OTHER.search(text) or (role != "speed" and OTHER_SPEED.search(text)))
 
 
+@functools.lru_cache(maxsize=65536)
 def place_of(name: str) -> tuple[str, float]:
     """Which wheel's or axle's speed a name sounds like, and how much; "" where none."""
     last = last_part(name)
