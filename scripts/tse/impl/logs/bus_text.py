@@ -14,8 +14,6 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import How
-from tse.impl.logs.table import Column, seconds
 
 LOOKED_AT = 1 << 16  # bytes from which a kind is recognised
 LONGEST_LINE = 1 << 14  # characters of a line of a log
@@ -344,15 +342,26 @@ def _squeezed(text: str) -> str:
     return re.sub(r"[\s:_-]|0[xX](?=[0-9A-Fa-f]{1,2}\b)", "", text.strip().strip("\"'")).replace("0X", "0x")
 
 
+TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:[.,]\d+)?)", re.ASCII)
+
+
 def _tick(title: str, stamps: list[str]) -> Callable[[str], float]:
     """Return what makes seconds of a stamp."""
     unit = re.search(r"[\[(]\s*(ms|us|µs|ns|s)\s*[\])]", title) or re.search(r"(?<![a-z])(ms|us|ns)$|_(ms|us|ns)$", title.strip())
     scale = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}.get(next((g for g in unit.groups() if g), "s") if unit else "", 1.0)
     texts = [s.strip().strip("\"'") for s in stamps]
     if texts and sum(bool(re.search(r"\d:\d\d", t)) for t in texts) > 0.5 * len(texts):
+        before, days = -DAY, 0.0
 
         def of_clock(text: str) -> float:
-            return float(seconds(Path(""), Column("time", pd.Series([text.strip()])), [], How())[0])
+            nonlocal before, days
+            found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
+            if found is None:
+                return _stamp(text.strip().strip("\"'").replace(",", "."))
+            time = 3600.0 * int(found[1] or 0) + 60.0 * int(found[2]) + float(found[3].replace(",", "."))
+            days += DAY * (time < before - 0.5 * DAY)
+            before = time
+            return time + days
 
         return of_clock
     whole = bool(texts) and all(re.fullmatch(r"\d+", t) for t in texts)
