@@ -131,9 +131,15 @@ def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
         return np.interp(at, t, x)
     first, last = np.searchsorted(t, at[[0, -1]])
     part = slice(max(0, min(int(first) - REACH, len(t) - 4)), int(last) + REACH)
+    own, value = t[part], x[part]
+    if not (np.diff(own) > 0).all():  # times so large that their steps are lost in their last digit
+        new = np.append(True, np.diff(np.maximum.accumulate(own)) > 0)
+        own, value = own[new], value[new]
+        if len(own) < 4:
+            return np.interp(at, own, value)
     from scipy.interpolate import CubicSpline
 
-    return CubicSpline(t[part], x[part])(at)
+    return CubicSpline(own, value)(at)
 
 
 def _of_four(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -150,8 +150,13 @@ def _read_plain(path: Path, how: How | None) -> Recording:
     try:
         with in_room(path):
             found: Recording = module.read(path, how or How())
-    except (UserError, MemoryError):
+    except UserError:
         raise
+    except MemoryError:
+        raise UserError(
+            f"{path}: takes more memory to read than there is: it is damaged, made to fill the machine, or very long: "
+            "cut it into drives"
+        ) from None
     except Exception as error:  # what a reader did not expect: damage, nearly always
         said = f"{type(error).__name__}: {str(error)[:120]}"
         raise UserError(
