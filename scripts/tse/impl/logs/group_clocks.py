@@ -15,6 +15,7 @@ LEAST_SHARED = 0.6  # of the shorter of two signals, that is compared at any shi
 LEAST_CORR, BETTER = 0.8, 0.15  # a shift is found by such a correlation, and it is so much better than without
 MOST_ROWS = 1 << 16  # of a signal that are compared: 1.8 h
 FEWEST = 100  # samples of a group
+LONGEST, LATEST = 1e6, 1e11  # s: of a signal, and of its times, that are compared
 MOST_GROUPS = 64  # that are compared
 
 
@@ -138,10 +139,12 @@ def _even(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.
     """Return a signal at RATE without its mean, and when it begins; None: it does not move."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
-    if len(time) < FEWEST or not 0 < time[-1] - time[0] < 1e6:
+    if len(time) < FEWEST:
         return None
     order = np.argsort(time, kind="stable")
     time, value = time[order], value[order]
+    if not 0 < time[-1] - time[0] < LONGEST or abs(time[0]) > LATEST:
+        return None
     at = time[0] + np.arange(min(MOST_ROWS, int((time[-1] - time[0]) * RATE) + 1)) / RATE
     x = np.interp(at, time, value)
     n = max(1, round(SMOOTH * RATE))

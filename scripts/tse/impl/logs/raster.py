@@ -103,7 +103,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     out = np.full(len(time), np.nan)
     if not len(t):
         return out
-    usual = float(np.median(np.diff(t))) if len(t) > 1 else 1.0 / rate
+    usual = (float(np.median(np.diff(t))) if len(t) > 1 else 0.0) or 1.0 / rate  # 0: steps lost in the last digit
     longest = min(max(GAP_STEPS * usual, SHORTEST_GAP), max(LONGEST_GAP, 2.5 * usual))
     cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > longest), len(t)))
     margin = 0.5 * usual
@@ -139,7 +139,10 @@ def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
             return np.interp(at, own, value)
     from scipy.interpolate import CubicSpline
 
-    return CubicSpline(own, value)(at)
+    try:
+        return CubicSpline(own, value)(at)
+    except ValueError:  # values so large that their slope is none
+        return np.interp(at, own, value)
 
 
 def _of_four(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
