@@ -180,7 +180,7 @@ def test_calibrate_and_gap_take_any_log_also_without_accel_x(command, clean, tmp
     text = (tmp_path / "signals.toml").read_text()
     before, after = text.index("[signals.accel_x]"), text.index("[signals.accel_y]")
     (tmp_path / "signals.toml").write_text(text[:before] + text[after:])
-    options = ["--out", tmp_path / "c.toml", "--steps", 1] if command == "calibrate" else []
+    options = ["--out", tmp_path / "c.toml", "--steps", 1, "--verbose"] if command == "calibrate" else []
     done = tselab_here(*command.split(), path, "--vehicle", car, "--jobs", 1, *options)
     assert done.code in (0, 3, 12) and "accel_x" in done.out + done.err, done.err
     if options:
