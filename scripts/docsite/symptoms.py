@@ -73,6 +73,6 @@ def shown(name: str) -> str:
         at = next(i for i, line in enumerate(lines) if line.startswith(begins))
         found = [lines[at], *(x for x in lines[at + 1 :][:3] if x.startswith("  "))]
     else:
-        found = [line for line in lines if "stiffness" in line or line.startswith((ERROR, "note", "warning", "  "))]
+        found = [line for line in lines if line.startswith((ERROR, "front,", "rear,", "note", "warning", "  "))]
     found = [line if len(line) < 260 else line[:250] + " ..." for line in found[:5]]
     return "\n".join(["```text", f"$ tselab {arguments}", *found, f"(exit code {code})", "```"])

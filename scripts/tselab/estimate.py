@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 MOST_FINDINGS = 12  # stretches of road with --verbose
-MOST_EVENTS = 3  # without it
+MOST_EVENTS, MOST_NOTES = 3, 2  # without it
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 
 
@@ -227,7 +227,10 @@ def estimate(
             click.echo(vehicle.found[0])
         for line in odd:
             click.echo(f"warning: {line}", err=True)
-        more = len(events[:-MOST_EVENTS]) + len(vehicle.found[1:]) + len(vehicle.filled) + len([n for n in notes if n not in odd])
+        plain = [n for n in notes if n not in odd]
+        for line in plain[:MOST_NOTES]:
+            click.echo(f"note: {line}", err=True)
+        more = len(events[:-MOST_EVENTS]) + len(vehicle.found[1:]) + len(vehicle.filled) + len(plain[MOST_NOTES:])
         if more:
             click.echo(f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if report else ', or --report PAGE.html'}")
         say_written(written)

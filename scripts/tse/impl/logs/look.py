@@ -199,7 +199,7 @@ def flag_of(recording: Recording, mine: Channel, taken: frozenset[str] | set[str
 
 
 def _of_another(recording: Recording, flag: str) -> bool:
-    """Return whether the name of a flag is that of one signal of its message: then it says nothing of the others."""
+    """Return whether a flag is named after one signal of its message, and so does not count for the others."""
     mine = recording.channels[flag]
     message = _message(mine).replace("/", ".").rpartition(".")[2]
     plain = " ".join(w for w in text_of(mine.short).split() if not FLAG.search(w) and w not in text_of(message).split())
