@@ -50,10 +50,13 @@
 #endif
 
 /* One decoded row. z, use: by channel, ACCEL_X ...; wheel speeds times radius; use: 0 missing, 1 to be used. used: accelerometers and
- * gyro of them. same: both axles read the same speed. one_speed: they are one signal. rolls: which axle rolls freely in this row, so that its wheels show the speed of the car. */
+ * gyro of them. axle: wheel speeds as read. equal, same: both read one number, or the ratio that
+ * they have had. off: of each axle, whether it has changed to what the other does not read.
+ * one_speed: both are one signal. no_second: no second speed shows slip, which is that of the
+ * force then. rolls: which axle rolls freely in this row, so that its wheels show the speed. */
 typedef struct decoded {
-  tse_real dt, steer, z[TSE_SENSORS];
-  int32_t use[TSE_SENSORS], has_steer, used, same, one_speed;
+  tse_real dt, steer, z[TSE_SENSORS], axle[2];
+  int32_t use[TSE_SENSORS], has_steer, used, equal, same, off[2], one_speed, no_second;
   tse_real optional[TSE_OPTIONALS];
   uint32_t given;
   int32_t rolls, no_slip; /* ROLLS_UNKNOWN ...; 1: slip does not show the stiffness */
@@ -194,9 +197,9 @@ static inline int32_t fault_of(int32_t a)
   return 1 + (a < IMU_CHANNELS ? a + (int32_t)TSE_CHANNEL_accel_x : a - WHEEL_FRONT + (int32_t)TSE_CHANNEL_wheel_speed_front);
 }
 
-/* Classification of a row: gap, held, predicted only, wheel speeds that are one signal, freely rolling axle (ROLLS_UNKNOWN ...). */
+/* Classification of a row: gap, held, predicted only, no second speed, freely rolling axle (ROLLS_UNKNOWN ...). */
 typedef struct row_class {
-  int gap, held, predicted, one_speed, rolls;
+  int gap, held, predicted, no_second, rolls;
 } row_class;
 
 /* output.c   Report estimates and probabilities; judge whether each stiffness is valid, and why not */
@@ -204,8 +207,9 @@ STAGE void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out);
 
 /* plausible.c  let a row say whether the channels agree: wrong units, signs, axles
+ *              Given:     no_second  1: both wheel speeds are one, and do not say which wheels are ahead
  *              Updated:   k->agreement      O(1) time */
-STAGE void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt);
+STAGE void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second);
 
 /* Return the channel that contradicts the others, as fault_channel has it, or 0; *factor: how many times too large it is, 0 where no
  * factor explains it. */

@@ -50,6 +50,9 @@
 #define LEAST_NOISE TSE_R(0.04)       /* 1: variance over that of the setting: no channel is quieter than a fifth of what is stated */
 #define LEAST_DT TSE_R(1e-4)          /* s: rows that come closer are taken as that far apart: rates are what changes over it */
 #define SAME_SPEED TSE_R(1e-5)        /* 1: share of the speed that six digits leave */
+#define LEAST_RATIO TSE_R(0.5)         /* 1: of two wheel speeds that are one signal */
+#define MOST_RATIO TSE_R(2)
+#define SAME_RATIO TSE_R(2e-4)        /* 1: the same of a ratio of two columns that are rounded to a hundredth */
 #define MOST_REPEATS TSE_R(0.999)     /* 1: share of readings that repeat; one more still says something */
 #define LEAST_SLOW_VAR TSE_R(1e-9)    /* squared unit of a channel */
 #define NEGLIGIBLE TSE_R(0.001)       /* 1: share of an innovation's variance: uncertain quantities that make less do not change the gain */

@@ -227,9 +227,12 @@ static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
 {
   for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
-  /* No slip is seen where both wheel speeds are one, and none where no axle rolls freely and the road may climb: accel_x then says no speed. */
+  /* No slip is seen where there is no second speed, and none where no axle rolls freely and the road may climb: accel_x then says no speed. */
   const int has_speed = p->car.driven != 0 || w->rolls >= ROLLS_FRONT || !(p->prior_sd[GX] > TSE_R(0));
-  if (out->reason[TSE_CX_FRONT] == TSE_VALID && (w->one_speed || !has_speed || !HAS_SLIP)) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
+  const int32_t reason = out->reason[TSE_CX_FRONT];
+  const int uncertain = reason == TSE_UNCERTAIN || reason == TSE_PARAMETERS_UNCERTAIN;
+  const int shown = !w->no_second && has_speed && HAS_SLIP;
+  if (!shown && (reason == TSE_VALID || (uncertain && w->no_second))) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
   if (out->reason[TSE_CX_FRONT] == TSE_VALID && has_other_wheels(p, k)) out->reason[TSE_CX_FRONT] = TSE_MISFIT;
   out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */

@@ -173,7 +173,7 @@ static void compare(const tse_params *p, tse_agreement *a, int which, tse_real x
   if (which == ACROSS || which == ALONG) scale_learn(a, which, x, y, dt);
 }
 
-void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt)
+void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second)
 {
   static const uint32_t made_of[6] = { TSE_MISSING_accel_y, TSE_MISSING_yaw_rate, TSE_MISSING_accel_x, 0, TSE_MISSING_yaw_rate, TSE_MISSING_steer_angle };
   tse_agreement *const a = &k->agreement;
@@ -208,8 +208,8 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
     { s[SIDE_ASKED], s[SIDE], (has & TSE_MISSING_accel_y) && (has & TSE_MISSING_yaw_rate) },
     { s[TURN_ASKED], s[TURN], (has & TSE_MISSING_steer_angle) && (has & TSE_MISSING_yaw_rate) },
     { s[GAINED], r_clamp(change, -MOST_ACROSS, MOST_ACROSS), (has & TSE_MISSING_accel_x) && r_abs(faster) < SLIPPING },
-    { r_mul(TSE_R(0.5), r_sqr(bend)), faster, both && (has & TSE_MISSING_yaw_rate) },
-    { s[GAINED], faster, both && (has & TSE_MISSING_accel_x) && s[GAINED] > GAINS_SPEED },
+    { r_mul(TSE_R(0.5), r_sqr(bend)), faster, both && !no_second && (has & TSE_MISSING_yaw_rate) },
+    { s[GAINED], faster, both && !no_second && (has & TSE_MISSING_accel_x) && s[GAINED] > GAINS_SPEED },
   };
   for (int i = 0; i < TSE_PAIRS; i++)
     if (now[i].counts) compare(p, a, i, now[i].x, now[i].y, dt);

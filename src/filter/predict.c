@@ -112,13 +112,17 @@ static void move_row(const tse_params *p, tse_kalman *k, const decoded *z, steer
 
 /* Scale the transition to state units. Multiply derivatives with respect to a stiffness by share: slip^2/(slip^2 + var slip), of
  * signal_shares().
- *   Given: no_slip  1: v_x does not depend on the longitudinal stiffness      Updated: M  from car_move() to ud_move() */
-static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], int no_slip)
+ *   Given: z  no_slip: v_x does not depend on the longitudinal stiffness; no_second: nor does any motion on slip
+ *   Updated: M  from car_move() to ud_move() */
+static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], const decoded *z)
 {
   r_factored unit[STATES];
   for (int i = 0; i < MOTION; i++)
     for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) M[i][stiffness_at(a)] = r_short_scaled(r_mul(r_long_scaled(M[i][stiffness_at(a)], ROW_UP), share[a]), ROW_UP);
-  if (HAS_SLIP && no_slip) M[VX][LCX] = r_short(TSE_R(0));
+  if (HAS_SLIP && z->no_slip) M[VX][LCX] = r_short(TSE_R(0));
+  for (int i = 0; HAS_SLIP && z->no_second && i < MOTION; i++) {
+    M[i][SF] = M[i][SR] = M[i][LCX] = r_short(TSE_R(0));
+  }
   for (int j = 0; j < STATES; j++) unit[j] = r_unit(state_unit[j]);
   for (int i = 0; i < MOTION; i++) {
     const r_factored own = r_over_unit(state_unit[i]);
@@ -129,7 +133,7 @@ static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3
 }
 
 /* Set the slip of each axle to that of the force that accel_x reads: of the axle that drives, of both where they brake or which one drives
- * is not known. Where accel_x is missing, none. */
+ * is not known. Where accel_x is missing, none. No wheels slide that nothing shows. */
 static void slip_of_force(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;
@@ -138,7 +142,7 @@ static void slip_of_force(const tse_params *p, tse_kalman *k, const decoded *z)
   const int32_t free = z->rolls != ROLLS_UNKNOWN ? z->rolls : force < TSE_R(0) ? ROLLS_NONE
                                                                                : not_driven(c);
   const tse_real stiff = r_mul(exponential(k->x[LCX]), (free == ROLLS_FRONT ? TSE_R(0) : c->kx_front) + (free == ROLLS_REAR ? TSE_R(0) : c->kx_rear));
-  const tse_real slip = r_div(force, stiff), follow = r_div(z->dt, z->dt + FORCE_TIME);
+  const tse_real slip = r_clamp(r_div(force, stiff), -p->max_slip, p->max_slip), follow = r_div(z->dt, z->dt + FORCE_TIME);
   k->x[SF] += r_mul(follow, (free == ROLLS_FRONT ? TSE_R(0) : slip) - k->x[SF]);
   k->x[SR] += r_mul(follow, (free == ROLLS_REAR ? TSE_R(0) : slip) - k->x[SR]);
 }
@@ -149,20 +153,22 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   tse_real noise[MOTION], share[3];
   const tse_real dt = z->dt, left = left_of(dt, SLIP_TIME);
   const steering u = delayed(p, k, z);
-  if (!HAS_SLIP) slip_of_force(p, k, z);
+  const int by_force = !HAS_SLIP || z->no_second;
+  if (by_force) slip_of_force(p, k, z);
   signal_shares(k, share);
   move_row(p, k, z, u, M);
   for (int i = 0; i < MOTION; i++) {
     k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
     noise[i] = r_mul(r_sqr(WALK_SHARE), dt);
   }
-  if (!HAS_SLIP) noise[VX] = r_mul(r_sqr(r_div(p->prior_sd[GX] + p->prior_sd[BX] + LEAST_ACTIVITY, state_unit[VX])), dt);
-  scale_transition(M, share, z->no_slip);
+  if (by_force) noise[VX] = r_mul(r_sqr(r_div(p->prior_sd[GX] + p->prior_sd[BX] + LEAST_ACTIVITY, state_unit[VX])), dt);
+  scale_transition(M, share, z);
   ud_move(&k->ud, M, noise);
   sensitivities_move(p, k, M, dt);
-  if (HAS_SLIP) {
-    fade(k, SF, left, SLIP_SD);
-    fade(k, SR, left, SLIP_SD);
+  for (int i = SF; HAS_SLIP && i <= SR; i++) {
+    const tse_real slip = k->x[i];
+    fade(k, i, left, SLIP_SD);
+    if (by_force) k->x[i] = slip;
   }
   rest_row(p, k, dt);
   return u;

@@ -18,6 +18,46 @@ static int32_t rolls_by(const tse_params *p, const decoded *z)
   return has_brake ? undriven : ROLLS_UNKNOWN;
 }
 
+static int is_equal(tse_real front, tse_real rear) { return r_abs(front - rear) <= r_mul(SAME_SPEED, r_abs(rear)); }
+
+/* Return whether two wheel speeds are one signal: the same number, or in the ratio that both have
+ * had, as of rounded radii. */
+static int is_same(const tse_filter *f, tse_real front, tse_real rear)
+{
+  const tse_real off = r_abs(front - r_mul(f->ratio, rear));
+  return is_equal(front, rear) || (f->ratio > TSE_R(0) && off <= r_mul(SAME_RATIO, r_abs(rear)));
+}
+
+/* Find whether the columns of both axles are one signal. Of one signal the column that is held
+ * longer, or as long, changes only to what the other reads or has read in the row before. Two
+ * signals both change to values of their own. Where one column is missing for long and no velocity
+ * is measured there is no second speed either.
+ *   Updated: z  one_speed, no_second, equal, same, off; of one signal the newer value stands for the
+ *               rear axle, and the front axle is not used */
+static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
+{
+  const tse_real front = z->axle[0], rear = z->axle[1];
+  const int both = z->use[WHEEL_FRONT] && z->use[WHEEL_REAR];
+  const int moves = r_min(r_abs(front), r_abs(rear)) > p->hold_speed;
+  const int front_new = front < f->v_front || front > f->v_front;
+  const int rear_new = rear < f->v_rear || rear > f->v_rear;
+  const int counts = both && moves && f->started && (f->ratio > TSE_R(0) || is_same(f, front, rear));
+  z->equal = both && is_equal(front, rear);
+  z->same = both && is_same(f, front, rear);
+  z->off[0] = counts && !z->same && front_new && !is_same(f, front, f->v_rear);
+  z->off[1] = counts && !z->same && rear_new && !is_same(f, f->v_front, rear);
+  const int off_front = z->off[0] || f->off_for[0] > TSE_R(0);
+  const int off_rear = z->off[1] || f->off_for[1] > TSE_R(0);
+  const int one = p->wheel_signals < 2 || !(off_front && off_rear);
+  const int has_velocity = f->k.ud.extras || (z->given & TSE_GIVEN_VELOCITIES);
+  const int known = z->equal || (moves && f->ratio > TSE_R(0));
+  z->one_speed = both && one && (p->wheel_signals < 2 || known);
+  z->no_second = z->one_speed || (!both && one && !has_velocity);
+  if (!z->one_speed) return;
+  if (off_front && !off_rear) z->z[WHEEL_REAR] = f->ratio > TSE_R(0) ? r_div(front, f->ratio) : front;
+  z->use[WHEEL_FRONT] = 0;
+}
+
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
 {
   tse_input given = *u;
@@ -37,10 +77,8 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   z->use[WHEEL_REAR] = !is_missing(u, TSE_MISSING_wheel_speed_rear, u->wheel_speed_rear);
   z->z[WHEEL_FRONT] = z->use[WHEEL_FRONT] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
   z->z[WHEEL_REAR] = z->use[WHEEL_REAR] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
-  /* both axles have always read the same: one signal, a vehicle speed, which does not show slip; two that are quantised may for a while */
-  z->same = r_abs(z->z[WHEEL_FRONT] - z->z[WHEEL_REAR]) <= r_mul(SAME_SPEED, r_abs(z->z[WHEEL_REAR]));
-  z->one_speed = z->use[WHEEL_FRONT] && z->use[WHEEL_REAR] && (p->wheel_signals < 2 || (z->same && !(f->two_for > TSE_R(0))));
-  if (z->one_speed) z->use[WHEEL_FRONT] = 0;
+  z->axle[0] = z->z[WHEEL_FRONT];
+  z->axle[1] = z->z[WHEEL_REAR];
   z->given = 0;
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
     const tse_real x = channel_at(u, &optional_rows[k]);
@@ -48,10 +86,11 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
     z->optional[k] = ok ? x : TSE_R(0);
     z->given |= ok ? 1u << k : 0u;
   }
+  find_one_speed(p, f, z);
   /* where no axle shows the speed, slip is what accel_x adds up to, in which the grade of the road stands */
   z->rolls = z->given & TSE_GIVEN_PEDALS ? rolls_by(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));
-  z->no_slip = z->one_speed || (no_speed && p->prior_sd[GX] > TSE_R(0));
+  z->no_slip = z->no_second || (no_speed && p->prior_sd[GX] > TSE_R(0));
   z->used = z->use[ACCEL_X] + z->use[ACCEL_Y] + z->use[YAW_RATE];
   return TSE_OK;
 }

@@ -30,8 +30,26 @@ static tse_real speed_of(const tse_filter *f, const decoded *z)
   return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR))) : r_abs(f->k.x[VX]);
 }
 
+/* Keep the wheel speeds for the next row, and what they say of being one signal. A column that
+ * agrees, or is alone, may be one again later. */
+static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
+{
+  const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
+  const int is_new = !(f->ratio > TSE_R(0)) || (z->off[0] && z->off[1]);
+  for (int a = 0; a < 2; a++) {
+    if (z->off[a]) f->off_for[a] = USUAL_TIME;
+    else if (z->same || !both) f->off_for[a] = r_max(f->off_for[a] - z->dt, TSE_R(0));
+  }
+  if (both && (is_new || z->equal) && z->axle[1] > p->hold_speed) {
+    const tse_real ratio = r_clamp(r_div(z->axle[0], z->axle[1]), LEAST_RATIO, MOST_RATIO);
+    f->ratio = z->equal ? TSE_R(1) : ratio;
+  }
+  if (has[0]) f->v_front = z->axle[0];
+  if (has[1]) f->v_rear = z->axle[1];
+}
+
 /* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for since one had a wheel speed, still_for since
- * the wheels have stood, two_for until wheel speeds that have differed may be one signal again. The motion is lost where the car has
+ * the wheels have stood, off_for until wheel speeds that have differed may be one signal again. The motion is lost where the car has
  * rolled, or its angle been held, for too long, or is not known, and is found again by a row that has both. Keep the wheel speeds for the
  * next row. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
@@ -40,10 +58,8 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, LONGEST_TIME);
   f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, LONGEST_TIME);
   f->lost = f->held_for > p->max_gap || f->rolled_for > ROAD_TIME || (f->lost && !(z->has_steer && wheels));
-  f->two_for = z->use[WHEEL_REAR] && (z->use[WHEEL_FRONT] || z->one_speed) && !z->same ? USUAL_TIME : r_max(f->two_for - z->dt, TSE_R(0));
   f->still_for = wheels && speed < STILL_SPEED ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
-  if (z->use[WHEEL_FRONT] || z->one_speed) f->v_front = z->z[WHEEL_FRONT];
-  if (z->use[WHEEL_REAR]) f->v_rear = z->z[WHEEL_REAR];
+  keep_speeds(p, f, z);
 }
 
 /* Classify the row.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it */
@@ -53,7 +69,7 @@ static row_class classify(const tse_params *p, const tse_filter *f, const decode
   row_class w;
   w.gap = gap;
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
-  w.one_speed = z->one_speed;
+  w.no_second = z->no_second;
   w.rolls = z->rolls;
   w.held = speed < p->hold_speed || reverse || r_abs(z->steer) > p->max_steer;
   return w;
@@ -205,7 +221,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     f->start.loaded = 0;
     recover(p, f, &z);
   }
-  if (!w.held) plausible_row(p, &f->k, u, z.dt);
+  if (!w.held) plausible_row(p, &f->k, u, z.dt, z.no_second);
   report_step(p, f, &z, &w, &now);
   if (f->step < UINT32_MAX) f->step++; /* 0 is the first row alone */
   if (out) *out = now;

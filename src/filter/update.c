@@ -173,7 +173,10 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
   signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int i = HAS_SLIP ? 0 : 1; i < 3; i++) s->H[a][stiffness_at(i)] = r_mul(s->H[a][stiffness_at(i)], share[i]);
-  if (HAS_SLIP && z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
+  if (HAS_SLIP && z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0);
+  for (int a = 0; HAS_SLIP && z->no_second && a < TSE_SENSORS; a++) {
+    s->H[a][SF] = s->H[a][SR] = s->H[a][LCX] = TSE_R(0); /* one speed is no slip */
+  }
   slopes_of_sensors(p, k, f, z->dt, s->consider);
 }
 
@@ -209,6 +212,7 @@ static tse_real slip_var(const tse_params *p, const tse_kalman *k, int channel)
  * both differ by, radius and slip, is not white, and would say how the car turns. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
+  if (HAS_SLIP && !z->no_second) return 1;
   const int axle = z->use[WHEEL_REAR] && (not_driven(&p->car) != ROLLS_FRONT || !z->use[WHEEL_FRONT]) ? WHEEL_REAR : WHEEL_FRONT;
   return channel < WHEEL_FRONT ? channel != ACCEL_X : channel == axle;
 }
@@ -231,7 +235,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   }
   /* the front wheels have different angles (Ackermann): their mean speed is not that of one wheel */
   const tse_real turn = channel == WHEEL_FRONT ? r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d))) : TSE_R(0);
-  const tse_real by_slip = !HAS_SLIP && channel >= WHEEL_FRONT ? slip_var(p, k, channel) : TSE_R(0);
+  const tse_real by_slip = (!HAS_SLIP || z->no_second) && channel >= WHEEL_FRONT ? slip_var(p, k, channel) : TSE_R(0);
   m->white = r_mul(k->noise[channel], r_sqr(p->sensor_sd[channel])) + turn + by_slip;
   m->r = m->white + unexplained(p, k, channel, z->dt);
 }
@@ -279,7 +283,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     const int channel = order[n];
     scalar m;
     k->innovation[channel] = k->innovation_var[channel] = TSE_R(0);
-    if (!z->use[channel] || (!HAS_SLIP && !is_measured(p, z, channel))) continue;
+    if (!z->use[channel] || !is_measured(p, z, channel)) continue;
     make_scalar(p, k, z, &s, f.sin_d, channel, change, &m);
     watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), TSE_R(1) - BELIEVED, z->dt);
     if (works(k, channel)) use_channel(p, k, channel, &m, change);
@@ -287,7 +291,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   }
   /* accel_x is more than the slip explains: grip has not dropped; only a return to the road before is possible */
   if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0) && !may_be_back(k)) k->unusual = TSE_R(0);
-  if (HAS_SLIP && !z->one_speed && z->has_steer) roll_freely(p, k, z, &f, change);
+  if (HAS_SLIP && !z->no_second && z->has_steer) roll_freely(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);
   apply_correction(p, k, change);
 }

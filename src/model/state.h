@@ -263,7 +263,8 @@ struct tse_filter {
   tse_real rolled_for;                /* [s] since a row had any wheel speed: the car rolls on        */
   int32_t lost;                       /* 1: either for too long; until a row has both                 */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
-  tse_real two_for;                   /* [s] for so long both wheel speeds count as two signals: they have differed */
+  tse_real off_for[2];                /* [s] for so long the column of each axle is no copy of the other's: it has changed to another value */
+  tse_real ratio;                     /* [1] front over rear wheel speed when both changed and differed last; 0: not known */
   tse_real seen;                      /* form 1: samples learnt from, up to five memories; form 0: k.seen */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
   tse_start start;

@@ -222,7 +222,7 @@ static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
     tse_input_default(&u);
     u.steer_angle = real(0.03), u.wheel_speed_front = real(turn[n].front / number(p.radius_front)), u.wheel_speed_rear = real(turn[n].rear / number(p.radius_rear));
     u.accel_x = real(0.4), u.accel_y = real(1.5), u.yaw_rate = real(turn[n].r);
-    for (int row = 0; row < 20; row++) plausible_row(&p, &k, &u, real(0.01));
+    for (int row = 0; row < 20; row++) plausible_row(&p, &k, &u, real(0.01), 0);
     const tse_pair *const pair = k.agreement.pair;
     const double v = 0.5 * (turn[n].front + turn[n].rear), bend = fmin(fabs(length * turn[n].r / v), 1);
     const double faster = fmax(-1, fmin(1, (turn[n].front - turn[n].rear) / v));
@@ -249,7 +249,7 @@ static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
     speed = v;
     u.wheel_speed_front = real(v / number(p.radius_front)), u.wheel_speed_rear = real(v / number(p.radius_rear));
     u.accel_x = real(gained);
-    plausible_row(&p, &k, &u, real(dt));
+    plausible_row(&p, &k, &u, real(dt), 0);
     if (row == 0) continue; /* starts */
     sum = keep * sum + gained * (1 - pow(left, row)); /* as a filter of first order answers */
     weights = keep * weights + 1;
@@ -277,7 +277,7 @@ static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
       u.wheel_speed_front = real((exchanged ? v : front) / number(p.radius_front));
       u.wheel_speed_rear = real((exchanged ? front : v) / number(p.radius_rear));
       u.yaw_rate = real(r), u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_steer_angle;
-      plausible_row(&p, &k, &u, real(0.01));
+      plausible_row(&p, &k, &u, real(0.01), 0);
     }
     TEST_ASSERT_EQUAL_INT(exchanged ? 1 + TSE_CHANNEL_wheel_speed_front : 0, plausible_channel(&k, &factor));
     TEST_ASSERT_TRUE(factor == TSE_R(0));

@@ -309,7 +309,7 @@ static void expect_activity(double q, double left, double counts)
   const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
   in_a_turn(&p, &k, &seed);
   memset(&z, 0, sizeof z);
-  z.dt = u.dt, z.has_steer = z.one_speed = 1;
+  z.dt = u.dt, z.has_steer = z.one_speed = z.no_second = 1;
   p.car.shape = p.car.along_front = p.car.along_rear = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
   p.car.rolling = p.car.drag = p.car.compliance = p.car.pull_front = p.car.pull_rear = TSE_R(0);
   for (int i = 0; i < STATES; i++) k.x[i] = TSE_R(0);
@@ -384,7 +384,7 @@ static void test_an_axle_that_rolls_freely_says_nothing_with_one_speed_or_withou
       const tse_params p = a_car(1);
       before_a_row(&p, &with, 21);
       without = with;
-      z.one_speed = how == 1, z.has_steer = how != 2;
+      z.one_speed = z.no_second = how == 1, z.has_steer = how != 2;
       z.rolls = rolls;
       update_row(&p, &with, &z, turned());
       z.rolls = ROLLS_NONE;
