@@ -197,9 +197,9 @@ static inline int32_t fault_of(int32_t a)
   return 1 + (a < IMU_CHANNELS ? a + (int32_t)TSE_CHANNEL_accel_x : a - WHEEL_FRONT + (int32_t)TSE_CHANNEL_wheel_speed_front);
 }
 
-/* Classification of a row: gap, held, predicted only, no second speed, freely rolling axle (ROLLS_UNKNOWN ...). */
+/* Classification of a row: gap, one of many, held, predicted only, no second speed, freely rolling axle (ROLLS_UNKNOWN ...). */
 typedef struct row_class {
-  int gap, held, predicted, no_second, rolls;
+  int gap, sparse, held, predicted, no_second, rolls;
 } row_class;
 
 /* output.c   Report estimates and probabilities; judge whether each stiffness is valid, and why not */

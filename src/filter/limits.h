@@ -22,6 +22,7 @@
 #define LEAST_OFF TSE_R(0.2)          /* m/s: how fast an axle slips sideways where nothing happens */
 
 /* What follows from a definition, or from a tuned constant. */
+#define MOST_GAPS TSE_R(3)           /* 1/s: of rows that are followed; motion that is placed so often is what it was placed by */
 #define STILL_TIME MODEL_TIME         /* s: wheels that stand for so long have come to rest; what a model discrepancy lasts, too, is a swing of the body */
 #define OPEN_TIME MODEL_TIME          /* s: between two openings of a kind; what comes between them is explained by either */
 #define OPEN_TIME_SLIP TSE_R(0.1)     /* s: the same of wheels that lock or spin, which grows as fast */
@@ -68,7 +69,7 @@
 
 /* Whether channels agree: plausible.c. No filter is tuned by them: what is apart is so by a unit, a sign, an axle. */
 #define SMOOTH_TIME TSE_R(0.25)   /* s: noise and vibration go, what a driver does stays */
-#define FASTEST_DT TSE_R(1)       /* s: after a longer row nothing is smooth: all starts there */
+#define FASTEST_DT TSE_R(0.35)   /* s: after a longer row nothing is smooth: all starts there; a wheel speed in every third row of 10 Hz is */
 #define MOST_ACROSS TSE_R(200)    /* m/s2: degrees for radians make as much, and its square fits every number format */
 #define LEAST_VARIANCE TSE_R(1e-7) /* unit^2: nothing is divided by less */
 #define FURTHEST_OFF TSE_R(6.25)   /* 1: variance over variance: roll, banked roads, load, compliance and slip make less than 2.5 times */

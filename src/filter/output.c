@@ -205,7 +205,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_
 {
   const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
   if (k->agreement.apart || k->agreement.off_scale) return TSE_IMPLAUSIBLE;
-  if (w->predicted) return TSE_INPUT_INVALID;
+  if (w->predicted || w->sparse) return TSE_INPUT_INVALID;
   if (w->held) return TSE_HELD;
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_SENSOR_FAULT;

@@ -48,6 +48,13 @@ static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
   if (has[1]) f->v_rear = z->axle[1];
 }
 
+/* Count a gap, or forget those before a row that is none. */
+static void count_gaps(tse_filter *f, int gap, tse_real dt)
+{
+  const tse_real left = r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0));
+  f->gaps = gap ? r_min(f->gaps + TSE_R(1), MOST_SINCE) : r_mul(f->gaps, left);
+}
+
 /* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for since one had a wheel speed, still_for since
  * the wheels have stood, off_for until wheel speeds that have differed may be one signal again. The motion is lost where the car has
  * rolled, or its angle been held, for too long, or is not known, and is found again by a row that has both. Keep the wheel speeds for the
@@ -68,6 +75,7 @@ static row_class classify(const tse_params *p, const tse_filter *f, const decode
   const int reverse = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR)) < -p->hold_speed;
   row_class w;
   w.gap = gap;
+  w.sparse = f->gaps > r_mul(MOST_GAPS, r_min(f->k.seen + TSE_R(1), USUAL_TIME));
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.no_second = z->no_second;
   w.rolls = z->rolls;
@@ -213,6 +221,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW)) || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);
   advance_timers(p, f, &z, speed);
+  count_gaps(f, gap && f->started && speed > p->hold_speed, z.dt);
   const row_class w = classify(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);

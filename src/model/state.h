@@ -265,6 +265,7 @@ struct tse_filter {
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
   tse_real off_for[2];                /* [s] for so long the column of each axle is no copy of the other's: it has changed to another value */
   tse_real ratio;                     /* [1] front over rear wheel speed when both changed and differed last; 0: not known */
+  tse_real gaps;                      /* [1] gaps in the last 20 s of rows that the filter has followed */
   tse_real seen;                      /* form 1: samples learnt from, up to five memories; form 0: k.seen */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
   tse_start start;

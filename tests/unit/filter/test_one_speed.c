@@ -74,3 +74,20 @@ static void test_two_signals_that_differ_once_are_two_for_20_s(void)
     TEST_ASSERT_GREATER_OR_EQUAL_INT(0, tse_step(&w.p, &f, &u, NULL));
   }
 }
+
+/* Motion that is placed anew more often than three times a second is what it was placed by: nothing is valid. */
+static void test_nothing_is_valid_among_gaps(void)
+{
+  for (int every = 10; every <= 100; every += 90) {
+    int valid = 0;
+    truth_start(&w, config_by(tse_config_default), 20, 0.5, 7);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
+    for (int n = 0; n < 3000; n++) {
+      tse_output y;
+      const tse_input u = truth_row(&w, n % every == every - 1 ? 0.4 : 0.01);
+      TEST_ASSERT_GREATER_OR_EQUAL_INT(0, tse_step(&w.p, &f, &u, &y));
+      valid += y.reason[TSE_CY_FRONT] == TSE_VALID;
+    }
+    TEST_ASSERT_TRUE(every == 10 ? valid == 0 : valid > 2000);
+  }
+}
