@@ -149,7 +149,7 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
   return 1 + (int32_t)TSE_CHANNEL_accel_x;
 }
 
-/* Return what each pair is made of now, in the order of the smoothed values.   Given: x  channels, held to their ranges   speed  of the car */
+/* Return what each pair is made of now, in the order of the smoothed values.   Given: x  channels   speed  of the car */
 static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
 {
   const tse_real wheelbase = p->car.lf + p->car.lr, square = r_sqr(speed);
@@ -181,8 +181,9 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   uint32_t has = 0;
   for (int c = 0; c < (int)TSE_CHANNELS; c++) {
     const tse_real read = channel_at(u, &channel_rows[c]);
-    const int is_there = !is_missing(u, 1u << c, read);
-    x[c] = is_there ? r_clamp(read, channel_rows[c].lo, channel_rows[c].hi) : TSE_R(0); /* what is far outside says most */
+    /* a code for "no value" says nothing */
+    const int is_there = !is_missing(u, 1u << c, read) && channel_holds(&channel_rows[c], read);
+    x[c] = is_there ? read : TSE_R(0);
     has |= is_there ? 1u << c : 0u;
   }
   const uint32_t wheels = has & (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
@@ -198,6 +199,8 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]); /* a channel that comes seldom is no smaller */
+  /* as the smoothed change of the speed, which begins anew */
+  if (dt > FASTEST_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
   const tse_real *const s = a->smooth;
   const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)), bend = r_clamp(r_div(r_mul(p->car.lf + p->car.lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));
