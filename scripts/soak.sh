@@ -3,8 +3,28 @@
 # estimates that are no number, states that are refused, recoveries where nothing was lost, stiffness that is off by more than its
 # interval on average where nothing happens, or rows come late. Fails when there is one.
 #   scripts/soak.sh [ROWS]        default 10,000,000: about two minutes of one core; writes scripts/results/soak.md
+#   scripts/soak.sh --drives [ROWS [FIRST_DRIVE]]
+#                                 long random drives of any settings (tests/fuzz/drives.c) in double, float, fixed point and the
+#                                 small build: numbers out of range, states that are refused. Default 10,000,000 rows of each:
+#                                 20 minutes of one core
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+if [ "${1:-}" = --drives ]; then
+  code=0
+  for build in double float fixed small; do
+    real=$build
+    options=()
+    [ "$build" != small ] || { real=fixed; options=(-DTSE_SMALL=ON -DTSE_PARTICLES=OFF -DTSE_VELOCITY=OFF); }
+    dir=build/drives-$build
+    cmake -S . -B "$dir" -DCMAKE_BUILD_TYPE=Release "-DTSE_REAL=$real" -DTSE_MAX_PARTICLES=64 -DTSE_BUILD_TESTS=OFF -DTSE_BUILD_FMU=OFF \
+      -DTSE_BUILD_FUZZ=ON ${options[@]+"${options[@]}"} >/dev/null
+    cmake --build "$dir" --target drives >/dev/null
+    printf '%s: ' "$build"
+    "$dir/tests/fuzz/drives" "${2:-10000000}" "${3:-1}" || code=$?
+  done
+  exit $code
+fi
 
 rows=${1:-10000000}
 dir=build/soak

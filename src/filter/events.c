@@ -275,7 +275,10 @@ static void recall(tse_kalman *k, int i)
   const tse_real own = ud_measure(&k->ud, h, f, v);
   ud_correct(&k->ud, f, v, own, r_max(k->change_from_var[i - LCX], RECALL_VAR), gain);
   const tse_real e = r_div(k->change_from[i - LCX] - k->x[i], state_unit[i]);
-  for (int j = 0; j < STATES + k->ud.extras; j++) k->x[j] += r_mul(r_mul(gain[j], e), state_unit[j]);
+  for (int j = 0; j < STATES + k->ud.extras; j++) {
+    const tse_real to = k->x[j] + r_mul(r_mul(gain[j], e), state_unit[j]);
+    k->x[j] = r_clamp(to, -state_most[j], state_most[j]);
+  }
   for (int q = 0; q < TSE_CONSIDERED; q++) {
     const tse_real y = r_long(k->consider[q][i]);
     for (int j = 0; j < STATES + k->ud.extras; j++) k->consider[q][j] = r_short(r_long(k->consider[q][j]) - r_mul(gain[j], y));
@@ -322,7 +325,7 @@ static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const 
       shift = r_div(r_log2(force), LOG2_OF_E);
       rescale[i] = r_div(TSE_R(1), force);
     }
-    k->x[i] += shift;
+    k->x[i] = r_clamp(k->x[i] + shift, -state_most[i], state_most[i]);
   }
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }

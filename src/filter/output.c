@@ -62,7 +62,7 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion. Without a measured velocity, add to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2.
+/* Report the motion; of one that is lost no sd beyond what it may be. Without a measured velocity, add to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2.
  * lr r - v_y is the rear axle's sideways speed, its force over its stiffness, which is as uncertain as that. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
@@ -70,7 +70,7 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    *state_sd[i] = r_sqrt(variance_of(p, k, e, VX + i, &shift));
+    *state_sd[i] = r_min(r_sqrt(variance_of(p, k, e, VX + i, &shift)), state_most[VX + i]); /* a lost one */
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
@@ -81,8 +81,9 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
     const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
     out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x)));
   }
+  out->vel_y_sd = r_min(out->vel_y_sd, state_most[VY]);
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
-  out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD));
+  out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD)), HALF_TURN);
 }
 
 /* Return the variance of what the model lacks along the car, always the same. */
@@ -166,10 +167,14 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
 }
 
 /* Report the last change that was believed, and a channel at fault. */
-static void report_change(const tse_kalman *k, tse_output *out)
+static void report_change(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE;
-  for (int i = 0; i < 3; i++) out->change_ratio[i] = changed ? exponential(k->x[stiffness_at(i)] - k->change_from[i]) : TSE_R(1);
+  const tse_real most = p->log_max - p->log_min; /* as far as a stiffness goes, from end to end */
+  for (int i = 0; i < 3; i++) {
+    const tse_real by = r_clamp(k->x[stiffness_at(i)] - k->change_from[i], -most, most);
+    out->change_ratio[i] = changed ? exponential(by) : TSE_R(1);
+  }
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
   out->change_probability = changed ? probability_none(k) : TSE_R(0);
@@ -187,7 +192,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   report_tyres(p, k, &e, out);
   report_sensors(p, k, &e, out);
   report_regimes(p, k, out);
-  report_change(k, out);
+  report_change(p, k, out);
   out->n_eff = TSE_R(1);
   out->log_evidence = k->log_likelihood;
 }

@@ -9,6 +9,16 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
   p->extras = 0;
 }
 
+/* Multiply an element of D by share^2, no further down than it may be.
+ *   Returned: what elements of its column of U are multiplied by, so that covariances are by share: at
+ *             the floor, where D does not follow, not by 1/share, in every row anew */
+static tse_real fade_d(tse_real *d, tse_real share)
+{
+  const tse_real before = *d;
+  *d = r_max(r_mul(before, r_mul(share, share)), LEAST_D);
+  return *d > LEAST_D ? r_div(TSE_R(1), share) : r_div(r_mul(before, share), *d);
+}
+
 #if !defined(TSE_NO_VELOCITY)
 void ud_open(tse_ud *p, const tse_real variance[TSE_EXTRAS])
 {
@@ -27,10 +37,9 @@ void ud_tie(tse_ud *p, int i, tse_real share)
 
 void ud_fade_extra(tse_ud *p, int e, tse_real share)
 {
-  const tse_real over = r_div(TSE_R(1), share);
+  const tse_real over = fade_d(&p->e[e], share);
   for (int k = 0; k < e; k++) p->w[k][STATES + e] = r_short(r_mul(r_long(p->w[k][STATES + e]), over));
   for (int j = 0; j < TSE_ALL; j++) p->w[e][j] = r_short(r_mul(r_long(p->w[e][j]), share));
-  p->e[e] = r_max(r_mul(p->e[e], r_mul(share, share)), LEAST_D);
 }
 
 void ud_renew(tse_ud *p, tse_real variance)
@@ -198,10 +207,9 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
 
 void ud_fade(tse_ud *p, int i, tse_real share)
 {
-  const tse_real over = r_div(TSE_R(1), share);
+  const tse_real over = fade_d(&p->d[i], share);
   for (int k = 0; k < i; k++) p->u[ud_column(i) + k] = r_short(r_mul(r_long(p->u[ud_column(i) + k]), over));
   for (int e = 0; e < EXTRAS_IN_USE(p); e++) p->w[e][i] = r_short(r_mul(r_long(p->w[e][i]), over));
-  p->d[i] = r_max(r_mul(p->d[i], r_mul(share, share)), LEAST_D);
   for (int j = i + 1; j < STATES; j++) p->u[ud_column(j) + i] = r_short(r_mul(r_long(p->u[ud_column(j) + i]), share));
 }
 

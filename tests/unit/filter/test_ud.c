@@ -169,6 +169,23 @@ static void test_a_state_fades_with_all_that_it_has_in_common(void)
   }
 }
 
+/* A state that is known exactly lies at the floor of D, which does not follow: its covariances fade all the same, row by row, and no
+ * element of U grows. */
+static void test_a_fading_state_at_the_floor_leaves_u_small(void)
+{
+  tse_ud p;
+  memset(&p, 0, sizeof p);
+  for (int i = 0; i < STATES; i++) p.d[i] = TSE_R(1);
+  const int at = STATES - 2;
+  p.d[at] = LEAST_D;
+  for (int k = 0; k < at; k++) p.u[ud_column(at) + k] = short_of(0.5);
+  p.u[ud_column(STATES - 1) + at] = short_of(0.5);
+  for (int n = 0; n < 1000; n++) ud_fade(&p, at, real(0.9));
+  TEST_ASSERT_TRUE(p.d[at] == LEAST_D);
+  for (int k = 0; k < at; k++) TEST_ASSERT_TRUE(fabs(number_of(p.u[ud_column(at) + k])) < 1e-6);
+  TEST_ASSERT_TRUE(fabs(number_of(p.u[ud_column(STATES - 1) + at])) < 1e-6);
+}
+
 static void test_states_that_start_anew_leave_the_others_as_they_are(void)
 {
   uint32_t seed = 8;
