@@ -173,19 +173,25 @@ static void compare(const tse_params *p, tse_agreement *a, int which, tse_real x
   if (which == ACROSS || which == ALONG) scale_learn(a, which, x, y, dt);
 }
 
+/* Read the channels.   Returned: bits of those that are there and in their range; x  0 of the others */
+static uint32_t channels_of(const tse_input *u, tse_real x[TSE_CHANNELS])
+{
+  uint32_t has = 0;
+  for (int c = 0; c < (int)TSE_CHANNELS; c++) {
+    const tse_real read = channel_at(u, &channel_rows[c]);
+    const int is_there = !is_missing(u, 1u << c, read) && channel_holds(&channel_rows[c], read);
+    x[c] = is_there ? read : TSE_R(0);
+    has |= is_there ? 1u << c : 0u;
+  }
+  return has;
+}
+
 void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second)
 {
   static const uint32_t made_of[6] = { TSE_MISSING_accel_y, TSE_MISSING_yaw_rate, TSE_MISSING_accel_x, 0, TSE_MISSING_yaw_rate, TSE_MISSING_steer_angle };
   tse_agreement *const a = &k->agreement;
   tse_real x[TSE_CHANNELS], value[6], change;
-  uint32_t has = 0;
-  for (int c = 0; c < (int)TSE_CHANNELS; c++) {
-    const tse_real read = channel_at(u, &channel_rows[c]);
-    /* a code for "no value" says nothing */
-    const int is_there = !is_missing(u, 1u << c, read) && channel_holds(&channel_rows[c], read);
-    x[c] = is_there ? read : TSE_R(0);
-    has |= is_there ? 1u << c : 0u;
-  }
+  const uint32_t has = channels_of(u, x);
   const uint32_t wheels = has & (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
   const int both = wheels == (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
   const tse_real front = r_mul(p->radius_front, x[TSE_CHANNEL_wheel_speed_front]), rear = r_mul(p->radius_rear, x[TSE_CHANNEL_wheel_speed_rear]);
