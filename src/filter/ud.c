@@ -16,7 +16,12 @@ static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
   *d = r_max(r_mul(before, r_mul(share, share)), LEAST_D);
-  return *d > LEAST_D ? r_div(TSE_R(1), share) : r_div(r_mul(before, share), *d);
+#if defined(TSE_REAL_FIXED)
+  const int follows = 1; /* elements of U end by themselves there, and the floor has no digits to divide */
+#else
+  const int follows = *d > LEAST_D;
+#endif
+  return follows ? r_div(TSE_R(1), share) : r_div(r_mul(before, share), *d);
 }
 
 #if !defined(TSE_NO_VELOCITY)
