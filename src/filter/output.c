@@ -62,8 +62,10 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion; of one that is lost no sd beyond what it may be. Without a measured velocity, add to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2.
- * lr r - v_y is the rear axle's sideways speed, its force over its stiffness, which is as uncertain as that. */
+/* Report the motion; of one that is lost no sd beyond what it may be. What the model lacks adds
+ * to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2. lr r - v_y
+ * is the rear axle's sideways speed, its force over its stiffness, which is as uncertain as
+ * that. A measured velocity says more of it, or nothing: it makes no speed less sure. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -74,13 +76,10 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
-  if (k->ud.extras) {
-    out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
-    out->vel_y_sd = r_sqrt(velocity_across_var(k));
-  } else {
-    const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
-    out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x)));
-  }
+  const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
+  const tse_real without = r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x));
+  if (k->ud.extras) out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
+  out->vel_y_sd = r_sqrt(k->ud.extras ? r_min(velocity_across_var(k), without) : without);
   out->vel_y_sd = r_min(out->vel_y_sd, state_most[VY]);
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
   out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD)), HALF_TURN);
@@ -229,6 +228,14 @@ static int has_other_wheels(const tse_params *p, const tse_kalman *k)
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(RADII_APART), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
 }
 
+/* Return whether the steering angle comes at another time than the settings say, by more than
+ * their prior allows. Cornering stiffness then stands for what the angle was not yet. */
+static int has_other_steering(const tse_params *p, const tse_output *out)
+{
+  const tse_real var = r_sqr(p->prior_sd[LATE]);
+  return var > TSE_R(0) && r_sqr(out->lag_steer) > r_mul(TAIL, var);
+}
+
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
 {
   for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
@@ -239,6 +246,9 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   const int shown = !w->no_second && has_speed && HAS_SLIP;
   if (!shown && (reason == TSE_VALID || (uncertain && w->no_second))) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
   if (out->reason[TSE_CX_FRONT] == TSE_VALID && has_other_wheels(p, k)) out->reason[TSE_CX_FRONT] = TSE_MISFIT;
+  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
+    if (out->reason[a] == TSE_VALID && has_other_steering(p, out)) out->reason[a] = TSE_MISFIT;
+  }
   out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
 }

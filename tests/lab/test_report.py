@@ -138,7 +138,7 @@ def test_remarks_name_noise_and_contradictions():
     assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "sensor fault"))[0]
 
 
-@pytest.mark.parametrize(("late", "said"), [(0.031, ""), (-0.015, ""), (-0.017, "17 ms later"), (0.033, "33 ms earlier")])
+@pytest.mark.parametrize(("late", "said"), [(0.023, ""), (-0.023, ""), (-0.025, "25 ms later"), (0.025, "25 ms earlier")])
 def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
     table = table_of([1] * 100, "")
     assert late_steering(table, Config({"steer_lag_sd": 0.008})) == []  # a table without it

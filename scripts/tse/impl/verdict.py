@@ -40,8 +40,7 @@ MOSTLY = 0.5  # share of the others from which implausible rows speak against th
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
 OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
 LEAST_UNCERTAIN = 0.02  # ... and its sd, relative
-# prior sd: a steering angle further off is of another logger; on 36 drives of calibrated cars 0.8 later, 3.0 earlier at most
-UNLIKELY_LATER, UNLIKELY_EARLIER = 2.0, 4.0
+UNLIKELY = 3.0  # prior sd: a steering angle further off is of another logger; no cornering stiffness is valid then
 FEW = 0.005  # with a smaller share of valid rows a stiffness is not valid
 DEGREE = 180 / np.pi
 
@@ -240,7 +239,7 @@ def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
     off = float(table["lag_steer"].iloc[-1])
-    if -UNLIKELY_LATER * sd <= off <= UNLIKELY_EARLIER * sd:
+    if abs(off) <= UNLIKELY * sd:
         return []
     return [
         f"steer_angle comes {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle file says, where an sd of "

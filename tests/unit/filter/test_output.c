@@ -60,6 +60,33 @@ static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
   }
 }
 
+/* A steering angle that comes within 3 sd of when the settings say is theirs; another one stands
+ * for what the wheels have not done yet. Slip along the car does not need it. */
+static void test_cornering_by_another_steering_than_the_settings_is_not_valid(void)
+{
+  static const struct {
+    double sd, late;
+    int valid;
+  } cases[] = { { 0.01, 0.029, 1 }, { 0.01, -0.029, 1 }, { 0.01, 0.031, 0 }, { 0.01, -0.031, 0 }, { 0, 0.1, 1 } };
+  for (int n = 0; n < ROWS(cases); n++) {
+    static tse_kalman k;
+    tse_output y = blank_output();
+    row_class w;
+    tse_config c = config_by(tse_config_default);
+    c.driven_axle = 1, c.steer_lag_sd = setting(cases[n].sd);
+    const tse_params p = prepared(c);
+    memset(&k, 0, sizeof k);
+    memset(&w, 0, sizeof w);
+    k.seen = real(100), k.none[0] = k.none[1] = TSE_R(1), k.x[VX] = real(20), k.x[LATE] = real(cases[n].late);
+    report_row(&p, &k, &y);
+    judge_row(&p, &k, &w, &y);
+    const tse_reason expected = cases[n].valid ? TSE_VALID : TSE_MISFIT;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(expected, y.reason[TSE_CY_FRONT], "front");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(expected, y.reason[TSE_CY_REAR], "rear");
+    if (HAS_SLIP) TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_VALID, y.reason[TSE_CX_FRONT], "along");
+  }
+}
+
 /* Radii that differ by 1 % or less, or by 3 sd of their prior, are those of the car; others are of other wheels, whose slip says nothing
  * of the settings' stiffness. Cornering does not need them. */
 static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
