@@ -118,7 +118,7 @@ class Result(Shown):
     def answer(self) -> tuple[str, ...]:
         """Three lines: each stiffness with its 95 % interval, and whether to act on it; of a road
         that changed three for each of the last stretches. `repr()` says the same."""
-        return tuple(answer(self._found()[0]))
+        return tuple(answer(self._found()[0], Filter(settings=self.settings)._config))
 
     def __repr__(self) -> str:
         return "\n".join(self.answer)

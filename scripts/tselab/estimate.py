@@ -218,15 +218,16 @@ def estimate(
             click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
         say_written(written)
     else:
-        for line in answer(found):
+        for line in answer(found, config):
             click.echo(line)
-        events = regimes.words(changes, regimes.spells(est.table))
+        for line in odd:
+            click.echo(f"warning: {line}", err=True)
+        # what a filter finds of channels that are wrong did not happen
+        events = [] if warnings else regimes.words(changes, regimes.spells(est.table))
         for line in events[-MOST_EVENTS:]:
             click.echo(line)
         if vehicle.found:
             click.echo(vehicle.found[0])
-        for line in odd:
-            click.echo(f"warning: {line}", err=True)
         plain = [n for n in notes if n not in odd]
         for line in plain[:MOST_NOTES]:
             click.echo(f"note: {line}", err=True)

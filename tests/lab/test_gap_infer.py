@@ -16,6 +16,7 @@ from scipy.stats import multivariate_normal, norm
 from gap_logs import car, problem_of, write_log
 from tse.impl.core import Config
 from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car
+from tse.impl.gap.fit import fit as gap_fit
 from tse.impl.gap.infer import folds, naming, roads
 from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
 from tse.impl.gap.infer.naming import Named, Probability, matters, settings
@@ -83,7 +84,7 @@ def test_a_likelihood_falls_with_the_sd_that_its_residuals_count_with(rms: float
     noise = np.random.default_rng(3).standard_normal(N)
     residual = rms * noise / np.sqrt(np.mean(noise**2))
     space = SimpleNamespace(
-        groups=[(0, "accel_y")], channels=("accel_y",), noise=Space.noise, step=Space.step, sensor_error=Space.sensor_error
+        groups=[(0, "accel_y")], channels=("accel_y",), noise=Space.noise, step=Space.step, lasting_error=Space.lasting_error
     )
     sd = measure_scales(space, [residual])["accel_y"].sd
     h = 1e-4
@@ -474,3 +475,12 @@ def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
     }
     assert lag[0.012].message and "low pass" in lag[0.012].title
     assert not lag[0.03].message
+
+
+def test_a_fit_of_a_parameter_that_changes_nothing_ends_with_numbers(tmp_path: Path) -> None:
+    """scipy's trust region divides by the slope."""
+    vehicle = car(tmp_path)
+    problem = problem_of(vehicle, write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 1, 20.0))
+    idle = Parameter("formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere")
+    found = gap_fit(problem, [*STIFFNESS, idle], {})
+    assert all(np.isfinite(v) for v in found.values.values())

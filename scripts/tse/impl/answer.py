@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from tse.impl.core import Config
 from tse.impl.regimes import percent
+from tse.impl.vehicle import DRIVEN
 from tse.impl.verdict import CONTRADICTED, Finding, Verdict
 
 WHERE = {"cy_front": "front, in bends", "cy_rear": "rear, in bends", "cx_front": "front, along"}  # in this order
@@ -24,15 +27,18 @@ WHY_NOT = {
     "does not fit": "the sensors read what the model does not explain (tselab gap)",
     "implausible": "the channels contradict each other",
     "row refused": "the rows were refused",
-    CONTRADICTED: "the channels contradict each other",
+    CONTRADICTED: "channels or vehicle file are wrong",
 }
 MOST_STRETCHES = 3  # of a road that changed: the last ones
 
 
-def answer(found: Sequence[Finding]) -> list[str]:
+def answer(found: Sequence[Finding], config: Config) -> list[str]:
     """Return three lines for each of the last stretches of road, under its title where there are several.
 
-    The value is what held through the stretch (smoothed), where that is known."""
+    The value is what held through the stretch (smoothed), where that is known. Along the car
+    it is of the axle that drives, which shows it."""
+    rear = config.driven_axle == DRIVEN["rear"]
+    by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
     lines = []
     left_out = len(found) - MOST_STRETCHES
     if left_out > 0:
@@ -41,22 +47,27 @@ def answer(found: Sequence[Finding]) -> list[str]:
         if finding.title:
             lines.append(f"{finding.title}:")
         of_key = {v.key: v for v in finding.verdicts}
-        rows = [_cells(of_key[key]) for key in WHERE if key in of_key]
+        if "cx_front" in of_key:
+            along = of_key["cx_front"]
+            values = {n: by * getattr(along, n) for n in ("value", "band", "smoothed", "smoothed_band")}
+            of_key["cx_front"] = replace(along, **values)
+        rows = [_cells(of_key[key], rear) for key in WHERE if key in of_key]
         widths = [max(len(row[i]) for row in rows) for i in range(2)]
         indent = "  " if finding.title else ""
         lines += [f"{indent}{a:<{widths[0]}}   {b:<{widths[1]}}   {c}" for a, b, c in rows]
     return lines
 
 
-def _cells(v: Verdict) -> tuple[str, str, str]:
-    """Return which stiffness, its value with its 95 % interval, and whether to act on it."""
+def _cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
+    """Return which stiffness, its value with its 95 % interval, and whether to act on it. rear: that axle drives."""
+    where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
     value, band = (v.smoothed, v.smoothed_band) if np.isfinite(v.smoothed) else (v.value, v.band)
     if not np.isfinite(value):
-        return WHERE[v.key], "-", f"not usable: {why_not(v.key, v.reason)}"
+        return where, "-", f"not usable: {why_not(v.key, v.reason)}"
     number = f"{value:4.0f} ± {max(band, 0.5):.0f} {v.unit}"
     if v.level == "none":
-        return WHERE[v.key], number, f"not usable: {why_not(v.key, v.reason)}"
-    return WHERE[v.key], number, f"usable, valid {percent(v.valid)} of the time"
+        return where, number, f"not usable: {why_not(v.key, v.reason)}"
+    return where, number, f"usable, valid {percent(v.valid)} of the time"
 
 
 def why_not(key: str, reason: str) -> str:

@@ -54,6 +54,7 @@ class Vehicle:
     found: list[str] = field(default_factory=list)  # by a calibration on the log itself, in words
     given_uncertainty: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)  # of the notes: by which every stiffness is wrong
     formula: Formula | None = None  # of the user: [formula] names its file
     formula_path: Path | None = None
     calibration: dict[str, Any] = field(
@@ -255,7 +256,8 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
             f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: the filter's grip is "
             f"that of [calibration], {found:.3g}; without that table yours is used, and the sds of an ordinary car"
         )
-    vehicle.notes += _odd(path, vehicle)
+    vehicle.wrong = _wrong(path, vehicle)
+    vehicle.notes += [*vehicle.wrong, *_of_another(path, vehicle)]
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
             f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "
@@ -264,8 +266,8 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     return vehicle
 
 
-def _odd(path: Path, vehicle: Vehicle) -> list[str]:
-    """Return what hardly any car has, and no log tells: stiffness goes with the mass, and with where it is."""
+def _wrong(path: Path, vehicle: Vehicle) -> list[str]:
+    """Return what no car has, and no log tells: stiffness goes with the mass, and with where it is."""
     mass, lf, lr = (vehicle.values[key] for key in ("mass", "lf", "lr"))
     found = []
     if not LIGHT < mass / (lf + lr) ** 2 < HEAVY:
@@ -279,6 +281,12 @@ def _odd(path: Path, vehicle: Vehicle) -> list[str]:
             f"{path.name}: lf = {lf:g} m and lr = {lr:g} m are of a car that is heavier in the rear, and driven_axle is front: are "
             "lf and lr exchanged, or is lf the wheelbase? Both cornering stiffnesses are wrong then"
         )
+    return found
+
+
+def _of_another(path: Path, vehicle: Vehicle) -> list[str]:
+    """Return what the file says now, and did not when it was calibrated."""
+    found = []
     of = vehicle.calibration.get("of", {})
     for key, value in of.items() if isinstance(of, dict) else ():
         if key in CALIBRATED_OF and isinstance(value, int | float) and abs(vehicle.values[key] - value) > 1e-3 * abs(value):

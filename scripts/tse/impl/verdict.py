@@ -30,7 +30,7 @@ WHY = {
     "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
     "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)",
     "row refused": "the rows were refused",
-    CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may show it",
+    CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may show it",
 }
 LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
 OFTEN, OFTEN_TIME = 3, 60.0  # changes, so many s apart: more and more often they are a model that does not fit
@@ -265,7 +265,7 @@ def of_uncertainty(table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[
         names = ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
         found.append(
             f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, is parameter uncertainty: "
-            f"{names} (tselab calibrate reduces it; state what is known better in [uncertainty])"
+            f"{names} (state in [uncertainty] what is known better; a calibration finds all but mass_sd)"
         )
     return found
 

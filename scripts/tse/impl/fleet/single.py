@@ -134,7 +134,7 @@ def assemble(
         *notes,
         *vehicle.notes,
     ]
-    warnings = sure(said)
+    warnings = [*sure(said), *vehicle.wrong]
     return Prepared(vehicle, log, config, notes, warnings, [w for w in said if w not in warnings])
 
 

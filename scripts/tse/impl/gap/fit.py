@@ -58,10 +58,13 @@ def fit(
             residuals(x)
         return np.vstack([problem.jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
-    result = least_squares(
-        residuals, x0, jacobian, bounds=(low, high), x_scale=scale, ftol=tolerance, xtol=1e-5, gtol=None, max_nfev=most
-    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # of parameters that change nothing
+        result = least_squares(
+            residuals, x0, jacobian, bounds=(low, high), x_scale=scale, ftol=tolerance, xtol=1e-5, gtol=None, max_nfev=most
+        )
     rows = len(result.fun) - int(known.sum())
+    if not np.isfinite(result.x).all():  # it has gone nowhere
+        return Fit(parameters, values(x0), residuals(x0)[:rows], jacobian(x0)[:rows])
     return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
 
 

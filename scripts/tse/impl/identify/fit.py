@@ -88,8 +88,9 @@ def measure_scales(
     value counts by itself.
 
     rms^2 = noise^2 + model^2. Noise is new in every value, the error of the model once in
-    MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. The error of a measured
-    velocity is in the second part, as large as the settings say."""
+    MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. It is at least UNLIKE of what
+    happens: a fit that explains its logs down to the noise has not found another car for
+    that. Of a measured velocity it is at least the error that the settings say."""
     found: dict[str, Scale] = {}
     for c in problem.channels:
         mine = [g for g, (_, channel) in enumerate(problem.groups) if channel == c]
@@ -97,7 +98,7 @@ def measure_scales(
         size = before[c].rms if before else 1.4826 * float(np.median(np.abs(e)))
         noise = float(np.sqrt(np.average([problem.noise(g) ** 2 for g in mine], weights=[len(residuals[g]) for g in mine])))
         rms = float(np.sqrt(np.mean(np.minimum(np.abs(e), HUBER * max(size, noise)) ** 2)))
-        rms = max(rms, float(np.hypot(noise, problem.sensor_error(c))), 1e-9)
+        rms = max(rms, float(np.hypot(noise, problem.lasting_error(c))), 1e-9)
         share = min(1.0, (noise / rms) ** 2) if near else 1.0
         values = max(1.0, MODEL_TIME / problem.step(mine[0]))
         found[c] = Scale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))

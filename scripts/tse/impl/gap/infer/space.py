@@ -139,7 +139,7 @@ class Space:
         return BLOCK
 
     @staticmethod
-    def sensor_error(channel: str) -> float:
+    def lasting_error(channel: str) -> float:
         """Return the part of the residuals, rms, that is no noise of any model."""
         return LASTING
 
