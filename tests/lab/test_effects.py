@@ -233,12 +233,12 @@ def test_replay_finds_friction_and_balance_of_a_log_with_noise(at_the_limit):
 
 def test_the_filter_with_the_balance_keeps_the_stiffness_of_a_car_at_the_limit(at_the_limit):
     """Its grip is that of both axles. Without the balance the end of an axle is taken for another
-    stiffness, 7 % off where the radii are known to 0.2 %."""
+    stiffness. Both wheel speeds are one signal here, which shows no slip."""
     settings = {"grip": 1 / UNLIKE["tyre_saturation_inverse_friction"], "driven_axle": 1.0}
     told = estimated(at_the_limit, tyre_saturation_balance=UNLIKE["tyre_saturation_balance"], **settings)
     untold = estimated(at_the_limit, **settings)
     off = [max(abs(y["cy_front"] - 1), abs(y["cy_rear"] - 1)) for y in (told, untold)]
-    assert off[0] < 0.02 and off[1] > 2 * off[0] + 0.02, off
+    assert off[0] < 0.02 and off[1] > 1.5 * off[0], off
 
 
 # ---- lags
