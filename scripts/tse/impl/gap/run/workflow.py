@@ -414,8 +414,12 @@ def _sentence(n: Named, laps: int = 1) -> str:
     )
     possibly = "possibly " if n.probability < NAME_AT else ""
     text = f"{possibly}{n.title} ({n.effect.id}): {sizes}{_of_axles(n)}; probability {_percent(n.probability)}"
-    closes = f"{100 * n.share:.0f} %" if n.share >= 0.005 else "less than 1 %"
-    text += f", it closes {closes} of the gap." if n.share else "."
+    if n.share >= 0.005:
+        text += f", it closes {100 * n.share:.0f} % of the gap."
+    elif n.alone < 1.0:  # beside a large one
+        text += f", it closes {100 * n.alone:.0f} % of what the other names leave."
+    else:
+        text += "."
     if n.look_alikes:
         text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
     return text
