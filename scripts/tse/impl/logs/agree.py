@@ -83,6 +83,8 @@ TURNED = 0.2  # of the other axis, that both accelerometers read: sine of 12 deg
 # m, by yaw rate, that front wheels roll faster than rear ones: no axle does, left and right do; share of it without what slip does
 ASIDE, ASIDE_SHARE = (0.5, 2.0), 0.5
 ROWS_SLOW, OFF_TIME = 20, 3.0  # rows further apart than the raster; factor of the change of speed over so many
+ODD_PIECES = 0.2  # of the pieces of a log may contradict a mistake that is in all of it
+PIECE = 20.0  # s: bends and changes of speed in it show a unit
 MOST_ROWS = 1 << 19  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
@@ -189,6 +191,8 @@ def check_units(
         return pedals
     _, causes, after = best
     if causes and best[0] < _of_any_factor(plain[1]):
+        if not _throughout(log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes):
+            return pedals  # of a stretch, in which the car slides: no unit changes on the road
         return [_words(causes, plain[1], _left(after, causes))]
     return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains "
@@ -196,6 +200,30 @@ def check_units(
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
     ]
+
+
+def _throughout(
+    log: Log, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
+    radii: tuple[float, float], causes: tuple[Cause, ...],
+) -> bool:  # fmt: skip
+    """Return whether causes explain the log better than none in nearly all of its pieces that show anything of them.
+
+    A wrong unit or sign is so in all of them; a car that slides, or drives on ice, in some."""
+    per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
+    others = tuple(c for c in causes if c.channel != "wheel_speed")
+    count = round(PIECE * physics.RATE)
+    with_it = without = 0.0
+    for first in range(0, len(v) - count // 2, count):
+        part = {name: x[first : first + count] for name, x in d.items()}
+        plain, other = (_figures(log, part, v[first : first + count] / by, wheelbase, tracks, by, radii) for by in (1.0, per))
+        shared = {n for n in plain.value if n in other.value and not n.startswith("track")}
+        if not shared:
+            continue
+        costs = _cost(plain.only(shared), ()), _cost(other.only(shared), others)
+        if abs(costs[0] - costs[1]) > PRICE:
+            with_it += costs[1] < costs[0]
+            without += costs[0] < costs[1]
+    return without <= ODD_PIECES * (with_it + without)
 
 
 def _otherwise(name: str, x: float) -> str:
@@ -367,7 +395,9 @@ def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> 
     rows = (np.abs(front) > physics.MOVING) & np.isfinite(y + turn + slip)
     if rows.sum() < physics.FEWEST:
         return []
-    parts = np.column_stack([turn[rows], slip[rows], np.ones(rows.sum())])
+    # radii of both axles differ, by wear, by the square of the speed, and by the load in bends
+    v, across = rear[rows], np.abs(rear * turn)[rows]
+    parts = np.column_stack([turn[rows], slip[rows], v, v**3, v * across, np.ones(rows.sum())])
     found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
     by = found[0] * float(np.std(turn[rows]))
     share = by**2 / (by**2 + float(np.var(y[rows] - parts @ found)) + 1e-12)
