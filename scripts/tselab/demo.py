@@ -89,7 +89,8 @@ def estimated(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.Da
     vehicle = read_vehicle(out / "vehicle.toml")
     config = Config(vehicle.values)
     maneuver = maneuvers.build("double-lane-change", config, sample_time=config.sample_time, duration=DURATION, road=[ROAD_CHANGE])
-    simulation = simulate(maneuver, config, SimConfig({"seed": seed}), vehicle.driven_axle, progress)
+    sensors = SimConfig({"seed": seed, "wheel_speed_sd": WHEEL_NOISE})  # wheels that repeat a number exactly are a fault
+    simulation = simulate(maneuver, config, sensors, vehicle.driven_axle, progress)
     write_table(with_references(simulation), out / "log.csv")
     write_table(simulation.truth, out / "truth.csv")
 
