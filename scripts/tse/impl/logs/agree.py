@@ -395,14 +395,16 @@ def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> 
     rows = (np.abs(front) > physics.MOVING) & np.isfinite(y + turn + slip)
     if rows.sum() < physics.FEWEST:
         return []
-    # radii of both axles differ, by wear, by the square of the speed, and by the load in bends
     v, across = rear[rows], np.abs(rear * turn)[rows]
-    parts = np.column_stack([turn[rows], slip[rows], v, v**3, v * across, np.ones(rows.sum())])
-    found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
-    by = found[0] * float(np.std(turn[rows]))
-    share = by**2 / (by**2 + float(np.var(y[rows] - parts @ found)) + 1e-12)
-    if share < ASIDE_SHARE or not ASIDE[0] < abs(found[0]) < ASIDE[1]:
-        return []
+    plain = [turn[rows], slip[rows], np.ones(rows.sum())]
+    # radii of both axles differ, by wear, by the square of the speed, and by the load in bends
+    for columns in (plain, [*plain, v, v**3, v * across]):
+        parts = np.column_stack(columns)
+        found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
+        by = found[0] * float(np.std(turn[rows]))
+        share = by**2 / (by**2 + float(np.var(y[rows] - parts @ found)) + 1e-12)
+        if share < ASIDE_SHARE or not ASIDE[0] < abs(found[0]) < ASIDE[1]:
+            return []
     return [
         f"check the wheels: front less rear wheel speed is {found[0]:.2g} m times yaw_rate, as left less "
         "right is: wheel_speed_front or _rear is of one side, or a left and a right wheel are one signal"
