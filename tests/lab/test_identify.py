@@ -490,7 +490,8 @@ def test_eliminating_the_road_leaves_what_the_whole_normal_equations_say(found: 
     np.testing.assert_allclose(np.linalg.inv(got.information) / np.outer(sd, sd), inverse[:n, :n] / np.outer(sd, sd), atol=1e-6)
     np.testing.assert_allclose(got.road_sd(), np.sqrt(np.diag(inverse)[n:]), rtol=1e-6)
     by = np.linalg.solve(got.information, -got.gradient)
-    np.testing.assert_allclose(np.concatenate([by, got.road(by)]), -inverse @ gradient, rtol=1e-5, atol=1e-7)
+    # equations whose condition number is 1e11 leave five digits
+    np.testing.assert_allclose(np.concatenate([by, got.road(by)]), -inverse @ gradient, rtol=1e-4, atol=1e-6)
 
 
 def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
