@@ -389,14 +389,11 @@ def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
 # ---- ASC and TRC for python-can, whose readers stop at the first line that is none
 
 
-class AscText:
-    """The lines of an ASC for python-can's reader: stamps that are relative are summed up, those below 0 counted from the first."""
+class _Made:
+    """Lines that are made while they are read, for readers of python-can, which ask for a file."""
 
-    EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
-
-    def __init__(self, lines: Lines, notes: list[str]):
-        self._lines, self._notes = lines, notes
-        self._made = self._generate()
+    def __init__(self, made: Iterator[str]):
+        self._made = made
 
     def read(self, size: int = -1) -> str:
         """Only so that python-can takes it for a file."""
@@ -411,6 +408,16 @@ class AscText:
 
     def __iter__(self) -> Iterator[str]:
         return self._made
+
+
+class AscText(_Made):
+    """The lines of an ASC for python-can's reader: stamps that are relative are summed up, those below 0 counted from the first."""
+
+    EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
+
+    def __init__(self, lines: Lines, notes: list[str]):
+        self._lines, self._notes = lines, notes
+        super().__init__(self._generate())
 
     def _generate(self) -> Iterator[str]:
         base, relative, total, ahead, began = "hex", False, 0.0, 0.0, False
@@ -438,25 +445,11 @@ class AscText:
             yield f"{max(total, 0.0):.9f}{event[2]}"
 
 
-class TrcText:
+class TrcText(_Made):
     """The lines of a TRC for python-can's reader, which does not know version 1.2."""
 
     def __init__(self, lines: Lines):
-        self._made = self._generate(lines)
-
-    def read(self, size: int = -1) -> str:
-        """Only so that python-can takes it for a file."""
-        return "".join(self._made)
-
-    def write(self, text: str) -> int:
-        """Never called."""
-        raise OSError(text)
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-    def __iter__(self) -> Iterator[str]:
-        return self._made
+        super().__init__(self._generate(lines))
 
     @staticmethod
     def _generate(lines: Lines) -> Iterator[str]:
