@@ -27,7 +27,7 @@ NOT_CONVERGED = 12  # exit code
 )
 @ROAD
 @click.option("--report", metavar="PAGE.html", type=FILE, help="Where the page goes; default: beside CALIBRATED.toml.")
-@click.option("--verbose", is_flag=True, help="Say all: every number, every channel, notes.")
+@click.option("--verbose", is_flag=True, help="Say all: every number, every channel.")
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
 @reading
 @for_programs
@@ -117,7 +117,7 @@ def calibrate(
             text += [f"  {f.words}" for f in group.members if f.shown]
     for line in text if verbose else answer(result, stiffness):
         click.echo(line)
-    for line in result.notes if verbose else ():
+    for line in result.notes:
         click.echo(f"note: {line}", err=True)
     if not verbose:
         click.echo(f"More: --verbose, {html}")

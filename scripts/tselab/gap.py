@@ -26,7 +26,7 @@ HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
 REPORT = click.option("--report", metavar="PAGE.html", type=FILE, help="Also write the page there.")
-VERBOSE = click.option("--verbose", is_flag=True, help="Say all: what is left of each channel, what no log could show, notes.")
+VERBOSE = click.option("--verbose", is_flag=True, help="Say all: what is left of each channel, and what no log could show.")
 
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
@@ -157,7 +157,7 @@ def _run(
         lines.append(f"These logs could not have shown, at its typical size: {ids}.")
     for line in lines if verbose else [*_answer(result), *changes(result)]:
         click.echo(line)
-    for line in result.notes if verbose else ():
+    for line in result.notes:
         click.echo(f"note: {line}", err=True)
     for line in words(written.gain) if verbose else ():
         click.echo(line)
