@@ -49,7 +49,7 @@ function setWheels(desk, rows) {
 // Columns of the table, in order: what came later stands last (scripts/tse/impl/estimate.py).
 function generationOf(name) {
   if (name.endsWith("_secant")) return 4;
-  if (/^(grip|noise_wheel_|innovation_)/.test(name) || name === "sideslip_sd" || name === "nis") return 3;
+  if (/^(grip|noise_wheel_|innovation_|nis_)/.test(name) || name === "sideslip_sd") return 3;
   if (name === "fault_factor") return 4;
   if (/^(p_|change_|discrepancy_|lag_)/.test(name) || name === "fault_channel" || name === "estimate_age") return 2;
   return name.endsWith("_spread_seen") || name.startsWith("noise_") ? 1 : 0;

@@ -438,8 +438,16 @@ def tuning() -> str:
         error = 100 * (found["cy_front"].iloc[-1] / truth["true_cy_front"].iloc[-1] - 1)
         half = 196 * found["cy_front_sd"].iloc[-1] / found["cy_front"].iloc[-1]
         rows.append(
-            [name, f"{found['nis'].mean():.1f}", f"{np.corrcoef(e[1:], e[:-1])[0, 1]:.2f}",
+            [name, *(f"{found[f'nis_{c}'].mean():.1f}" for c in ("accel_y", "yaw_rate")), f"{np.corrcoef(e[1:], e[:-1])[0, 1]:.2f}",
              f"{100 * found['cy_front_valid'].mean():.0f}", f"{round(error) + 0:+d}", f"{half:.0f}"]
         )  # fmt: skip
-    head = ["settings", "mean `nis`", "autocorrelation of yaw rate's innovation", "valid [%]", "error [%]", "± [%]"]
-    return table(head, rows, right=(1, 2, 3, 4, 5))
+    head = [
+        "settings",
+        "mean `nis_accel_y`",
+        "`nis_yaw_rate`",
+        "autocorrelation of yaw rate's innovation",
+        "valid [%]",
+        "error [%]",
+        "± [%]",
+    ]
+    return table(head, rows, right=(1, 2, 3, 4, 5, 6))

@@ -247,8 +247,17 @@ class Estimate(EstimateBase):
     """Innovation of the front wheel speed times radius [m/s]."""
     innovation_wheel_rear: float
     """Innovation of the rear wheel speed times radius [m/s]."""
-    nis: float
-    """Normalised innovation squared, summed over the channels used; expected value: number of channels used; form 0."""
+    nis_accel_x: float
+    """Normalised innovation squared of accel_x, without what lasts: 1 on average where model and settings fit; 0 where it
+    was not used; form 0."""
+    nis_accel_y: float
+    """Normalised innovation squared of accel_y."""
+    nis_yaw_rate: float
+    """Normalised innovation squared of yaw_rate."""
+    nis_wheel_front: float
+    """Normalised innovation squared of the front wheel speed."""
+    nis_wheel_rear: float
+    """Normalised innovation squared of the rear wheel speed."""
     lag_steer: float
     """How late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0 [s]."""
     lag_steer_sd: float

@@ -146,8 +146,8 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
   for (int c = 0; c < TSE_SENSORS; c++) {
     out->noise[c] = r_sqrt(k->noise[c]);
     out->innovation[c] = k->innovation[c];
+    out->nis[c] = k->nis[c];
   }
-  out->nis = k->nis;
 }
 
 /* Report the probability of each regime: of events that wait to be believed, and of what is so if none of them has happened. */

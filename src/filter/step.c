@@ -138,8 +138,8 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const row_cla
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
-  for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = TSE_R(0); /* nothing is weighed */
-  k->nis = k->log_likelihood = TSE_R(0);
+  for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = k->nis[a] = TSE_R(0); /* nothing is weighed */
+  k->log_likelihood = TSE_R(0);
   velocity_lose(k);
   if (f->started) rest_row(p, k, z->dt);
   if (!f->lost || !f->started) start_motion(p, k, z);

@@ -252,6 +252,26 @@ static void watch_fault(tse_kalman *k, int channel, const scalar *m)
   if (k->fault == fault_of(channel)) k->agrees_for = agrees ? r_min(k->agrees_for + m->dt, MOST_AGE) : TSE_R(0);
 }
 
+/* Find the normalised innovation squared of a channel: 1 on average where settings and model fit.
+ * What lasts is not white: errors of the state, and model discrepancy. A Kalman filter of one state
+ * estimates their sum d as an Ornstein-Uhlenbeck process of time constant MODEL_TIME, and what
+ * counts is the innovation less d:
+ *   d' = -d/T + noise of variance 2 V/T, V = state + model_sd^2 activity      e = d + white noise
+ *   Given:    state  variance of the innovation by the state      white  of its noise
+ *   Updated:  k->nis, k->lasting, k->lasting_var */
+static void follow_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
+{
+  tse_real *const d = &k->lasting[channel], *const var = &k->lasting_var[channel];
+  const tse_real left = left_of(m->dt, MODEL_TIME), keep = r_sqr(left);
+  const tse_real model = channel < IMU_CHANNELS ? r_mul(r_sqr(p->model_sd), k->activity[channel]) : TSE_R(0);
+  *d = r_mul(left, *d);
+  *var = r_mul(keep, *var) + r_mul(TSE_R(1) - keep, state + model);
+  const tse_real s = *var + m->white, e = m->e - *d, gain = r_div(*var, s);
+  k->nis[channel] = r_min(r_div(r_sqr(e), s), MOST_INFO);
+  *d += r_mul(gain, e);
+  *var = r_mul(gain, m->white);
+}
+
 /* Use a channel, and note its innovation, its likelihood and its noise.   Updated: change */
 static void use_channel(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real change[TSE_ALL])
 {
@@ -263,7 +283,7 @@ static void use_channel(const tse_params *p, tse_kalman *k, int channel, const s
   k->last_innovation[channel] = m->e;
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = r_add_sat(state, m->r);
-  k->nis += r_min(r_div(r_sqr(m->e), state + m->r), MOST_INFO);
+  follow_lasting(p, k, channel, m, state);
   k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m->e), s) + r_mul(LN_2, r_log2(s)) + LN_TWO_PI);
 }
 
@@ -277,12 +297,12 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   predict_sensors(p, k, z, &f, &s);
   follow_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
-  k->nis = k->unusual = TSE_R(0);
+  k->unusual = TSE_R(0);
   k->log_likelihood = TSE_R(0);
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int channel = order[n];
     scalar m;
-    k->innovation[channel] = k->innovation_var[channel] = TSE_R(0);
+    k->innovation[channel] = k->innovation_var[channel] = k->nis[channel] = TSE_R(0);
     if (!z->use[channel] || !is_measured(p, z, channel)) continue;
     make_scalar(p, k, z, &s, f.sin_d, channel, change, &m);
     watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), TSE_R(1) - BELIEVED, z->dt);

@@ -72,7 +72,7 @@ static int sound_along(const tse_along *a)
 
 static int sound_kalman(const tse_kalman *k, int started)
 {
-  const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->nis, &k->change_age, &k->agrees_for };
+  const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->change_age, &k->agrees_for };
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
              sound_int(k->slow_turn, 0, INT32_MAX - 1);
   fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL) && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
@@ -86,6 +86,9 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && sound_reals(k->pitch, 2, -MOST_REAL, MOST_REAL) && sound_reals(k->steer, 3, TSE_R(-2), TSE_R(2));
   fine = fine && sound_reals(k->innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->innovation_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->last_innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->slow, TSE_SENSORS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->nis, TSE_SENSORS, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(k->lasting, TSE_SENSORS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->lasting_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->slow_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE) && sound_reals(&k->unusual, 1, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->reading, TSE_SENSORS + 1, -MOST_REAL, MOST_REAL) && sound_reals(k->repeats, TSE_SENSORS + 1, TSE_R(0), TSE_R(1));
   fine = fine && sound_reals(k->repeats_again, TSE_SENSORS + 1, TSE_R(0), TSE_R(1)) && sound_reals(k->frozen, TSE_SENSORS + 1, TSE_R(0), MOST_REAL);

@@ -223,7 +223,8 @@ typedef struct tse_kalman {
   tse_real road[2];                   /* [m/s2] gravity along and across as given; 0 where not given */
   tse_real since_slow;                /* [s] since a slow state had its share of process noise */
   tse_real seen;                      /* [s] of rows that the filter has followed since its start */
-  tse_real nis;                       /* [1] innovation squared over its variance, summed over the channels of the last row */
+  tse_real nis[TSE_SENSORS];          /* [1] of each channel in the last row; 0 where it was not used */
+  tse_real lasting[TSE_SENSORS], lasting_var[TSE_SENSORS]; /* part of the innovation that is not white; its variance */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
   tse_real slow[TSE_SENSORS], slow_var[TSE_SENSORS], usual[TSE_SENSORS]; /* innovation, smoothed; its variance as thought; [1] as it is, over that */
   tse_real log_likelihood;

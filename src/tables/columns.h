@@ -101,7 +101,11 @@
   NUMBER(innovation_yaw_rate, innovation[2], "rad/s", "innovation of yaw_rate") \
   NUMBER(innovation_wheel_front, innovation[3], "m/s", "innovation of the front wheel speed times radius") \
   NUMBER(innovation_wheel_rear, innovation[4], "m/s", "innovation of the rear wheel speed times radius") \
-  NUMBER(nis, nis, "1", "normalised innovation squared, summed over the channels used; expected value: number of channels used; form 0") \
+  NUMBER(nis_accel_x, nis[0], "1", "normalised innovation squared of accel_x, without what lasts: 1 on average where model and settings fit; 0 where it was not used; form 0") \
+  NUMBER(nis_accel_y, nis[1], "1", "normalised innovation squared of accel_y") \
+  NUMBER(nis_yaw_rate, nis[2], "1", "normalised innovation squared of yaw_rate") \
+  NUMBER(nis_wheel_front, nis[3], "1", "normalised innovation squared of the front wheel speed") \
+  NUMBER(nis_wheel_rear, nis[4], "1", "normalised innovation squared of the rear wheel speed") \
   NUMBER(lag_steer, lag_steer, "s", "how late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0") \
   NUMBER(lag_steer_sd, lag_steer_sd, "s", "its standard deviation") \
   NUMBER(estimate_age, estimate_age, "s", "how long before this row the time lies that the estimates speak of (settings ..._latency)") \

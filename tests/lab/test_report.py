@@ -47,7 +47,7 @@ def test_figures_hold_stiffness_states_inputs_and_health(page):
     assert {"mean, valid", "95 % interval", "nominal", "reference"} <= names[0]
     assert {"estimate", "95 % interval", "measured", "ref_vel_x", "ref_vel_y", "ref_yaw_rate"} <= names[1]
     assert {"steer_angle", "wheel_speed_front", "accel_y"} <= names[2]
-    assert {"log_evidence", "nis", "status", "bias_yaw_rate"} <= names[3]
+    assert {"log_evidence", "nis_accel_x", "nis_yaw_rate", "status", "bias_yaw_rate"} <= names[3]
     assert any(shape["type"] == "rect" for shape in figures[0]["layout"]["shapes"])
 
 

@@ -153,7 +153,7 @@ def est_fields() -> list[Field]:
 def _generation(name: str) -> int:
     if name.endswith("_secant") or name == "fault_factor":
         return 4
-    if name.startswith((GRIP, "noise_wheel_", "innovation_")) or name in ("sideslip_sd", "nis"):
+    if name.startswith((GRIP, "noise_wheel_", "innovation_", "nis_")) or name == "sideslip_sd":
         return 3
     if name.startswith(("p_", "change_", "discrepancy_", "lag_")) or name in ("fault_channel", "estimate_age"):
         return 2

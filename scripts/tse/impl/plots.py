@@ -223,7 +223,7 @@ class Data:
 FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}  # drawn in other units than EST.csv has
 WITH_BAND = (*STIFFNESS, "vel_x", "vel_y", "yaw_rate", "sideslip", GRIP, "bias_accel_x", "bias_accel_y", "bias_yaw_rate")
 OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")  # where they are
-PLAIN = ("log_evidence", "n_eff", "nis", "status", *(f"noise_{c}" for c in MEASURES))
+PLAIN = ("log_evidence", "n_eff", "status", *(f"{what}_{c}" for what in ("nis", "noise") for c in MEASURES))
 
 
 def drawn(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -417,6 +417,7 @@ def inputs_figure(d: Data) -> Figure:
     return figure
 
 
+NIS = tuple(f"nis_{channel}" for channel in MEASURES)
 UNEXPLAINED = (
     ("Model discrepancy, sd [m/s2]", ("discrepancy_accel_x", "discrepancy_accel_y")),
     ("Model discrepancy of the yaw rate, sd [rad/s]", ("discrepancy_yaw_rate",)),
@@ -432,9 +433,7 @@ def health_figure(d: Data) -> Figure:
         "Accelerometer biases [m/s2]",
         "Gyro bias [rad/s]",
         "Log-likelihood of each row [nat]",
-        "Effective particles"
-        if particles
-        else "Normalised innovation squared of all channels: above 5 on average, intervals are too narrow",
+        "Effective particles" if particles else "Normalised innovation squared: far above 1 on average, intervals are too narrow",
         "Status",
     ]
     noise = {name: d.line(name) for name in (f"noise_{channel}" for channel in MEASURES)}
@@ -453,8 +452,8 @@ def health_figure(d: Data) -> Figure:
     if np.isfinite(evidence).any():
         low, high = np.nanquantile(evidence, [0.005, 0.999])
         figure.y_axis(3)["range"] = [float(low - 0.1 * (high - low) - 1), float(high + 0.1 * (high - low) + 1)]
-    name = "n_eff" if particles else "nis"
-    _line(figure, 4, d.time, d.line(name), name, BLUE, False, width=1)
+    for name, colour in zip(("n_eff",) if particles else NIS, (BLUE, GREEN, PURPLE), strict=False):
+        _line(figure, 4, d.time, d.line(name), name, colour, False, width=1)
     texts = {code: f.text for code, f in library().codes(STATUS).items()}
     status = d.line("status")
     _line(figure, 5, d.time, status, "status", INK, False, text=[texts.get(int(s), "") for s in status],
