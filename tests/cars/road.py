@@ -23,6 +23,10 @@ SCENARIOS = {
     "split": "the same on one side of the car only",
     "aquaplaning": "for 3 s front tyres at 0.1 .. 0.25 of friction, 0.15 .. 0.4 of stiffness, rear ones in their wake 0.4 .. 0.7",
     "low_limit": "friction 0.45 .. 0.6, the same stiffness, from a place on",
+    "snow": "friction 0.4 .. 0.55 of the dry road's, stiffness 0.55 .. 0.75, from a place on",
+    "wet": "friction 0.7 .. 0.85 of the dry road's, stiffness 0.75 .. 0.85, from a place on",
+    "front_axle": "tyres of the front axle lose 20 % of stiffness within 20 s",
+    "rear_axle": "tyres of the rear axle lose 20 % of stiffness within 20 s",
     "pressure": "one tyre loses pressure over 1 .. 3 min: stiffness across 0.6 .. 0.8, along 1.0 .. 1.1, radius -0.5 .. -1 %",
 }  # fmt: skip
 
@@ -226,7 +230,11 @@ class Surface:
     is doing nothing that the new road would not bear: ice in the middle of a hairpin is an accident, not a drive."""
 
     # m/s2, lateral acceleration below which it may begin
-    CALM: ClassVar[dict[str, float]] = {"ice": 1.3, "split": 1.6, "aquaplaning": 1.0, "low_limit": 3.0, "pressure": np.inf}
+    CALM: ClassVar[dict[str, float]] = {
+        "ice": 1.3, "split": 1.6, "aquaplaning": 1.0, "low_limit": 3.0, "snow": 2.0, "wet": 4.0,
+        "front_axle": np.inf, "rear_axle": np.inf, "pressure": np.inf,
+    }  # fmt: skip
+    SLOW: ClassVar[tuple[str, ...]] = ("front_axle", "rear_axle", "pressure")  # over time, not at a place
 
     def __init__(
         self, scenario: str, streams: list[np.random.Generator], duration: float, event_time: float | None, x: np.ndarray
@@ -261,6 +269,12 @@ class Surface:
             end[1:3, 0, :, i], end[1:3, 1, :, i] = u(0.15, 0.4), u(0.4, 0.7)
         elif scenario == "low_limit":
             end[0, :, :, i] = u(0.45, 0.6)
+        elif scenario in ("snow", "wet"):
+            end[0, :, :, i] = u(0.4, 0.55) if scenario == "snow" else u(0.7, 0.85)
+            end[1:3, :, :, i] = u(0.55, 0.75) if scenario == "snow" else u(0.75, 0.85)
+        elif scenario in ("front_axle", "rear_axle"):
+            end[1:3, int(scenario == "rear_axle"), :, i] = 0.8
+            self.takes[i] = 20.0
         elif scenario == "pressure":
             axle, side = rng.integers(2, size=2)
             end[1:, axle, side, i] = u(1.0, 1.1), u(0.6, 0.8), 1 - u(0.005, 0.01)
@@ -275,7 +289,7 @@ class Surface:
         if begin.any():
             self.time[begin], self.place[begin] = time, place[begin] + self.x[0, 0, begin]
         since = time - self.time
-        if self.scenario == "pressure":
+        if self.scenario in self.SLOW:
             share = np.clip(since / np.maximum(self.takes, 1e-3), 0, 1) * np.ones((2, 2, 1))
         else:
             share = np.clip(place + self.x - self.place, 0, 1)

@@ -387,10 +387,10 @@ def test_roads_that_change_do_so_where_the_car_is_calm(scenario):
         assert (seen == 1).all()
         return
     begun = surface.time[0]
-    assert begun == (10.0 if scenario == "pressure" else 12.0)
+    assert begun == (10.0 if scenario in Surface.SLOW else 12.0)
     friction, along, across, radius = seen[round(2 * begun) + 3]
-    if scenario in ("ice", "low_limit"):
-        assert (friction < 0.65).all() and (seen[-1] == surface.end[..., 0]).all()
+    if scenario in ("ice", "low_limit", "snow", "wet"):
+        assert (friction < (0.9 if scenario == "wet" else 0.65)).all() and (seen[-1] == surface.end[..., 0]).all()
     if scenario == "split":
         assert ((friction < 0.5).all(0)).sum() == 1 and ((friction == 1).all(0)).sum() == 1
     if scenario == "aquaplaning":
@@ -398,6 +398,10 @@ def test_roads_that_change_do_so_where_the_car_is_calm(scenario):
     if scenario == "pressure":
         changed = (seen[-1, 2] < 0.85) & (seen[-1, 3] < 1)
         assert changed.sum() == 1 and (seen[:, 0] == 1).all() and (np.diff(seen[:, 2].min((1, 2))) <= 0).all()
+    if scenario in ("front_axle", "rear_axle"):
+        axle = int(scenario == "rear_axle")
+        assert (seen[-1, 1:3, axle] == 0.8).all() and (seen[:, :, 1 - axle] == 1).all()
+        assert (seen[round(2 * (begun + 20)), 2, axle] == 0.8).all() and (seen[round(2 * (begun + 10)), 2, axle] == 0.9).all()
     assert (across < 1).any() == (scenario != "low_limit") and (along <= 1).all() | (scenario == "pressure")
     assert (radius == 1).all() | (scenario == "pressure")
 
