@@ -26,7 +26,7 @@ enum { LATERAL,
 
 /* A kind of event. */
 typedef struct kind {
-  opens common[3], own[3]; /* what one amplitude moves; what is uncertain beside it once it is believed */
+  opens common[4], own[3]; /* what one amplitude moves; what is uncertain beside it once it is believed */
   tse_real every;          /* [s] between openings */
   int32_t slots;           /* events that are open at a time */
   tse_real rate;           /* [1/s] how often it happens */
@@ -35,27 +35,30 @@ typedef struct kind {
 } kind;
 
 /* One row a kind, in the order of EVENT_NONE ... (filter.h). Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()),
- * ROAD_LONGITUDINAL raises the alarm alone (log2_ratio()), a faulty channel is what its measurements say (events_learn()). */
+ * a faulty channel is what its measurements say (events_learn()).
+ * Along the road tyres change as across, by as much more or less as the model lacks before and after. */
 #define NO { -1, TSE_R(0) }
-#define NONE { NO, NO, NO }
-#define SENSOR(group) { NONE, NONE, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
+#define NONE { NO, NO, NO, NO }
+#define NONE_OWN { NO, NO, NO }
+#define ALONG { HAS_SLIP ? LCX : -1, CHANGE_SD }
+#define ALONG_OWN { HAS_SLIP ? LCX : -1, USUAL_MODEL_SD + USUAL_MODEL_SD }
+#define SENSOR(group) { NONE, NONE_OWN, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
 static const kind *kind_of(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
-    /* another road, and by how much it is not the same for both axles; back on the one before; a road that shows along the car alone */
-    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { HAS_SLIP ? LCX : -1, CHANGE_SD } }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
-    { { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO }, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
+    { NONE, NONE_OWN, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
+    /* another road, and by how much it is not the same for both axles; back on the one before */
+    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD }, ALONG }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, ALONG_OWN }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
+    { { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO, NO }, NONE_OWN, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
 #if !defined(TSE_SMALL)
-    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
-    { NONE, NONE, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LONGITUDINAL, TSE_REGIME_CHANGED },
+    { NONE, NONE_OWN, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
     /* tyres of the front axle, of the rear axle; wheels of it that slide */
-    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
-    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
-    { { { SF, SLIP_OPENS }, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
-    { { { SR, SLIP_OPENS }, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
+    { { { LCF, CHANGE_SD }, ALONG, NO, NO }, { { LCF, MODEL_FLOOR }, ALONG_OWN, NO }, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
+    { { { LCR, CHANGE_SD }, ALONG, NO, NO }, { { LCR, MODEL_FLOOR }, ALONG_OWN, NO }, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
+    { { { SF, SLIP_OPENS }, NO, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
+    { { { SR, SLIP_OPENS }, NO, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
     /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
-    { { { STEER_OFFSET, STEER_OPENS }, NO, NO }, { { STEER_OFFSET, STEER_OWN }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, LATERAL, TSE_REGIME_FAULT },
+    { { { STEER_OFFSET, STEER_OPENS }, NO, NO, NO }, { { STEER_OFFSET, STEER_OWN }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, LATERAL, TSE_REGIME_FAULT },
     SENSOR(LONGITUDINAL),
     SENSOR(LATERAL),
     SENSOR(LATERAL),
@@ -74,6 +77,26 @@ static int32_t group_of(int32_t which) { return kind_of(which)->group; }
 static int group_of_channel(int channel)
 {
   return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_LATERAL ? LATERAL : LONGITUDINAL;
+}
+
+/* Return whether a kind is of tyres: of a road, or of an axle. */
+static int is_of_tyres(int32_t which) { return which <= EVENT_REAR; }
+
+static int is_of_axle(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
+
+/* Return whether a change of tyres is one of LCX, too: of a road it is, of an axle where that one
+ * drives. */
+static int is_along(const tse_params *p, int32_t which)
+{
+  return !is_of_axle(which) || p->car.driven == (which == EVENT_FRONT ? 1 : 2);
+}
+
+/* Return whether a measurement of a channel speaks of a kind of event.   Given: along  as in scalar */
+static int speaks_of(int32_t which, int channel, int32_t along)
+{
+  const int32_t of = group_of_channel(channel);
+  if (which == EVENT_ROAD_RETURN || of == group_of(which)) return 1;
+  return is_of_tyres(which) && of == LONGITUDINAL && channel >= 0 && along;
 }
 
 /* Return whether a slot holds an event that may have happened by itself. */
@@ -150,7 +173,7 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
   }
 }
 
-void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd)
+void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd)
 {
   const tse_real over = r_div(TSE_R(1), s);
   const int all = STATES + k->ud.extras;
@@ -160,7 +183,7 @@ void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled 
     if (a->kind == EVENT_NONE) continue;
     const tse_real y = r_sum_sparse(channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(r_sqr(TAIL), sd) : TSE_R(0), a->v, h, h->count);
     const tse_real ys = r_mul(y, over);
-    if (a->kind == EVENT_ROAD_RETURN || group_of(a->kind) == group_of_channel(channel)) {
+    if (speaks_of(a->kind, channel, along)) {
       a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
       a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
       if (a->kind == EVENT_ROAD_AXLE_DIFF && n >= ROADS && n < 2 * ROADS) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
@@ -178,7 +201,7 @@ static int names_frozen(const tse_kalman *k, int32_t which) { return which >= EV
 static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
   tse_real most = TSE_R(0);
-  for (int i = LCF; i <= LCR && a->kind <= EVENT_REAR; i++) {
+  for (int i = LCF; i <= LCR && is_of_tyres(a->kind); i++) {
     const tse_real share = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
     if (!(share > TSE_R(0)) || !(k->x[i] + share > TSE_R(0))) continue;
     const tse_real at = k->x[i] + r_div(share, TSE_R(1) + r_mul(TSE_R(0.5), share)); /* log(1 + share), to second order */
@@ -187,13 +210,10 @@ static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event
   return r_mul(HALF_LOG2_OF_E, most);
 }
 
-/* Return log2 of how much likelier the samples are if this happened. Along the road the force of a tyre beyond its grip is no
- * longer that of its stiffness: another road shows as a slow innovation of accel_x of which nothing is known, its variance
- * included. A channel that is frozen repeats its reading. */
+/* Return log2 of how much likelier the samples are if this happened. A channel that is frozen repeats its reading. */
 static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
-  if (a->kind == EVENT_ROAD_LONGITUDINAL) return k->unusual > TSE_R(1) ? r_mul(HALF_LOG2_OF_E, k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
   if (a->kind == EVENT_ROAD_RETURN) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
   const event_says s = event_of(k, n);
   tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(s.score, s.amplitude)) - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.info));
@@ -255,8 +275,11 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   memset(a, 0, sizeof *a);
   a->kind = which;
   k->weight[n] = TSE_R(0);
-  for (int i = 0; i < 3; i++)
-    if (what->common[i].state >= 0 && !is_known(p, what->common[i].state)) a->v[what->common[i].state] = r_short(r_div(what->common[i].sd, state_unit[what->common[i].state]));
+  for (int i = 0; i < (int)(sizeof what->common / sizeof what->common[0]); i++) {
+    const int32_t at = what->common[i].state;
+    if (at < 0 || is_known(p, at) || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
+    a->v[at] = r_short(r_div(what->common[i].sd, state_unit[at]));
+  }
   for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
 
@@ -293,11 +316,12 @@ int may_be_back(const tse_kalman *k)
 
 /* Find a slot for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its slot for
  * ROAD_TIME, since a driver who hardly turns shows little in a second: what is still not believed then is a model that does not fit,
- * or drift.
- *   Given:     first, slots  of the kind      due  age of the youngest from which another is opened
+ * or drift. So does the one of an axle while it is likelier than none.
+ *   Given:     first  slot of the kind      due  age of the youngest from which another is opened
  *   Returned:  -1 if none is to be opened now */
-static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int first, int slots, tse_real due)
+static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
 {
+  const int slots = kind_of(which)->slots;
   int best = first, oldest = -1;
   tse_real youngest = LONGEST_TIME, age = TSE_R(-1);
   for (int n = first; n < first + slots; n++) {
@@ -306,7 +330,8 @@ static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int f
     if (ratio[n] > ratio[best]) best = n;
   }
   for (int n = first; n < first + slots; n++) {
-    if ((slots > 1 && n == best && k->event[n].age < ROAD_TIME) || !(k->event[n].age > age)) continue;
+    const int keeps = slots > 1 || (is_of_axle(which) && ratio[n] > TSE_R(0));
+    if ((keeps && n == best && k->event[n].age < ROAD_TIME) || !(k->event[n].age > age)) continue;
     age = k->event[n].age;
     oldest = n;
   }
@@ -320,7 +345,7 @@ static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const 
   for (int i = 0; i < TSE_ALL; i++) rescale[i] = TSE_R(1);
   for (int i = 0; i < STATES + k->ud.extras; i++) {
     tse_real shift = r_mul(by[i], state_unit[i]);
-    if (which <= EVENT_REAR && i >= STIFFNESS && i <= LMU) {
+    if (is_of_tyres(which) && i >= STIFFNESS && i <= LMU) {
       const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
       shift = r_div(r_log2(force), LOG2_OF_E);
       rescale[i] = r_div(TSE_R(1), force);
@@ -341,14 +366,17 @@ static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_r
 
 /* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
  * held.   Given: weight  1 if it has happened */
-static void widen(tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
+static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
   const kind *const what = kind_of(which);
   const int axle = which == EVENT_REAR;
-  const tse_real moved = which <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle]) : TSE_R(0);
+  const tse_real moved = is_of_tyres(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle]) : TSE_R(0);
   for (int i = 0; i < 3; i++) {
     const int32_t at = what->own[i].state;
-    if (at >= 0) ud_add_at(&k->ud, at, r_div(r_mul(weight, r_sqr(what->own[i].sd) + r_sqr(moved)), r_sqr(state_unit[at])));
+    const int along = HAS_SLIP && at == LCX;
+    if (at < 0 || (along && !is_along(p, which))) continue;
+    const tse_real var = r_sqr(what->own[i].sd) + (along ? TSE_R(0) : r_sqr(moved));
+    ud_add_at(&k->ud, at, r_div(r_mul(weight, var), r_sqr(state_unit[at])));
   }
 }
 
@@ -377,13 +405,15 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
   add_along(k, first, rescale, r_mul(weight, s.var));
   add_along(k, second, rescale, r_mul(weight, s.beside_var));
   add_along(k, mean, rescale, r_mul(weight, TSE_R(1) - weight));
-  widen(k, which, was, weight);
+  widen(p, k, which, was, weight);
 }
 
-/* Give event n up. What was found of the slip stiffness before is as much less known. */
+/* Give event n up. What was found of the slip stiffness before is as much less known, and not another: how far it has moved with
+ * cornering is for an event that is believed. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
+  if (HAS_SLIP && is_of_tyres(k->event[n].kind)) k->event[n].v[LCX] = r_short(TSE_R(0));
   mix_in(p, k, n, weight);
   if (HAS_SLIP) k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
@@ -396,7 +426,7 @@ static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_E
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
     const kind *const what = kind_of(which);
     const int possible = which != EVENT_ROAD_AXLE_DIFF && (which != EVENT_ROAD_RETURN || may_be_back(k));
-    const int at = possible ? slot_for(k, ratio, first, what->slots, what->every - r_mul(TSE_R(0.5), dt)) : -1;
+    const int at = possible ? slot_for(k, ratio, which, first, what->every - r_mul(TSE_R(0.5), dt)) : -1;
     const tse_real left = at >= 0 ? weight_left(k, at) : TSE_R(0);
     first += what->slots;
     if (at < 0 || (left > TSE_R(0) && given_up)) continue;
@@ -414,8 +444,8 @@ static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], con
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
   const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_ROAD_RETURN;
-  k->change_kind = which <= EVENT_ROAD_LONGITUDINAL ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
-                                                                                             : TSE_CHANGE_REAR;
+  k->change_kind = which <= EVENT_ROAD_RETURN ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
+                                                                                       : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */
   if (same) return;
   k->change_age = TSE_R(0);
@@ -437,18 +467,7 @@ static void close_events(tse_kalman *k, int group)
   k->none[group] = TSE_R(1);
 }
 
-/* Take slot n for another road that begins now, or return the slot of a likelier one: for a road that shows along the car alone,
- * which has changed as far as it shows across. One that began earlier and less likely is of the road before. */
-static int likeliest_road(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS], int n)
-{
-  open_event(p, k, n, EVENT_ROAD);
-  ratio[n] = TSE_R(0);
-  for (int i = 0; i < TSE_EVENTS; i++)
-    if (k->event[i].kind == EVENT_ROAD && ratio[i] > ratio[n]) n = i;
-  return n;
-}
-
-/* Find what the slip stiffness itself is on another road: where LCX is, what the model lacks there is not known; and as much less sure.
+/* Find what the slip stiffness itself is on another road, or of other tyres: where LCX is, what the model lacks there is not known; and as much less sure.
  * Tyres that are back are as they were.
  *   Given: own  variance of LCX before [unit2] */
 static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real own)
@@ -462,34 +481,65 @@ static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_
   along_start(k, var + r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX])));
 }
 
+/* Return the likeliest slot of a kind, or -1; *weight: of all its slots. */
+static int likeliest_of_kind(const tse_kalman *k, int32_t which, tse_real *weight)
+{
+  int best = -1;
+  *weight = TSE_R(0);
+  for (int n = 0; n < TSE_EVENTS; n++) {
+    if (k->event[n].kind != which) continue;
+    if (best < 0 || k->weight[n] > k->weight[best]) best = n;
+    *weight += k->weight[n];
+  }
+  return best;
+}
+
+/* Mix in event n, which has happened, and with their weights the other changes of tyres that the
+ * samples do not exclude: an axle that has changed may have been the road. */
+static void mix_in_believed(const tse_params *p, tse_kalman *k, int n)
+{
+  static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE, HAS_SLIP ? EVENT_REAR : EVENT_NONE };
+  const int32_t which = k->event[n].kind;
+  int at[3] = { -1, -1, -1 }, known = 0;
+  tse_real weight[3], sum = TSE_R(0), rest = TSE_R(1);
+  for (int i = 0; i < 3; i++) {
+    weight[i] = TSE_R(0);
+    if (tyres[i] != EVENT_NONE) at[i] = likeliest_of_kind(k, tyres[i], &weight[i]);
+    sum += weight[i];
+    known = known || tyres[i] == which;
+  }
+  for (int i = 0; known && i < 3; i++) {
+    const tse_real share = r_div(weight[i], sum);
+    if (tyres[i] == which || at[i] < 0 || share < LEAST_WEIGHT) continue;
+    mix_in(p, k, at[i], share);
+    rest -= share;
+  }
+  mix_in(p, k, n, rest);
+}
+
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
-static void believe(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS], int n)
+static void believe(const tse_params *p, tse_kalman *k, int n)
 {
   tse_real was[4], was_var[4];
-  if (k->event[n].kind == EVENT_ROAD_LONGITUDINAL) {
-    k->weight[n] = TSE_R(0);
-    k->none[LONGITUDINAL] = TSE_R(1);
-    n = likeliest_road(p, k, ratio, n);
-  }
   const int32_t which = k->event[n].kind;
   const tse_along along = k->along;
   for (int i = 0; i < 4; i++) {
     was[i] = k->x[stiffness_at(i)];
     was_var[i] = i > 0 || HAS_SLIP ? ud_variance(&k->ud, stiffness_at(i)) : TSE_R(0);
   }
-  mix_in(p, k, n, TSE_R(1));
+  mix_in_believed(p, k, n);
   for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) recall(k, i);
   if (which >= EVENT_STEER) {
     k->fault = which == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(which - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
-  k->slow[ACCEL_X] = which <= EVENT_ROAD_RETURN ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
-  if (HAS_SLIP && which <= EVENT_ROAD_RETURN) along_change(p, k, which, was_var[0]);
-  if (which <= EVENT_REAR) note_change(k, which, was, was_var, along);
+  if (HAS_SLIP && is_of_tyres(which) && is_along(p, which)) along_change(p, k, which, was_var[0]);
+  if (is_of_tyres(which)) note_change(k, which, was, was_var, along);
   close_events(k, group_of(which));
 }
 
-/* Return the likeliest event of a group that calls for something, or -1. */
+/* Return the likeliest event of a group that calls for something, or -1. Tyres of one axle change
+ * slowly, and a road is felt by one axle first: an axle is not believed before SETTLE_TIME. */
 static int likeliest(const tse_kalman *k, int group)
 {
   int best = -1;
@@ -497,6 +547,7 @@ static int likeliest(const tse_kalman *k, int group)
     const int32_t which = k->event[n].kind;
     if (is_event(&k->event[n]) && group_of(which) == group && !event_is_small(k, n) && (best < 0 || k->weight[n] > k->weight[best])) best = n;
   }
+  if (best >= 0 && is_of_axle(k->event[best].kind) && k->event[best].age < SETTLE_TIME) return -1;
   return best;
 }
 
@@ -508,7 +559,7 @@ void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
   weigh_events(p, k, ratio);
   for (int group = 0; group < TSE_GROUPS; group++) {
     const int best = k->none[group] < TSE_R(1) - BELIEVED ? likeliest(k, group) : -1;
-    if (best >= 0) believe(p, k, ratio, best);
+    if (best >= 0) believe(p, k, best);
   }
   spawn(p, k, ratio, dt);
 }

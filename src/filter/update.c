@@ -39,7 +39,6 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
   k->slow[c] += r_mul(g, r_clamp(e, -most, most) - k->slow[c]);
   k->slow_var[c] = r_mul(r_sqr(TSE_R(1) - g), k->slow_var[c]) + r_mul(r_mul(g, g), s);
   const tse_real ratio = r_div(r_sqr(k->slow[c]), r_max(k->slow_var[c], LEAST_SLOW_VAR));
-  if (c == ACCEL_X) k->unusual = r_div(ratio, k->usual[c]);
   const tse_real counts = r_min(ratio, r_mul(MOST_GROWTH, k->usual[c]));
   k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, MOST_FORGOTTEN), counts - k->usual[c]), TSE_R(1), MOST_USUAL);
   return k->usual[c];
@@ -82,7 +81,7 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   }
   const tse_real s_event = *state + m->white + r_mul(EVENT_SHARE, m->r - m->white), usual = channel >= 0 ? usual_of(k, channel, m->e, s_event, m->dt) : TSE_R(1);
   const r_scaled scaled = r_scaled_of(gain, n, room);
-  events_learn(k, channel, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
+  events_learn(k, channel, m->along, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
   for (int i = 0; i < n; i++) change[i] += r_mul(gain[i], m->e);
   for (int q = 0; q < TSE_CONSIDERED; q++)
     if (y[q] != TSE_R(0)) r_add_row(k->consider[q], scaled.m, r_factor(-y[q], scaled.up), n);
@@ -139,16 +138,28 @@ static int brakes(const tse_params *p, const tse_kalman *k, const forces *f)
   return f->x + (r_sqr(e) > likely && works(k, ACCEL_X) ? e : TSE_R(0)) + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
 }
 
-/* Apply a pseudo-measurement of slip to the freely rolling axle: the one that brake switch and wheel torques name, else the undriven one
- * while the car does not brake. */
+/* Return the freely rolling axle: the one that brake switch and wheel torques name, else the undriven one while the car does not brake. */
+static int32_t rolling_axle(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
+{
+  if (z->rolls != ROLLS_UNKNOWN) return z->rolls;
+  return brakes(p, k, f) ? ROLLS_NONE : not_driven(&p->car);
+}
+
+/* Return whether the car drives, as far as is known: while it brakes no axle rolls, and slip is what accel_x adds up to. */
+static int32_t drives(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
+{
+  return z->rolls >= ROLLS_FRONT || (z->rolls == ROLLS_UNKNOWN && !brakes(p, k, f));
+}
+
+/* Apply a pseudo-measurement of slip to the freely rolling axle. */
 static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
   const tse_car *const c = &p->car;
+  const int32_t axle = rolling_axle(p, k, z, f);
   scalar m;
   tse_real state;
-  int32_t axle = z->rolls;
-  if (axle == ROLLS_UNKNOWN) axle = brakes(p, k, f) ? ROLLS_NONE : not_driven(c);
   if (axle < ROLLS_FRONT) return;
+  m.along = 0;
   const int at = axle == ROLLS_REAR ? SR : SF;
   for (int i = 0; i < TSE_ALL; i++) m.h[i] = TSE_R(0);
   for (int q = 0; q < TSE_CONSIDERED; q++) m.consider[q] = TSE_R(0);
@@ -220,6 +231,7 @@ static int is_measured(const tse_params *p, const decoded *z, int channel)
 /* Make the measurement of a channel about the state that those before it have left.   Given: sin_d  of the front wheels */
 static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s, tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)
 {
+  m->along = 0;
   m->dt = z->dt;
   for (int i = STATES; i < TSE_ALL; i++) m->h[i] = TSE_R(0);
   m->e = z->z[channel] - s->read[channel];
@@ -297,20 +309,19 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   predict_sensors(p, k, z, &f, &s);
   follow_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
-  k->unusual = TSE_R(0);
   k->log_likelihood = TSE_R(0);
+  const int32_t along = HAS_SLIP && drives(p, k, z, &f); /* by accel_x of the row before */
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int channel = order[n];
     scalar m;
     k->innovation[channel] = k->innovation_var[channel] = k->nis[channel] = TSE_R(0);
     if (!z->use[channel] || !is_measured(p, z, channel)) continue;
     make_scalar(p, k, z, &s, f.sin_d, channel, change, &m);
+    m.along = along;
     watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), TSE_R(1) - BELIEVED, z->dt);
     if (works(k, channel)) use_channel(p, k, channel, &m, change);
     else watch_fault(k, channel, &m);
   }
-  /* accel_x is more than the slip explains: grip has not dropped; only a return to the road before is possible */
-  if (r_mul(k->slow[ACCEL_X], f.x) > TSE_R(0) && !may_be_back(k)) k->unusual = TSE_R(0);
   if (HAS_SLIP && !z->no_second && z->has_steer) roll_freely(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);
   apply_correction(p, k, change);

@@ -89,7 +89,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && sound_reals(k->nis, TSE_SENSORS, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(k->lasting, TSE_SENSORS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(k->lasting_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
-  fine = fine && sound_reals(k->slow_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE) && sound_reals(&k->unusual, 1, TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(k->slow_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->reading, TSE_SENSORS + 1, -MOST_REAL, MOST_REAL) && sound_reals(k->repeats, TSE_SENSORS + 1, TSE_R(0), TSE_R(1));
   fine = fine && sound_reals(k->repeats_again, TSE_SENSORS + 1, TSE_R(0), TSE_R(1)) && sound_reals(k->frozen, TSE_SENSORS + 1, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(&k->log_likelihood, 1, -MOST_REAL, MOST_REAL) && sound_reals(k->change_from, 4, TSE_R(-10), TSE_R(10)) &&

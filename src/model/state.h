@@ -71,7 +71,7 @@ typedef struct tse_particles {
 #define TSE_UNCERTAIN_ALL 10 /* what may be a consider parameter (Schmidt): uncertain, and no state */
 #define TSE_CONSIDERED TSE_UNCERTAIN_ALL
 #define TSE_KEPT 11     /* states that a drive leaves to the next: biases, stiffness, grip, steering, radius */
-#define TSE_EVENTS 16   /* slots of events, src/filter/events.c */
+#define TSE_EVENTS 15   /* slots of events, src/filter/events.c */
 #endif
 #if defined(TSE_NO_VELOCITY) /* a build that is 1.9 kB of RAM smaller in float; rows that give one are refused there */
 #define TSE_EXTRAS 1 /* not in use */
@@ -230,7 +230,6 @@ typedef struct tse_kalman {
   tse_real log_likelihood;
   tse_real change_age, change_from[4], change_from_var[4]; /* [s]; [1] logarithms of stiffness and grip before the last change; [unit2] their variance */
   tse_along along, along_from;        /* now, before the last change */
-  tse_real unusual;                   /* [1] slow innovation of accel_x in this row, squared, over what is usual */
   tse_real reading[TSE_SENSORS + 1], repeats[TSE_SENSORS + 1], repeats_again[TSE_SENSORS + 1]; /* last reading, of sensors and steering angle; [1] share of readings that repeat the one before;
                                          of those after one that did */
   tse_real frozen[TSE_SENSORS + 1];     /* [1] log2 of how unlikely it is that a channel at work repeats its reading that often */

@@ -16,9 +16,9 @@
 #define BANK_SD TSE_R(0.15)              /* [m/s2] gravity across the road: 1.5 % */
 #define ROAD_TIME TSE_R(8.0)             /* [s] correlation time of grade and lateral gravity; without any wheel speed for as long the speed is not known; the likeliest event is given up that is not believed by then */
 #define FREE_SLIP_SD TSE_R(0.00134)      /* [1] slip of an axle that rolls freely: 3e-4, of which one row in 20 is news */
-#define RATE_ROAD TSE_R(4e-05)           /* [1/s] another road, all tyres, or back on the one before: one in seven hours */
+#define RATE_ROAD TSE_R(0.0001)          /* [1/s] another road, all tyres, or back on the one before; the tyres of one axle: one in three hours */
 #define RATE_SLIP TSE_R(0.1)             /* [1/s] wheels of an axle lock or spin */
-#define RATE_FAULT TSE_R(1e-07)          /* [1/s] a channel gets an offset, freezes or gets noisy; one axle's tyres change: a puncture, aquaplaning */
+#define RATE_FAULT TSE_R(1e-07)          /* [1/s] a channel gets an offset, freezes or gets noisy */
 #define CHANGE_SD TSE_R(0.4)             /* [1] of tyre forces, where a road or an axle changes; of the slip stiffness beside it; a change below that many sd is none */
 #define OWN_SHARE TSE_R(0.5)             /* [1] of each move of a stiffness: what was learnt before it, at other slopes, is off by that much */
 #define BELIEVED TSE_R(0.95)             /* [1] posterior probability that something has happened from which the likeliest event is believed; no stiffness is valid from 1 less it on */

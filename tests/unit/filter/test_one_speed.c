@@ -45,7 +45,9 @@ static void test_one_speed_shows_no_slip_and_finds_cornering(void)
       const tse_input u = one_row(way, n, n % 10 == 9 ? 0.12 : 0.01);
       TEST_ASSERT_GREATER_OR_EQUAL_INT(0, tse_step(&w.p, &f, &u, &y));
       TEST_ASSERT_TRUE_MESSAGE(number(y.regime[TSE_REGIME_SLIDING]) < 0.05, "sliding");
-      expect_near(1, number(y.stiffness[TSE_CX_FRONT]), 1e-6, "longitudinal", way);
+      expect_near(0, number(f.k.x[LCX]), 1e-6, "logarithm of the longitudinal", way);
+      /* reported with the weight of another road that turning may show */
+      expect_near(1, number(y.stiffness[TSE_CX_FRONT]), 0.02, "longitudinal", way);
       TEST_ASSERT_TRUE(number(r_abs(f.k.x[SF])) <= number(w.p.max_slip) && number(r_abs(f.k.x[SR])) <= number(w.p.max_slip));
       if (n < 2000) continue;
       TEST_ASSERT_EQUAL_INT(TSE_NOT_EXCITED, y.reason[TSE_CX_FRONT]);

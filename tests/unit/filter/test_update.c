@@ -356,28 +356,6 @@ static void test_what_happens_near_the_end_of_tyres_counts_more(void)
   expect_activity(8, 1.0 / 8, 3);
 }
 
-#if !defined(TSE_SMALL) /* no measurement of accel_x */
-/* Less force along than of the slip may be a road with less grip; more is one only where there is a road to be back on. */
-static void test_more_force_than_of_the_slip_is_no_road_with_less_grip(void)
-{
-  const tse_params p = a_car(1);
-  static tse_kalman k;
-  for (int brakes = 0; brakes < 2; brakes++)
-    for (int more = 0; more < 2; more++)
-      for (int back = 0; back < 2; back++) {
-        uint32_t seed = 12;
-        const steering u = { TSE_R(0), TSE_R(0), real(0.01) };
-        in_a_turn(&p, &k, &seed);
-        k.x[SF] = k.x[SR] = real(brakes ? -0.02 : 0.02);
-        k.change_kind = back ? TSE_CHANGE_ROAD : TSE_CHANGE_NONE; /* what was known before it, better than anything: variance 0 */
-        k.slow[ACCEL_X] = real(brakes == more ? -0.5 : 0.5);
-        a_row(&p, &k, u, &z, h, read, &seed);
-        update_row(&p, &k, &z, u);
-        TEST_ASSERT_EQUAL_INT(!more || back, k.unusual > TSE_R(0));
-      }
-}
-#endif
-
 /* At standstill the gyro reads its bias, and nothing else is learnt. */
 static void test_at_standstill_the_gyro_teaches_its_bias(void)
 {

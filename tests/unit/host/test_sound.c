@@ -332,7 +332,8 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   ANY_SIGN(filter.k.last_innovation);
   ANY_SIGN(filter.k.slow);
   HELD(filter.k.slow_var, TSE_R(0), MOST_SQUARE);
-  HELD(filter.k.unusual, TSE_R(0), MOST_SQUARE);
+  ANY_SIGN(filter.k.lasting);
+  HELD(filter.k.lasting_var, TSE_R(0), MOST_SQUARE);
   ANY_SIGN(filter.k.reading);
   HELD(filter.k.repeats, TSE_R(0), TSE_R(1));
   HELD(filter.k.repeats_again, TSE_R(0), TSE_R(1));
