@@ -13,6 +13,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from tse.impl import __version__, plots, regimes
+from tse.impl.answer import beside, held
 from tse.impl.core import Config, library
 from tse.impl.estimate import Estimate
 from tse.impl.files import atomic
@@ -60,7 +61,7 @@ def write_report(
     write_page(path, "report.html.j2", sections, title=log.path.name, vehicle=vehicle, findings=found, spread=config.form != 0,
                most=MOST_CARDS, events=events(changes, spells), facts=run_facts(est, log, vehicle, config, data.stride),
                changed=[(config.fields[name], value) for name, value in config.changed().items()],
-               notes=notes)  # fmt: skip
+               notes=notes, filters={"held": held, "beside": beside})  # fmt: skip
 
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
