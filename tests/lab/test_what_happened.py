@@ -200,6 +200,20 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
 
 
+def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path, monkeypatch):
+    """Whatever happened: the answer first, the newest of the rest, and how much more there is."""
+    every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.7 + 0.2 * (i % 2))) for i in range(1, 40)]
+    for told, seconds in ((CALM, 60), (ROAD, 60), (every_5_s, 200)):
+        table = table_of(told, seconds)
+        table["noise_accel_x"] = 3.0  # a note
+        monkeypatch.setattr(single, "estimate_to", lambda *_, table=table, **__: Estimate(table, False))
+        done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
+        lines = [*done.out.splitlines(), *done.err.splitlines()]
+        assert len(lines) <= 12 and max(map(len, lines)) <= 100, lines
+        assert lines[0].strip().startswith("front, in bends" if told is CALM else "From 0" if told is ROAD else "37 earlier")
+    assert "more notes: --verbose" in done.out
+
+
 CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front = 0.33\nwheel_radius_rear = 0.33\n"
 CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
 

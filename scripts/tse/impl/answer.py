@@ -29,7 +29,7 @@ WHY_NOT = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong",
 }
-MOST_STRETCHES = 3  # of a road that changed: the last ones
+MOST_STRETCHES = 2  # of a road that changed: the last ones
 
 
 def answer(found: Sequence[Finding], config: Config) -> list[str]:
