@@ -147,6 +147,13 @@ def test_its_c_program_does_not_call_usable_what_is_not(log, tmp_path):
     assert done.stdout.endswith("(95 %), do not use: too little seen since the start\n")
 
 
+def test_its_c_program_does_not_end_well_at_a_cell_that_it_cannot_read(log, tmp_path):
+    rows = log.read_text().splitlines(True)[:100]
+    rows[50] = rows[50].replace(",", ",,", 1)
+    done = subprocess.run([compiled("first.c", tmp_path)], input="".join(rows), capture_output=True, text=True)
+    assert done.returncode == 1 and not done.stdout
+
+
 def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
     program = compiled("csv.c", tmp_path)
     log, truth = tse.simulate("double-lane-change", duration=40)

@@ -16,6 +16,7 @@ int main(void) /* stdin: a log, a row each 10 ms, SI units, ISO 8855 */
   while (scanf("%*f,%lf,%lf,%lf,%lf,%lf,%lf", &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear,
                &u.accel_x, &u.accel_y, &u.yaw_rate) == 6)
     if (tse_step(&p, &f, &u, &y) < 0) return 1; /* refused; above 0 is a caution, and no word on use */
+  if (!feof(stdin)) return 1; /* a cell is empty or no number: scripts/examples/csv.c reads such logs */
   tse_stiffness_si(&c, &y, k, sd, NULL);
   printf("front cornering stiffness %.0f +- %.0f N/rad (95 %%), %s%s\n", k[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT],
          y.reason[TSE_CY_FRONT] == TSE_VALID ? "" : "do not use: ", tse_reason_text(y.reason[TSE_CY_FRONT]));

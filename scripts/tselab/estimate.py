@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
 
 
 MOST_FINDINGS = 12  # stretches of road with --verbose
-MOST_EVENTS, MOST_NOTES = 3, 2  # without it
+MOST_LINES, COLUMNS = 12, 100  # without it
+MOST_EVENTS, MOST_NOTES = 4, 2
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 
 
@@ -218,23 +220,13 @@ def estimate(
             click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
         say_written(written)
     else:
-        for line in answer(found, config):
-            click.echo(line)
-        for line in odd:
-            click.echo(f"warning: {line}", err=True)
         # what a filter finds of channels that are wrong did not happen
         events = [] if warnings else regimes.words(changes, regimes.spells(est.table))
-        for line in events[-MOST_EVENTS:]:
-            click.echo(line)
-        if vehicle.found:
-            click.echo(vehicle.found[0])
-        plain = [n for n in notes if n not in odd]
-        for line in plain[:MOST_NOTES]:
-            click.echo(f"note: {line}", err=True)
-        more = len(events[:-MOST_EVENTS]) + len(vehicle.found[1:]) + len(vehicle.filled) + len(plain[MOST_NOTES:])
-        if more:
-            click.echo(f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if report else ', or --report PAGE.html'}")
-        say_written(written)
+        plain = [f"note: {n}" for n in notes if n not in odd]
+        say_shortly(
+            answer(found, config), [f"warning: {line}" for line in odd], [*events, *vehicle.found[:1]], plain,
+            len(vehicle.found[1:]) + len(vehicle.filled), written, report is not None,
+        )  # fmt: skip
     if prepared.own is not None and prepared.own.found.get("why") == STOPPED:
         click.echo(f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True)
         sys.exit(130)
@@ -242,6 +234,39 @@ def estimate(
         click.echo(f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done", err=True)
         sys.exit(130)
     return results.exit_code(found)
+
+
+def say_shortly(
+    answer: list[str],
+    warnings: list[str],
+    events: list[str],
+    notes: list[str],
+    hidden: int,
+    written: dict[str, Path | None],
+    page: bool,
+) -> None:
+    """Say the answer and every warning; of the last events and the first notes what MOST_LINES have room for, and how many more
+    there are, `hidden` besides. Warnings and notes go to standard error."""
+    folded = {text: fold(text) for text in (*warnings, *events, *notes)}
+    room = MOST_LINES - len(answer) - sum(len(folded[w]) for w in warnings) - sum(path is not None for path in written.values()) - 1
+    shown = []
+    for text in (*events[: -MOST_EVENTS - 1 : -1], *notes[:MOST_NOTES]):
+        if len(folded[text]) <= room:
+            shown.append(text)
+            room -= len(folded[text])
+    for line in answer:
+        click.echo(line)
+    for text in (*warnings, *(t for t in events if t in shown), *(t for t in notes if t in shown)):
+        click.echo("\n".join(folded[text]), err=text not in events)
+    more = len(events) + len(notes) - len(shown) + hidden
+    if more:
+        click.echo(f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if page else ', or --report PAGE.html'}")
+    say_written(written)
+
+
+def fold(text: str) -> list[str]:
+    """The lines of a text on a terminal."""
+    return textwrap.wrap(text, COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def say_written(written: dict[str, Path | None]) -> None:

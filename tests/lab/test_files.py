@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from conftest import COMMAND, tselab_here
-from tse.impl import files
+from tse.impl import estimate, files
 from tse.impl.errors import UserError
 from tse.impl.estimate import csv_header, csv_rows
 
@@ -257,6 +257,39 @@ def test_numbers_have_the_shortest_digits_and_every_bit(kind):
     back = np.array([float(c) for c in texts]).astype(kind)
     assert np.array_equal(back.view(np.uint8), x.view(np.uint8))
     assert all(Decimal(c) == Decimal(str(v)) for c, v in zip(texts, x, strict=True))
+
+
+def usual(seed: int, rows: int = 500) -> dict:
+    """Columns as estimates have them: numbers of both precisions, whole, missing, all alike; words."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-9, 9, rows)
+    some = np.where(rng.random(rows) < 0.5, np.nan, np.round(size % 7))
+    return {
+        "time": np.arange(rows) * 0.01, "x": (rng.standard_normal(rows) * size).astype(np.float32), "y": some.astype(np.float32),
+        "log": rng.uniform(-1, 1, rows) * 1e3, "none": np.full(rows, np.nan, np.float32), "one": np.ones(rows, np.float32),
+        "zero": np.where(rng.random(rows) < 0.5, -0.0, 0.0).astype(np.float32), "code": rng.integers(-5, 9, rows, np.int32),
+        "count": rng.integers(0, 2**23, rows), "same": pd.Categorical(["valid"] * rows),
+        "word": pd.Categorical(rng.choice(["a b", "c"], rows)), "part": pd.Categorical([None, *["x"] * (rows - 1)]),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("rows", [1, 2, 500])
+def test_what_is_usual_is_written_without_arrow_and_as_arrow_writes_it(monkeypatch, rows):
+    tables = [usual(seed, rows) for seed in range(5)]
+    tables = [t | {"time": np.where(t["time"] < 1e-5, 0.0, t["time"])} for t in tables]
+    expected = [estimate._rows_of_arrow(t) for t in tables]
+    monkeypatch.delattr(estimate, "_rows_of_arrow")
+    assert [csv_rows(t) for t in tables] == expected
+    assert [csv_rows(pd.DataFrame(t)) for t in tables] == expected
+
+
+@pytest.mark.parametrize(
+    "odd", [np.float32(1e10), -np.float32(2e20), np.inf, 9e-6, 1e16, 2**24, 2**60, "a,b", None, True], ids=str
+)  # fmt: skip
+def test_what_orjson_writes_otherwise_is_written_by_arrow(odd):
+    kind = np.float32 if isinstance(odd, np.float32) else None
+    table = usual(3, 4) | {"odd": np.array([odd, odd, odd, odd if isinstance(odd, str | bool) else 2], kind)}
+    assert csv_rows(table) == estimate._rows_of_arrow(table)
 
 
 def test_missing_cells_are_empty():

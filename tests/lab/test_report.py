@@ -57,7 +57,7 @@ def test_says_verdict_rules_and_settings(page):
     for line in (r for r in done.out.splitlines() if r.startswith("filled in: ")):
         assert line.removeprefix("filled in: ") in html
     assert "cornering_stiffness_front" in html and "rule: an ordinary car of its mass and axles" in html
-    for text in ("<h3>Sideslip angle</h3>", "Value and 95 % interval"):
+    for text in ("<h3>Sideslip angle</h3>", "Smoothed over the log, with 95 % interval", "At its end"):
         assert text in html
     assert "settings that differ from the defaults" in html
 
@@ -205,6 +205,19 @@ def made_up(n: int) -> tuple[Log, pd.DataFrame]:
         est |= {f"{key}_valid": valid.astype(int)}
         est |= {f"{key}_reason": np.where(valid, "valid", "not excited")}
     return log, pd.DataFrame(est)
+
+
+def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
+    """Of a filter that doubts in its last rows."""
+    log, table = made_up(6000)
+    told = table_of_events(CALM)
+    table = pd.concat([table.drop(columns=[c for c in table if c in told]), told], axis=1)
+    table.loc[table.index[-20:], ["cy_front", "cy_front_sd"]] = [100e3, 30e3]
+    sd = {"model_sd": np.full(3, 0.009)}
+    write_report(tmp_path / "r.html", Estimate(table, False, uncertainty_sd=sd), log, default_vehicle(), Config(), [])
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    card = page.split("<h3>Front cornering stiffness</h3>")[1].split("</p>")[0]
+    assert re.search(r"120 <small>± \d kN/rad", card) and "; at the end 100 ± 59" in card and "smoothed" not in card
 
 
 def figures(data: plots.Data, table: pd.DataFrame) -> list[plots.Figure]:

@@ -75,9 +75,11 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
 
 
 def test_what_the_filter_does_not_apply_is_said(tmp_path):
-    late = read(tmp_path, BARE + "[effects.imu_delay]\ntime = 0.02\n[effects.body_roll]\ngain = 0.004\n")
-    (note,) = make_config(late, None)[1]
-    assert note.startswith("effects.imu_delay: not in the filter's model, not used")
+    windy = read(tmp_path, BARE + "[effects.crosswind]\nspeed = 10.0\n[effects.body_roll]\ngain = 0.004\n")
+    (note,) = make_config(windy, None)[1]
+    assert note.startswith("effects.crosswind: not in the filter's model, not used")
+    for late in ("steering_delay", "imu_delay"):  # the prior of a state
+        assert make_config(read(tmp_path, BARE + f"[effects.{late}]\ntime = 0.02\n"), None)[1] == []
     assert make_config(read(tmp_path, BARE + "[effects.body_roll]\ngain = 0.004\n"), None)[1] == []
     slips = BARE + "[effects.combined_slip]\nfactor = 100.0\n"
     assert "effects.combined_slip" in make_config(read(tmp_path, slips), None)[1][0]

@@ -200,6 +200,20 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
 
 
+def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path, monkeypatch):
+    """Whatever happened: the answer first, the newest of the rest, and how much more there is."""
+    every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.7 + 0.2 * (i % 2))) for i in range(1, 40)]
+    for told, seconds in ((CALM, 60), (ROAD, 60), (every_5_s, 200)):
+        table = table_of(told, seconds)
+        table["noise_accel_x"] = 3.0  # a note
+        monkeypatch.setattr(single, "estimate_to", lambda *_, table=table, **__: Estimate(table, False))
+        done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
+        lines = [*done.out.splitlines(), *done.err.splitlines()]
+        assert len(lines) <= 12 and max(map(len, lines)) <= 100, lines
+        assert lines[0].strip().startswith("front, in bends" if told is CALM else "From 0" if told is ROAD else "37 earlier")
+    assert "more notes: --verbose" in done.out
+
+
 CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front = 0.33\nwheel_radius_rear = 0.33\n"
 CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
 
@@ -295,7 +309,7 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
     for key in STIFFNESS:
         table.loc[doubt, key] *= np.linspace(1, 0.75, doubt.sum())
         table.loc[doubt, f"{key}_sd"] = table.loc[doubt, key] * np.linspace(0.01, 0.15, doubt.sum())
-    found = changes(table)
+    found = [Change(36.03, 1, 0.97, {})]
     one, two = findings(table, Config(), found)
     assert one.verdicts[1].value < 95  # of the last row
     for f, level in ((one, 1.0), (two, 0.7)):
@@ -306,6 +320,47 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
     assert [r["change_probability"] for r in rows[3:]] == pytest.approx([0.97] * 3)
     assert rows[3]["start"] == pytest.approx(36.03)
     assert rows[1]["smoothed_low"] < 1.2e5 < rows[1]["smoothed_high"] and rows[0]["change"] is None
+
+
+def drawn_along(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.DataFrame:
+    """A road of 0.7; the filter moves towards it before it believes in the change."""
+    table = table_of(ROAD)
+    before = table["time"].between(since, 36.09)
+    for key in keys:
+        table.loc[before, key] *= np.linspace(1, to, before.sum())
+        table[f"{key}_sd"] = sd * table[key]
+    return table
+
+
+@pytest.mark.parametrize("keys", [STIFFNESS, ("cx_front",)], ids=["all", "one"])
+def test_a_change_began_where_the_estimates_began_to_move(keys):
+    table = drawn_along(33.0, keys)
+    found = changes(table)
+    assert [c.time for c in found] == [pytest.approx(33.0, abs=0.5)] and found[0].believed == pytest.approx(36.03)
+    assert all(ratio == pytest.approx(0.7, abs=0.02) for ratio, _ in found[0].ratio.values())  # over that of before it began
+    one, two = findings(table, Config(), found)
+    assert one.stretch.end == two.stretch.start == found[0].time
+    assert table["time"].iloc[two.stretch.rows.start] == pytest.approx(36.03)  # until then estimates are of no road
+    for v, true in zip((*one.verdicts, *two.verdicts), (160, 120, 140, 112, 84, 98), strict=True):
+        assert v.value == pytest.approx(true, rel=0.02) and v.smoothed == pytest.approx(true, rel=0.02)
+
+
+def test_what_is_learnt_or_creeps_before_a_change_did_not_begin_it():
+    assert [c.time for c in changes(drawn_along(1.0, STIFFNESS, 0.95))] == [pytest.approx(36.03)]  # 0.5 % of the way in a second
+    table = drawn_along(33.0, STIFFNESS)
+    for key in STIFFNESS:  # as far as it was uncertain
+        table[f"{key}_sd"] = table[key] * np.interp(table["time"], [33, 36.09], [0.08, 0.01])
+    assert [c.time for c in changes(table)] == [pytest.approx(36.03)]
+
+
+def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
+    told = [(30.1, 33, (30.03, 1, 0.97, 0.8)), (33, 60, (33.0, 1, 0.97, 0.4))]
+    table = table_of(told)
+    moving = table["time"].between(28, 32.99)
+    for key in STIFFNESS:
+        table.loc[moving, key] = NOMINAL[key] * np.linspace(1, 0.6, moving.sum())
+    first, second = changes(table)
+    assert first.time < first.believed <= second.time < second.believed == pytest.approx(33.0)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ WHY_NOT = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong",
 }
-MOST_STRETCHES = 3  # of a road that changed: the last ones
+MOST_STRETCHES = 2  # of a road that changed: the last ones
 
 
 def answer(found: Sequence[Finding], config: Config) -> list[str]:
@@ -58,10 +58,26 @@ def answer(found: Sequence[Finding], config: Config) -> list[str]:
     return lines
 
 
+def held(v: Verdict) -> tuple[float, float]:
+    """Return the stiffness that held through a stretch of road, and half of its 95 % interval.
+
+    It is the smoothed one. Where rows are valid and that is not, and of particles, it is that at
+    the end."""
+    smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
+    return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
+
+
+def beside(v: Verdict) -> str:
+    """Return what is said beside held()."""
+    if held(v)[0] == v.value or not np.isfinite(v.smoothed):
+        return v.detail
+    return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"
+
+
 def _cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
     """Return which stiffness, its value with its 95 % interval, and whether to act on it. rear: that axle drives."""
     where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
-    value, band = (v.smoothed, v.smoothed_band) if np.isfinite(v.smoothed) else (v.value, v.band)
+    value, band = held(v)
     if not np.isfinite(value):
         return where, "-", f"not usable: {why_not(v.key, v.reason)}"
     number = f"{value:4.0f} ± {max(band, 0.5):.0f} {v.unit}"

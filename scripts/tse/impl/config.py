@@ -16,7 +16,7 @@ from tse.impl.vehicle import Vehicle, filter_values
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
 # Effects that the car's filter does not apply (src/EQUATIONS.md, "In the default filter"); nor the formula of the user.
-NOT_IN_FILTER = ("steering_delay", "imu_delay", "longitudinal_relaxation", "combined_slip", "stiffness_drift", "crosswind")
+NOT_IN_FILTER = ("longitudinal_relaxation", "combined_slip", "stiffness_drift", "crosswind")
 FOUND = ("longitudinal_relaxation", "combined_slip")  # of these what a calibration finds (identify/unknowns.py)
 OF_FORM = re.compile(r"form ([01])$")  # how the text of a setting of one filter ends
 ONE_SPEED = (
@@ -62,10 +62,7 @@ def make_config(
         config.wheel_signals = 1
         notes.append(ONE_SPEED)
     if form == "default" and (unused := not_in_filter(config, vehicle)):
-        notes.append(
-            f"{', '.join(unused)}: not in the filter's model, not used (what is late belongs into [latency]; tselab simulate, "
-            "calibrate and gap use it)"
-        )
+        notes.append(f"{', '.join(unused)}: not in the filter's model, not used (tselab simulate, calibrate and gap use it)")
     if form != "default":
         notes.append(
             f"form {form} is the paper's filter, a reference for its model: on an ordinary car values and intervals are wrong"

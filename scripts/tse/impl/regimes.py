@@ -35,17 +35,20 @@ LIKELY = 0.9  # probability from which on something is reported
 TOGETHER = 0.5  # s: changes nearer to each other are one; gaps in a spell that are shorter are bridged
 SMALL = 0.05  # a change of every stiffness by less calls for nothing
 SHORT = 2.0  # s: a shorter stretch joins its neighbour
+CREEP = 0.01  # 1/s: share of a change by which estimates may move where nothing has changed
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
 
 @dataclass(frozen=True)
 class Change:
-    """One change. `ratio`: stiffness after it over before, with its sd (NaN if unknown); only of what the change touched."""
+    """One change. `time`: when it began; `believed`: from when on the estimates are of what came after it (None: from then on).
+    `ratio`: stiffness after it over before, with its sd (NaN if unknown); only of what the change touched."""
 
     time: float
     kind: int
     probability: float
     ratio: Mapping[str, tuple[float, float]]
+    believed: float | None = None
 
     @property
     def what(self) -> str:
@@ -87,7 +90,8 @@ class Spell:
 
 @dataclass(frozen=True)
 class Stretch:
-    """The rows from one change to the next. `rows`: of its longest piece, if shorter ones have joined it."""
+    """The road from one change to the next. `rows`: whose estimates are of it, which begin when the change is believed; of its
+    longest piece, if shorter ones have joined it."""
 
     start: float
     end: float
@@ -111,7 +115,9 @@ def changes(table: pd.DataFrame) -> list[Change]:
 
     Every row reports the last change the filter believes in, by its age. Reports of times within TOGETHER are one change; the
     last one counts. Left out: what is less probable than LIKELY in half of its rows and in the last, and what changed nothing
-    (SMALL)."""
+    (SMALL).
+
+    A change is believed after it began, and the estimates may have been drawn along before: see _began()."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = spoken_of(table), table["change_kind"].to_numpy()
@@ -127,25 +133,50 @@ def changes(table: pd.DataFrame) -> list[Change]:
             mine = np.concatenate([reports.pop()[1], mine])
         reports.append((middle, mine))
     columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
-    found = [_change(columns, time, when, mine) for when, mine in reports]
-    return [
-        c for c in found
-        if not c.probability < LIKELY and (not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values()))
-    ]  # fmt: skip
+    found: list[Change] = []
+    for when, mine in reports:
+        c = _change(columns, time, when, mine, float(found[-1].believed or 0.0) if found else -np.inf)
+        if not c.probability < LIKELY and (not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values())):
+            found.append(c)
+    return found
 
 
-def _change(columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray) -> Change:
+def _change(columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray, earliest: float) -> Change:
+    """`time`: from when on it is believed; `earliest`: when it can have begun."""
     first, last = int(rows[0]), int(rows[-1])
     kind = int(columns["change_kind"][last])
     probability = columns.get("change_probability", np.full(len(times), np.nan))
     before = max(0, min(first, int(np.searchsorted(times, time))) - 1)
+    began = _began(columns, times, kind, int(np.searchsorted(times, earliest)), before, last)
     ratio = {}
     for key in TOUCHED.get(kind, ()):
         value = float(columns[f"change_{key}"][last]) if f"change_{key}" in columns else float("nan")
         if np.isfinite(value):
-            sd = float(np.hypot(_relative_sd(columns, key, before), _relative_sd(columns, key, last)))
+            value = float(columns[key][last] / columns[key][began]) if began < before else value
+            sd = float(np.hypot(_relative_sd(columns, key, began), _relative_sd(columns, key, last)))
             ratio[key] = (value, value * sd)
-    return Change(time, kind, max(float(np.median(probability[rows])), float(probability[last])), ratio)
+    likely = max(float(np.median(probability[rows])), float(probability[last]))
+    return Change(float(times[began]) if began < before else time, kind, likely, ratio, time)
+
+
+def _began(columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int) -> int:
+    """Find the row, of `first` to `before`, after which a change began that is believed after `before`.
+
+    Until it is believed the filter takes what it sees for the road before, and its means move towards those of the road after it,
+    which `last` knows. It began where the share of the way that is gone since, mean of the stiffnesses that it touched, exceeds
+    CREEP most. A mean that moves while its variance falls has learnt something: 1.96 sd of that are no part of the way."""
+    keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
+    first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))  # no share is more than 1
+    gone = np.zeros(max(0, before + 1 - first))
+    if not keys or not len(gone):
+        return before
+    for key in keys:
+        mean, sd = (columns[name][first : before + 1].astype(float) for name in (key, f"{key}_sd"))
+        log, var, to = np.log(mean), (sd / mean) ** 2, np.log(float(columns[key][last]))
+        learnt = 1.96 * np.sqrt(np.maximum(var - var[-1], 0))
+        way = np.maximum(np.sign(to - log[-1]) * (log[-1] - log) - learnt, 0) / np.maximum(np.abs(to - log), SMALL)
+        gone += np.nan_to_num(way) / len(keys)  # rows that were refused have none
+    return first + int(np.argmax(gone - CREEP * (time[before] - time[first : before + 1])))
 
 
 def _relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float:
@@ -210,10 +241,12 @@ def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
     if table.empty:
         return []
     time = spoken_of(table)
-    inside = [c.time for c in found if time[0] < c.time <= time[-1]]
-    ends = [float(time[0]), *inside, float(time[-1])]
-    rows = [0, *np.searchsorted(time, inside).tolist(), len(time)]
-    pieces = [Stretch(a, b, slice(i, j)) for (a, b), (i, j) in zip(pairwise(ends), pairwise(rows), strict=True)]
+    inside = [c for c in found if time[0] < c.time <= time[-1]]
+    ends = [float(time[0]), *(c.time for c in inside), float(time[-1])]
+    firsts = [0, *np.searchsorted(time, [c.time if c.believed is None else c.believed for c in inside]).tolist()]
+    afters = [*np.searchsorted(time, [c.time for c in inside], side="left").tolist(), len(time)]
+    rows = [slice(i, max(i, j)) for i, j in zip(firsts, afters, strict=True)]
+    pieces = [Stretch(a, b, of) for (a, b), of in zip(pairwise(ends), rows, strict=True)]
     i = 0
     while len(pieces) > 1 and i < len(pieces):
         longest = pieces[i].rows

@@ -3,6 +3,7 @@
 import base64
 import gzip
 import json
+import pkgutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,9 @@ from typing import Any
 import jinja2
 import orjson
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from tse.impl import __version__, plots, regimes
+from tse.impl.answer import beside, held
 from tse.impl.core import Config, library
 from tse.impl.estimate import Estimate
 from tse.impl.files import atomic
@@ -60,7 +61,7 @@ def write_report(
     write_page(path, "report.html.j2", sections, title=log.path.name, vehicle=vehicle, findings=found, spread=config.form != 0,
                most=MOST_CARDS, events=events(changes, spells), facts=run_facts(est, log, vehicle, config, data.stride),
                changed=[(config.fields[name], value) for name, value in config.changed().items()],
-               notes=notes)  # fmt: skip
+               notes=notes, filters={"held": held, "beside": beside})  # fmt: skip
 
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
@@ -77,7 +78,7 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
             for i, ((title, text, _), height) in enumerate(zip(shown, heights, strict=True))
         ],
         figures=packed(orjson.dumps(figures, option=orjson.OPT_SERIALIZE_NUMPY)),
-        plotly=packed(get_plotlyjs()) if shown else "",
+        plotly=packed(pkgutil.get_data("plotly", "package_data/plotly.min.js") or b"") if shown else "",
         library=library(),
         version=__version__,
         **words,

@@ -95,8 +95,9 @@ def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[f
     Mean of the smoothed logarithms. Its variance is the mean of the rows' variances and the variance of their means, so that it
     gets no smaller by the number of rows.
     """
-    used = rows.loc[rows["status"].to_numpy() >= 0, ["time", key, f"{key}_sd"]].to_numpy(float)
-    time, mean, sd = used[np.flatnonzero(np.diff(np.floor(used[:, 0] / STEP), append=np.inf))].T
+    used = np.flatnonzero(rows["status"].to_numpy() >= 0)
+    last = used[np.flatnonzero(np.diff(np.floor(rows["time"].to_numpy()[used] / STEP), append=np.inf))]
+    time, mean, sd = (rows[name].to_numpy()[last].astype(float) for name in ("time", key, f"{key}_sd"))
     if not len(time):
         return float("nan"), float("nan")
     whole = (sd / mean) ** 2

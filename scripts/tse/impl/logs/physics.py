@@ -93,16 +93,16 @@ def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
     independent = max(len(y) / (2.0 * SMOOTH * RATE), 1.0)
     grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
+    curved, y_mean = c * v2, float(y.mean())
+    (cc, cq, cy), (_, qq, qy), (_, _, yy) = np.cov(np.stack([c, curved, y]), bias=True)
     tried = []
-    for k in grid:
-        x = c * (1 + k * v2)
-        if x.std() < 1e-12:  # at this one speed, an angle of 0 in any bend: no car, and nothing against the others
-            tried.append((0.0, float(y.mean()), 0.0))
+    for k in grid:  # x = c (1 + k v2)
+        var, both = cc + 2 * k * cq + k**2 * qq, cy + k * qy
+        if var < 1e-24:  # at this one speed, an angle of 0 in any bend: no car, and nothing against the others
+            tried.append((0.0, y_mean, 0.0))
             continue
-        slope = float(np.mean((x - x.mean()) * (y - y.mean())) / x.var())
-        left = y - y.mean() - slope * (x - x.mean())
-        share = 1.0 - float(left.var() / y.var())
-        tried.append((slope, float(y.mean() - slope * x.mean()), share))
+        slope = both / var
+        tried.append((slope, y_mean - slope * float(c.mean() + k * curved.mean()), slope * both / yy))
     slopes, offsets, shares = np.array(tried).T
     worth = -0.5 * independent * np.log(np.maximum(1 - shares, 1e-4)) - 0.5 * ((grid - UNDERSTEER) / UNDERSTEER_SD) ** 2
     weight = np.exp(worth - worth.max())

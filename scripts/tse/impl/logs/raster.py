@@ -162,13 +162,16 @@ def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[
     half = min(max(1, round(TAPS / (rate * usual))), max(1, (n - 1) // 2))
     kernel = np.sinc(2.0 * PASS * rate * usual * np.arange(-half, half + 1)) * np.hamming(2 * half + 1)
     kernel /= kernel.sum()
+    of_kernel = np.zeros(0)
     # ends go on as they are mirrored about their last value: a straight line stays one
     before, after = 2 * value[0] - value[half:0:-1], 2 * value[-1] - value[-2 : -half - 2 : -1]
     longer, found = np.concatenate([before, value, after]), np.empty(n)
     for begin in range(0, n, PIECE):
         part = longer[begin : begin + PIECE + 2 * half]
         size = 1 << (len(part) - 1).bit_length()  # enough: what goes round falls on what is left out
-        both = np.fft.rfft(part, size) * np.fft.rfft(kernel, size)
+        if len(of_kernel) != size // 2 + 1:
+            of_kernel = np.fft.rfft(kernel, size)
+        both = np.fft.rfft(part, size) * of_kernel
         found[begin : begin + PIECE] = np.fft.irfft(both, size)[2 * half : len(part)]
     return even, found
 
