@@ -284,6 +284,8 @@ def test_python_gives_each_row_and_goes_on_from_what_a_drive_taught(folder, trip
 
     live, estimates = drive_("first")
     assert len(estimates) > 1900 and len(live.answer) == 3 and live.learnt is not None
+    share = np.mean([e.cy_front_valid for e in estimates])
+    assert f"valid {100 * share:.0f} % of the time" in live.answer[0]
     last = estimates[-1]
     assert last.cy_front_valid and abs(last.cy_front - 120e3) < 3 * last.cy_front_sd
     _, again = drive_("second", learnt=live.learnt, age=60.0)
@@ -362,6 +364,7 @@ def test_what_cannot_begin_is_refused_with_a_sentence(options, says, folder, tmp
     (tmp_path / "less.toml").write_text(SIGNALS[SIGNALS.index("[signals.wheel_speed_front]") :])
     done = tselab_here("live", "--vehicle", "car.toml", *options, cwd=tmp_path)
     assert done.code == 2 and says in done.err and "Traceback" not in done.err
+    assert {p.name for p in tmp_path.iterdir()} == {"car.toml", "car.dbc", "signals.toml", "typo.toml", "less.toml"}
 
 
 def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):

@@ -100,7 +100,8 @@ class Reader(threading.Thread):
     def stop(self) -> None:
         """End reading."""
         self._ended.set()
-        self.join(2.0)
+        if self.is_alive():
+            self.join(2.0)
         if self._bus is not None:
             self._bus.shutdown()
 
@@ -290,7 +291,13 @@ class Live:
         if learnt is not None:
             learnt.load(Filter(config))  # what is wrong with it is said before anything begins
         self.filter: Filter | None = None
-        self.record = Record(folder, self.say)
+        self._valid = dict.fromkeys(STIFFNESS, 0)  # rows in which it was
+        self.reader = Reader(open_bus, self.say, lambda message: self.record.frame(message))
+        try:
+            self.record = Record(folder, self.say)
+        except BaseException:
+            self.reader.stop()
+            raise
         self._copy_inputs()
         self._proposing: threading.Thread | None = None
         self._proposed: Signals | None = None
@@ -319,7 +326,6 @@ class Live:
         _warm_up(config)
         gc.collect()
         gc.freeze()  # what is loaded now stays: to look through all of it takes longer than a row may
-        self.reader = Reader(open_bus, self.say, self.record.frame)
         self.reader.start()
         self._keeper.start()
 
@@ -493,6 +499,8 @@ class Live:
         self.drive.rows += len(times)
         self.drive.time = float(times[-1])
         self.drive.statuses.update(outputs["status"].tolist())
+        for s in STIFFNESS:
+            self._valid[s] += int(((outputs[f"{s}_valid"] == 0) & (outputs["status"] >= 0)).sum())
         self.last = outputs[-1]
         self._pending.append((times, columns, outputs))
         return times, outputs
@@ -661,7 +669,7 @@ class Live:
             reason = "" if valid else words.get(int(self.last[f"{s}_valid"]), "")
             unit = "kN" if s == "cx_front" else "kN/rad"
             found.append(Verdict(s, s, "good" if valid else "none", unit, value, 1.96 * sd, float("nan"), nominal,
-                                 float(valid), reason, 1.0, ""))  # fmt: skip
+                                 self._valid[s] / max(self.drive.rows, 1), reason, 1.0, ""))  # fmt: skip
         return [Finding(None, found)]
 
     def close(self) -> None:
