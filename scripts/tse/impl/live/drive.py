@@ -312,7 +312,7 @@ class Live:
         self._ended = threading.Event()
         self._keeper = threading.Thread(target=self._keep, daemon=True, name="record")
         self._next_check = FIRST_CHECK
-        self._told: set[str] = set()
+        self._said_once: set[str] = set()
         self._silent: dict[str, float] = {}
         self._happened: list[tuple[str, float]] = []
         self._ongoing: dict[str, float] = {}
@@ -352,8 +352,8 @@ class Live:
 
     def _say_once(self, text: str) -> None:
         plain = re.sub(r"[\d.]+", "#", text)
-        if plain not in self._told:
-            self._told.add(plain)
+        if plain not in self._said_once:
+            self._said_once.add(plain)
             self.say(text)
 
     # ---- the loop
@@ -602,14 +602,14 @@ class Live:
         table = pd.concat([pd.DataFrame(x) for x in tail], ignore_index=True)
         table = table[table["time"] > self.drive.time - HAPPENED].reset_index(drop=True)
         for c in regimes.changes(table):
-            if c.time < self.drive.time - SETTLED and not self._is_told(c.what, c.time):
+            if c.time < self.drive.time - SETTLED and not self._is_said(c.what, c.time):
                 self.say(f"{c.label}{': ' if c.effect else ''}{c.effect}")
         for s in regimes.spells(table):
             goes_on = s.end > self.drive.time - SETTLED
-            if s.end - s.start > SETTLED and not self._is_told(s.name, s.start, s.end):
+            if s.end - s.start > SETTLED and not self._is_said(s.name, s.start, s.end):
                 self.say(f"{s.name} since {s.start:.2f} s, {regimes.percent(s.probability)}" if goes_on else s.label)
 
-    def _is_told(self, what: str, start: float, end: float | None = None) -> bool:
+    def _is_said(self, what: str, start: float, end: float | None = None) -> bool:
         """Return whether this was said; if not, it counts as said now. One that goes on is the same."""
         for i, (name, until) in enumerate(self._happened):
             if name == what and start <= until + 1.0:
