@@ -25,6 +25,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "docs" / "page"
+SHARED = ROOT / "scripts" / "tse" / "impl" / "templates"  # what the page of `tselab live` has, too
 BUILD = ROOT / "build" / "page"
 PAGE = ROOT / "build" / "site" / "try.html"
 SCRIPTS = ("core.js", "text.js", "map.js", "check.js", "run.js", "draw.js", "log.js", "drive.js", "start.js")  # in order
@@ -194,7 +195,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
     else:
         said.append("without Parquet and vehicle files, as asked")
     facts = {"parquet": npm, "toml": npm, **known(), "example": example(), "wasm": base64.b64encode(wasm()).decode()}
-    scripts = "".join(f"\n{(SOURCES / name).read_text()}" for name in SCRIPTS)
+    scripts = "".join(f"\n{((SHARED if name == 'draw.js' else SOURCES) / name).read_text()}" for name in SCRIPTS)
     head = f"const {{ parquet, tomlReader }} = vendor;\nconst PAGE = {json.dumps(facts, ensure_ascii=False)};\n"
     script = f'{bundle}"use strict";\n(() => {{\n{head}{scripts}}})();\n'
     if "</script" in script or "<!--" in script or "-->" in notices:
@@ -203,7 +204,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
     own = f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n" if notices else ""
     for mark, value in (
         ("<!-- @notices@ -->", f"<!--\n{own}{notices}-->" if notices else ""),
-        ("/* @style@ */", (SOURCES / "page.css").read_text()),
+        ("/* @style@ */", (SHARED / "page.css").read_text()),
         ("/* @script@ */", script),
     ):
         if text.count(mark) != 1:

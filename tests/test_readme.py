@@ -91,6 +91,45 @@ def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_
     assert abs(int(said[1]) - truth) < int(said[2]) < 0.25 * truth
 
 
+@pytest.mark.parametrize(
+    ("cells", "says"),
+    [
+        ({5: ""}, "row 101, cell 6: empty, or no number"),
+        ({1: "x"}, "row 101, cell 2: empty, or no number"),
+        ({2: "1e9"}, "row 101: "),
+    ],
+)
+def test_its_c_program_refuses_a_bad_cell_with_its_row(cells, says, log, tmp_path):
+    lines = log.read_text().splitlines()[:300]
+    row = lines[100].split(",")
+    for i, text in cells.items():
+        row[i] = text
+    lines[100] = ",".join(row)
+    done = subprocess.run([compiled("first.c", tmp_path)], input="\n".join(lines), capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and done.stdout == "" and done.stderr.startswith(says), done.stderr
+
+
+@pytest.mark.parametrize("layout", ["tse", ".", "include"])
+def test_one_include_serves_in_all_layouts_and_so_does_the_header_of_a_car(layout, tmp_path):
+    """Two files in a folder tse, the same flat, and the headers of the repository: car.h alone or behind the library's header."""
+    from tselab.cli import cli
+
+    car = tmp_path / "car.toml"
+    car.write_text(CliRunner().invoke(cli, ["vehicle", "--example"]).output)
+    assert CliRunner().invoke(cli, ["vehicle", str(car), "--c", str(tmp_path / "car.h")]).exit_code == 0
+    folder, name = (ROOT / "include", "tse/tse.h") if layout == "include" else (tmp_path, f"{layout}/tse.h".removeprefix("./"))
+    if layout != "include":
+        made = [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", tmp_path / layout]
+        subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
+    body = ("int it(void);\nint it(void) { tse_config c; uint8_t learnt[TSE_LEARNT_BYTES];\n"
+            "  tse_config_default(&c); tse_config_car(&c); return (int)sizeof learnt; }\n")  # fmt: skip
+    for head in (f'#include "{name}"\n#include "car.h"\n', '#include "car.h"\n'):
+        (tmp_path / "it.c").write_text(head + body)
+        cc = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-DTSE_REAL_DOUBLE", "-fsyntax-only"]
+        done = subprocess.run([*cc, "-I", folder, "-I", tmp_path, tmp_path / "it.c"], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
 def test_its_python_program_prints_what_stands_below_it(log, monkeypatch, capsys):
     monkeypatch.chdir(log.parent)
     body = re.search(r"```python\n(.*?)```", README, re.S)[1]

@@ -13,6 +13,10 @@ const REGIMES = [["p_steady", "tyres as before", "good"], ["p_changed", "another
   ["p_fault", "a channel at fault", "bad"], ["p_sliding", "wheels lock or spin", "warn"], ["p_restarted", "started over", "warn"]];
 const CHANGES = ["", "the road changed (all tyres)", "the front axle changed", "the rear axle changed", "all was started over"];
 
+// What stands above an answer that the command would give otherwise.
+const ITSELF = "The car is taken as an ordinary one of its mass and axles. `tselab estimate` and Python calibrate such a car on the log first, " +
+  "so theirs is surer and some percent off this one; --no-calibrate gives these numbers.";
+
 // The panels of a chart over a table of columns that may still grow. columns(): name -> values; truth(s): or null.
 function panelsOf(lib, columns, truth, reason, height) {
   const unit = (s) => `k${lib.field("config", NOMINAL[s]).unit}`;
@@ -444,6 +448,7 @@ class LogPane {
     const t = this.table, i = t.rows - 1;
     if (i < 0) return;
     const share = (s) => `${Math.round((100 * t.valid[s]) / t.rows)} %`;
+    $("itself").textContent = $("known").value === "1" ? ITSELF : "";
     cardsOf($("cards"), (name) => this.at(name), (s) => this.rows.truth?.[s]?.[i] ?? null, share, this.against.length > 0);
     $("change").textContent = changeText((name) => this.at(name), t.time[i]);
     this.chart.later();

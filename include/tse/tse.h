@@ -173,4 +173,6 @@ const char *tse_reason_text(int32_t reason);
 #ifdef __cplusplus
 }
 #endif
+
+#include "tse/learnt.h" /* one include serves in all layouts: as one file tse.h holds it, too */
 #endif

@@ -6,7 +6,7 @@
     tse.signals("drive.mf4").write("signals.toml")                 # which signal is which channel; read_log(), replay()
     calibration = tse.calibrate(["monday.mf4", "friday.mf4"], "car.toml")
     gap, fleet = tse.gap("drive.mf4", "car.toml"), tse.fleet("logs/", "car.toml", out="results")
-    f = tse.Filter("car.toml", sample_time=0.01)                   # row by row
+    f = tse.Filter("car.toml", sample_time=0.01)                   # row by row; tse.live() reads a CAN bus while driving
     e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1, accel_x=0.1, accel_y=1.2, yaw_rate=0.06)
 
 SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left. Stiffness is that of an axle. NaN is a
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tse._filter import UNKNOWN_AGE, Filter, Form
     from tse._fleet import Fleet, fleet
     from tse._gap import Gap, gap
+    from tse._live import Live, live
     from tse._log import Log, LogLike, Signals, read_log, signals
     from tse._simulate import Replayed, Simulated, replay, simulate
     from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
     from tse.impl.vehicle import Vehicle
 
 __all__ = ["CHANNELS", "STIFFNESS", "UNKNOWN_AGE", "Calibration", "Error", "Estimate", "Filter", "Fleet", "Form", "Gap",
-           "InputError", "LearntError", "Log", "LogLike", "Reason", "Replayed", "Result", "Row", "SettingError", "Signals",
-           "Simulated", "Status", "Vehicle", "VehicleLike", "__version__", "calibrate", "estimate", "fleet", "gap", "read_log",
-           "read_vehicle", "replay", "signals", "simulate"]  # fmt: skip
+           "InputError", "LearntError", "Live", "Log", "LogLike", "Reason", "Replayed", "Result", "Row", "SettingError", "Signals",
+           "Simulated", "Status", "Vehicle", "VehicleLike", "__version__", "calibrate", "estimate", "fleet", "gap", "live",
+           "read_log", "read_vehicle", "replay", "signals", "simulate"]  # fmt: skip
 
 _LATER = {  # loaded by who uses it: the command is a user, too, and --help needs none of it
     **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
@@ -44,6 +45,7 @@ _LATER = {  # loaded by who uses it: the command is a user, too, and --help need
     **dict.fromkeys(("Filter", "Form", "UNKNOWN_AGE"), "tse._filter"),
     **dict.fromkeys(("Fleet", "fleet"), "tse._fleet"),
     **dict.fromkeys(("Gap", "gap"), "tse._gap"),
+    **dict.fromkeys(("Live", "live"), "tse._live"),
     **dict.fromkeys(("Log", "LogLike", "read_log"), "tse._log"),
     **dict.fromkeys(("Replayed", "replay"), "tse._simulate"),
     **dict.fromkeys(("Signals", "signals"), "tse._log"),

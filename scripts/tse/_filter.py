@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -90,9 +91,9 @@ class Filter:
         self._time: float | None = None
 
     @property
-    def settings(self) -> dict[str, float | int]:
-        """All settings, by name."""
-        return self._config.as_dict()
+    def settings(self) -> Mapping[str, float | int]:
+        """All settings, by name; to read. Another setting needs another filter: Filter(settings={**f.settings, "mass": 1800})."""
+        return MappingProxyType(self._config.as_dict())
 
     @property
     def latencies(self) -> dict[str, float]:

@@ -13,6 +13,7 @@ import pandas as pd
 from tse._log import PathLike
 from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
+from tse.impl.answer import WHERE
 from tse.impl.fleet import find, page
 from tse.impl.fleet.keep import PAGE, Done, Store
 from tse.impl.fleet.run import Plan, run
@@ -31,10 +32,11 @@ class Fleet(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """A sentence for each car: the last that is known of it."""
+        """A sentence for each car, the softest first: the last that is known of it."""
         return tuple(
             f"{c.name}: {len(c.done)} logs, {c.hours:.1f} h"
-            + "".join(f"; {k} {v.ratio:.2f} +- {v.band:.2f} of nominal" for k, v in c.last.items())
+            + "".join(f"; {WHERE[k]} {v.shown} {'kN' if k == 'cx_front' else 'kN/rad'}" for k, v in c.last.items())
+            + ("" if c.last else f"; {c.reason}")
             for c in page.cars(self._done, self._table)
         )
 
@@ -43,7 +45,7 @@ class Fleet(Shown):
         return self._table
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the last estimate of each car over nominal, with its 95 % interval."""
+        """Return a figure of plotly: the last estimate of each car with its 95 % interval, the softest first."""
         return drawn(page.distribution(page.cars(self._done, self._table)))
 
     def report(self, path: str | os.PathLike[str]) -> Path:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, _distinct
-from tselab.options import FILE, JOBS, PROGRESS, ROAD, for_programs, reading, saying
+from tselab.options import FILE, JOBS, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.calibrate.result import Result
@@ -23,10 +23,14 @@ NOT_CONVERGED = 12  # exit code
 @click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
               help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
 @click.option(
-    "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
+    "--out",
+    metavar="CALIBRATED.toml",
+    type=Written(".toml"),
+    required=True,
+    help="The calibrated vehicle file; .json and .html beside it.",
 )
 @ROAD
-@click.option("--report", metavar="PAGE.html", type=FILE, help="Where the page goes; default: beside CALIBRATED.toml.")
+@click.option("--report", metavar="PAGE.html", type=Written(*PAGES), help="Where the page goes; default: beside CALIBRATED.toml.")
 @click.option("--verbose", is_flag=True, help="Say all: every number, every channel.")
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
 @reading

@@ -20,6 +20,7 @@ COMMANDS = {  # name: module of tselab, what it does
     "fmu": ("fmu", "Build FMUs, and their parameters for a car."),
     "formula": ("car", "Check a formula of the user, also as C."),
     "gap": ("gap", "Find, name and add what the model lacks."),
+    "live": ("live", "Estimate while driving, from a CAN bus."),
     "montecarlo": ("studies", "Monte-Carlo studies: accuracy, peers, stress ..."),
     "paper": ("studies", "The paper's figures: as printed, robust, default."),
     "replay": ("replay", "A log beside what the model of a car says of it."),
@@ -68,6 +69,7 @@ def cli(debug: bool) -> None:
     tselab estimate log.csv --vehicle car.toml --report report.html
     tselab signals drive.mf4 --write signals.toml      a log with names of its own
     tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv
+    tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml      while driving
     tselab demo --out demo                       all of it, without a log of your own
 
     'tselab COMMAND --help' explains each command, its columns and units.

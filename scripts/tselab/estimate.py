@@ -14,9 +14,12 @@ from tselab.options import (
     CALIBRATE,
     FILE,
     FORM,
+    PAGES,
     PROGRESS,
     ROAD,
+    TABLES,
     Lazy,
+    Written,
     check_range,
     for_programs,
     key_values,
@@ -56,10 +59,10 @@ WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "lear
 @click.option(
     "--out",
     metavar="EST.csv",
-    type=FILE,
+    type=Written(*TABLES),
     help="Estimates, .csv or .parquet; default: the log's name with .est.csv, in the current directory.",
 )
-@click.option("--report", metavar="REPORT.html", type=FILE, help="Also write a report with interactive plots.")
+@click.option("--report", metavar="REPORT.html", type=Written(*PAGES), help="Also write a report with interactive plots.")
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")

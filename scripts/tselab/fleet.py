@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tse.impl.fleet.keep import Done
     from tse.impl.rows import Reading
 
+MOST_CARS = 5  # that the terminal names, the softest first
 MOST_ERRORS = 10  # that the terminal names
 
 
@@ -132,6 +133,10 @@ def fleet(
         f"{len(done)} logs of {len(found)} car{'s' if len(found) != 1 else ''}, {hours:.1f} h: {usable} usable, {in_part} in part, "
         f"{nothing} that tell nothing, {len(bad)} that cannot be read"
     )
+    for place, c in enumerate(found[:MOST_CARS], 1):
+        click.echo(f"{place}. {c.name or 'without a car'}: {c.reason}")
+    if len(found) > MOST_CARS:
+        click.echo(f"and {len(found) - MOST_CARS} more cars, which {out / PAGE} lists")
     for d in bad[:MOST_ERRORS]:
         click.echo(f"error: {d.outcome.error}", err=True)
     if len(bad) > MOST_ERRORS:
@@ -159,7 +164,9 @@ def _document(done: Sequence[Done], cars: Sequence[Any], code: int, written: Seq
         ],
         "cars": [
             {"car": c.name, "logs": len(c.done), "hours": c.hours,
-             "last": {k: {"of_nominal": v.ratio, "band": v.band, "time": v.when.isoformat()} for k, v in c.last.items()}}
+             "place_by": c.reason, "why_not": c.why,
+             "last": {k: {"value": v.value, "band": v.band, "of_nominal": v.of_nominal, "time": v.when.isoformat()}
+                      for k, v in c.last.items()}}
             for c in cars
         ],
         "usable": CODES[code],

@@ -12,7 +12,7 @@ import click
 
 from tse.impl.errors import UserError
 from tse.impl.files import atomic, check_writable, make_directory, real
-from tselab.options import FILE, JOBS, JSON, PROGRESS, ROAD, for_programs, reading, saying
+from tselab.options import FILE, JOBS, JSON, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -25,7 +25,7 @@ OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Direc
 HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
-REPORT = click.option("--report", metavar="PAGE.html", type=FILE, help="Also write the page there.")
+REPORT = click.option("--report", metavar="PAGE.html", type=Written(*PAGES), help="Also write the page there.")
 VERBOSE = click.option("--verbose", is_flag=True, help="Say all: what is left of each channel, and what no log could show.")
 
 

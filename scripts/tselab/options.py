@@ -14,6 +14,33 @@ import click
 from tse.impl.errors import NoFile, UserError
 
 FILE = click.Path(path_type=Path)
+TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
+
+
+class Written(click.Path):
+    """A file that is written in the format that its name says; a name without an end is the first of them.
+
+    Parameters
+    ----------
+    suffixes
+        Ends of names that are written.
+    """
+
+    def __init__(self, *suffixes: str):
+        super().__init__(path_type=Path)
+        self.suffixes = suffixes
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Refuse an end that would lie."""
+        path = Path(super().convert(value, param, ctx))
+        if path.suffix and path.suffix.lower() not in self.suffixes:
+            option = param.opts[-1] if param is not None else "option"
+            raise UserError(
+                f"option {option}: {path}: is written as {' or '.join(self.suffixes)}, by its name, not as {path.suffix}"
+            )
+        return path
+
+
 FORMS = ("default", "robust", "paper")  # tse_config_default() and its like
 
 

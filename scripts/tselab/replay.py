@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap import VEHICLE
-from tselab.options import FILE, JSON, ROAD, key_values, reading
+from tselab.options import FILE, JSON, PAGES, ROAD, Written, key_values, reading
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
 @VEHICLE
-@click.option("--out", metavar="TABLE.csv", type=FILE, help="Every row, measured and simulated.")
-@click.option("--report", metavar="PAGE.html", type=FILE, help="The picture of it, for a browser.")
+@click.option("--out", metavar="TABLE.csv", type=Written(".csv"), help="Every row, measured and simulated.")
+@click.option("--report", metavar="PAGE.html", type=Written(*PAGES), help="The picture of it, for a browser.")
 @click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the car; may be repeated.")
 @ROAD
 @reading

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tselab.options import DATABASE, FILE, JSON
+from tselab.options import DATABASE, FILE, JSON, Written
 
 if TYPE_CHECKING:
     from tse.impl.logs.proposal import Line, Proposal
@@ -18,7 +18,7 @@ MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 
 @click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
-@click.option("--write", "out", metavar="SIGNALS.toml", type=FILE, help="Write the proposal there.")
+@click.option("--write", "out", metavar="SIGNALS.toml", type=Written(".toml"), help="Write the proposal there.")
 @click.option(
     "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Radii, wheelbase and steering ratio make the guesses sharper."
 )

@@ -6,7 +6,7 @@ import click
 
 from tse.impl import maneuvers
 from tse.impl.errors import UserError
-from tselab.options import FILE, JSON, PROGRESS, ROAD, Lazy, check_range, key_values, show_progress
+from tselab.options import FILE, JSON, PROGRESS, ROAD, Lazy, Written, check_range, key_values, show_progress
 
 
 def _listed() -> str:
@@ -19,8 +19,8 @@ def _listed() -> str:
 @click.command(cls=Lazy, tables=(("Manoeuvres", _listed), ("Settings of the simulator (--set)", "sim_settings_table")))
 @click.option("--maneuver", metavar="NAME", required=True, help="What is driven; list below.")
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; default: the built-in car.")
-@click.option("--out", metavar="LOG.csv", type=FILE, required=True, help="The log, as 'tselab estimate' reads it.")
-@click.option("--truth", metavar="TRUTH.csv", type=FILE, help="Also write what really happened.")
+@click.option("--out", metavar="LOG.csv", type=Written(".csv"), required=True, help="The log, as 'tselab estimate' reads it.")
+@click.option("--truth", metavar="TRUTH.csv", type=Written(".csv"), help="Also write what really happened.")
 @click.option("--with-ref", is_flag=True, help="Put the truth into ref_ columns of the log.")
 @click.option("--seed", type=int, help="Seed of the random numbers.")
 @click.option("--duration", type=float, help="Length, s.")

@@ -483,3 +483,11 @@ def test_an_estimator_that_is_not_there_is_refused(name, text):
     with pytest.raises(tse.Error) as error:
         study(f"stress+{name}")
     assert text in str(error.value)
+
+
+def test_the_settings_of_a_filter_are_to_read():
+    """One that is put there would be without effect."""
+    f = tse.Filter(CAR)
+    with pytest.raises(TypeError):
+        f.settings["mass"] = 3000.0
+    assert tse.Filter(settings={**f.settings, "mass": 1800.0}).settings["mass"] == 1800.0

@@ -10,7 +10,7 @@ import pytest
 import tselab
 from conftest import tselab_here
 from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, STIFFNESS, Config, Filter, SettingError, library, stiffness_si
-from tse.impl.estimate import _block
+from tse.impl.estimate import block_of
 from tse.impl.files import read_toml
 
 HEADERS = Path(__file__).parents[2] / "include" / "tse"
@@ -88,7 +88,7 @@ def test_table_converts_to_newton_as_the_library_does():
     config = Config({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
     output = Filter(config).over(row())[0]
     mean, sd, spread = stiffness_si(config, output)
-    table = _block(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
+    table = block_of(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
     for i, s in enumerate(STIFFNESS):
         assert NOMINAL[s] in Config()
         assert table[s][0] == pytest.approx(float(mean[i]), rel=1e-6)

@@ -7,6 +7,7 @@ import os
 import random
 import struct
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -150,7 +151,8 @@ def test_blocks_that_point_to_themselves_do_not_keep_a_reader(block, where, tmp_
     assert time.process_time() - begin < 10.0
 
 
-def test_a_reader_that_does_not_end_is_stopped(monkeypatch, tmp_path):
+@pytest.mark.parametrize("where", ["main", "thread"])
+def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
     monkeypatch.setattr("tse.impl.logs.recording.LEAST_TIME", 0.3)
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
@@ -164,7 +166,28 @@ def test_a_reader_that_does_not_end_is_stopped(monkeypatch, tmp_path):
 
     monkeypatch.setattr("tse.impl.logs.read_text.read", read)
     with pytest.raises(UserError, match="takes more than 0 s to read"):
-        read_recording(path)
+        if where == "main":
+            read_recording(path)
+        else:
+            with ThreadPoolExecutor(1) as pool:
+                pool.submit(read_recording, path).result(timeout=30)
+
+
+def test_a_thread_that_has_read_in_time_is_not_interrupted_later(monkeypatch, tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text("time,x\n0,1\n1,2\n")
+    read_recording(path)  # what it needs is loaded now
+    monkeypatch.setattr("tse.impl.logs.recording.LEAST_TIME", 1.0)
+
+    def work() -> int:
+        found = len(read_recording(path).channels)
+        begin = time.thread_time()
+        while time.thread_time() - begin < 1.6:
+            pass
+        return found
+
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(work).result(timeout=30) == 1
 
 
 @pytest.mark.parametrize(("text", "says"), [

@@ -117,7 +117,7 @@ def test_whatever_fails_the_old_file_stays_and_no_other(where, tmp_path, monkeyp
     assert [p.name for p in tmp_path.iterdir()] == ["result.csv"]
 
 
-def test_a_link_leads_to_the_new_content_and_the_mode_stays(tmp_path):
+def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path):
     (tmp_path / "folder").mkdir()
     path, link = tmp_path / "folder" / "result.csv", tmp_path / "link.csv"
     path.write_text("as before\n")
@@ -125,7 +125,40 @@ def test_a_link_leads_to_the_new_content_and_the_mode_stays(tmp_path):
     link.symlink_to(path)
     with files.atomic(link) as file:
         file.write("new\n")
-    assert link.is_symlink() and path.read_text() == "new\n" and path.stat().st_mode & 0o777 == 0o640
+    assert not link.is_symlink() and link.read_text() == "new\n" and link.stat().st_mode & 0o777 == 0o640
+    assert path.read_text() == "as before\n"
+
+
+def test_what_a_killed_process_has_left_is_cleared_and_nothing_else(tmp_path):
+    names = ("e.csv.abcdefgh", "e.csv.ijklmnop", "f.csv.abcdefgh", "e.csv.heldheld")
+    left, young, other, held = (tmp_path / f".{n}.part" for n in names)
+    for path in (left, young, other, held):
+        path.write_text("half a ta")
+    for path in (left, other, held):
+        os.utime(path, (1e9, 1e9))
+    with open(held) as file:
+        files.fcntl.flock(file, files.fcntl.LOCK_EX)  # as a process that goes on writing it
+        with files.atomic(tmp_path / "e.csv") as made:
+            made.write("whole\n")
+    assert {p.name for p in tmp_path.iterdir()} == {"e.csv", young.name, other.name, held.name}
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (["estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.xlsx"], "--out: e.xlsx: is written as .csv or .parquet"),
+        (["estimate", "log.csv", "--vehicle", "car.toml", "--report", "r.pdf"], "--report: r.pdf: is written as .html or .htm"),
+        (["simulate", "--maneuver", "sine", "--out", "log.mf4"], "option --out: log.mf4: is written as .csv, by its name"),
+        (["calibrate", "log.csv", "--vehicle", "car.toml", "--out", "c.json"], "option --out: c.json: is written as .toml"),
+        (["signals", "log.csv", "--write", "s.csv"], "option --write: s.csv: is written as .toml"),
+    ],
+)
+def test_a_format_that_is_not_written_is_refused_by_its_name(command, says, drive, tmp_path):
+    for name, path in {"log.csv": drive.log, "car.toml": drive.vehicle}.items():
+        (tmp_path / name).write_bytes(path.read_bytes())
+    done = tselab_here(*command, cwd=tmp_path)
+    assert done.code == 2 and says in done.err, done.err
+    assert {p.name for p in tmp_path.iterdir()} == {"log.csv", "car.toml"}
 
 
 def test_the_content_is_on_the_disk_before_it_has_the_name(tmp_path, monkeypatch):
@@ -154,12 +187,14 @@ def test_a_link_to_an_input_is_that_input(drive, tmp_path):
     log.write_bytes(drive.log.read_bytes())
     os.link(log, hard)
     soft.symlink_to(log)
+    page = tmp_path / "page.html"
+    os.link(log, page)
     for link in (hard, soft):
         done = tselab_here("estimate", log, "--vehicle", drive.vehicle, "--out", link)
         assert done.code == 2, done.out
         assert f"{link}: --out is the same file as the log" in done.err
         assert link.read_bytes() == drive.log.read_bytes()
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", log, "--report", hard)
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", log, "--report", page)
     assert done.code == 2
     assert "--report is the same file as --out" in done.err
 

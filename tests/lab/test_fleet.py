@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -112,6 +113,8 @@ def test_the_page_links_to_every_report_and_names_the_softest_car_first(done):
     for report in reports:
         assert f'href="{report}"' in page and (out / report).stat().st_size > 10_000
     assert page.index('href="#car1">up<') < page.index('href="#car2">golf<')
+    assert "of nominal" not in page and "kN/rad" in page
+    assert re.search(r"<td>(front|rear), in bends \d+ ± \d+ kN/rad</td>", page)
     assert "Logs that could not be used" in page and "2024-05-02 empty.csv" in page
 
     assert [len(f["data"]) for f in figures_of(page)] == [3, 3, 3]  # all cars, and the trend of each
@@ -392,3 +395,24 @@ def test_an_interrupt_between_many_short_tasks_ends_all(tmp_path):
         finally:
             run.poll() is None and os.killpg(run.pid, signal.SIGKILL)
         assert run.returncode == 130
+
+
+def test_cars_are_ranked_by_their_stiffness_and_not_by_their_own_calibration(done):
+    """A car that is soft, as its vehicle file says, is soft; of what is not known the reason is said."""
+    from tse.impl.fleet.page import Car, Last
+
+    def car(name, **last):
+        return Car(name, [], {k: Last(v, 5e3, v / nominal, pd.Timestamp(0)) for k, (v, nominal) in last.items()},
+                   {} if last else {"cy_front": "too few bends in this log"})  # fmt: skip
+
+    stiff = car("stiff", cy_front=(100e3, 120e3), cx_front=(50e3, 50e3))
+    soft = car("soft", cy_front=(90e3, 80e3), cy_rear=(70e3, 70e3))
+    along, nothing = car("along", cx_front=(40e3, 50e3)), car("nothing")
+    ranked = sorted([nothing, stiff, along, soft], key=lambda c: (c.place, c.name))
+    assert [c.name for c in ranked] == ["soft", "stiff", "along", "nothing"]
+    assert [c.reason for c in ranked] == [
+        "rear, in bends 70 ± 5 kN/rad", "front, in bends 100 ± 5 kN/rad", "front, along 40 ± 5 kN",
+        "nothing is known: too few bends in this log",
+    ]  # fmt: skip
+    _, _, table = done
+    assert (table.usable == "yes").any() and table[table.usable == "yes"].reason.isna().all()

@@ -1,6 +1,8 @@
 """signals.toml and logs that are wrong: each ends in a sentence that names the place and the remedy, or goes on and says what is
 missing."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,9 +13,11 @@ from tests.cars.logs import make_logs
 from tests.cars.real import DATA
 from tse.impl.core import Config
 from tse.impl.errors import UserError
-from tse.impl.logs import physics
+from tse.impl.logs import look, physics
 from tse.impl.logs.agree import check_car, check_units, stood, sure
 from tse.impl.logs.log import read_log
+from tse.impl.logs.proposal import propose
+from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import Reading
 from tse.impl.vehicle import default_vehicle, read_vehicle
@@ -483,3 +487,31 @@ def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):
     log = read_log(tmp_path / "log.csv")
     assert log.data["accel_x"].isna().all() and log.data["accel_y"].notna().all()
     assert any("accel_x is 0.03 in every row, while wheel_speed_rear changes" in n for n in log.notes)
+
+
+def test_a_log_of_many_signals_takes_no_longer_for_each(monkeypatch):
+    """Each is looked at for a flag once or twice, not once for every other."""
+    time = np.arange(0.0, 30.0, 0.02)
+    rng = np.random.default_rng(2)
+    walk = {f"ECU_{i}_{n}": rng.normal(size=len(time)).cumsum() for i in range(60) for n in ("Temp", "State", "Press", "Flow")}
+    recording = Recording(Path("many"), "table", {n: Channel(n, time, x) for n, x in walk.items()})
+    looked = []
+    valid = look._valid_value
+    monkeypatch.setattr(look, "_valid_value", lambda c: looked.append(c.name) or valid(c))
+    propose(recording)
+    assert len(looked) <= 2 * len(walk)
+
+
+def test_steering_by_curvature_is_the_best_of_all_understeers():
+    """As one regression for each understeer says."""
+    rng = np.random.default_rng(3)
+    v = 15.0 + 8.0 * np.sin(np.linspace(0, 9, 4000))
+    r = 0.2 * np.sin(np.linspace(0, 80, 4000)) + 0.002 * rng.normal(size=4000)
+    angle = 2.7 * r / v * (1 + 0.003 * v**2) + 0.01 + 0.001 * rng.normal(size=4000)
+    found = physics.steering(angle, v, r)
+    x = r / v * (1 + found.understeer * v**2)
+    slope, offset = np.polyfit(x, angle, 1)
+    share = np.corrcoef(x, angle)[0, 1] ** 2
+    assert found.share == pytest.approx(share, abs=1e-9) and found.offset == pytest.approx(offset, abs=1e-9)
+    assert found.per_curvature == pytest.approx(slope / np.sqrt(share), rel=1e-9)
+    assert found.understeer == pytest.approx(0.003, abs=3e-4)

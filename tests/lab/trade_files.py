@@ -2,6 +2,7 @@
 
 All is written here line by line, as the tools do it. No library writes these."""
 
+import base64
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -245,31 +246,36 @@ def _candump(sent: list[tuple[float, int, bytes]], stamp: str) -> str:
     return "\n".join([*lines, ""])
 
 
-def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX") -> str:
+def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX", mode: str = "SYSTEM") -> str:
     head = ["***BUSMASTER Ver 3.2.2***", "***PROTOCOL CAN***", "***NOTE: PLEASE DO NOT EDIT THIS DOCUMENT***",
             "***[START LOGGING SESSION]***", "***START DATE AND TIME 12:6:2024 10:59:40:000***", f"***{base}***",
-            "***SYSTEM MODE***",
+            f"***{mode} MODE***",
             "***START CHANNEL BAUD RATE***", "***CHANNEL 1 - Adapter - 500000 bps***", "***END CHANNEL BAUD RATE***",
             "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***"]  # fmt: skip
     of = (lambda d: _hex(d)) if base == "HEX" else (lambda d: " ".join(str(b) for b in d))
-    lines = [f"{_clock(t, 4)} Rx 1 {f'0x{i:03X}' if base == 'HEX' else i} s {len(d)} {of(d)}" for t, i, d in sent]
+    before = [0.0, *(t for t, _, _ in sent)]
+    stamps = [_clock(t - b - MIDNIGHT if mode == "RELATIVE" else t, 4) for (t, _, _), b in zip(sent, before, strict=False)]
+    lines = [
+        f"{c} Rx 1 {f'0x{i:03X}' if base == 'HEX' else i} s {len(d)} {of(d)}" for c, (_, i, d) in zip(stamps, sent, strict=True)
+    ]
     return "\n".join([*head, *lines, "***[STOP LOGGING SESSION]***", ""])
 
 
 def _trc(sent: list[tuple[float, int, bytes]], version: str) -> str:
     head = [] if version == "1.0" else [f";$FILEVERSION={version}", ";$STARTTIME=45000.5"]
-    head += [";$COLUMNS=N,O,T,B,I,d,R,L,D"] if version == "2.1" else [";  Prüfstand"]
+    head += {"2.0": [";$COLUMNS=N,O,T,I,d,l,D"], "2.1": [";$COLUMNS=N,O,T,B,I,d,R,L,D"]}.get(version, [";  Prüfstand"])
     lines = []
     for n, (t, i, d) in enumerate(sent, 1):
-        before = {"1.0": "", "1.1": "Rx", "1.2": "1 Rx", "1.3": "1 Rx", "2.1": "DT 1"}[version]
-        between = {"1.3": "-", "2.1": "Rx -"}.get(version, "")
-        number = f"{n:7d}" if version == "2.1" else f"{n:6d})"
+        before = {"1.0": "", "1.1": "Rx", "1.2": "1 Rx", "1.3": "1 Rx", "2.0": "DT", "2.1": "DT 1"}[version]
+        between = {"1.3": "-", "2.0": "Rx", "2.1": "Rx -"}.get(version, "")
+        number = f"{n:7d}" if version >= "2" else f"{n:6d})"
         lines.append(f"{number} {1e3 * t:11.3f} {before} {i:04X} {between} {len(d)} {_hex(d)}")
     return "\n".join([*head, *lines, ""])
 
 
 def _table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
     lines = [row.format(t=t, e=EPOCH + t, ms=1e3 * t, i=i, n=len(d), h=_hex(d, ""), s=_hex(d), x=",".join(f"{b:02X}" for b in d),
+                        us=round(1e6 * t) + 166064000, b=base64.b64encode(d).decode(),
                         c=_clock(t, 6)[::-1].replace(":", ".", 1)[::-1]) for t, i, d in sent]  # fmt: skip
     return "\n".join([title, *lines, ""])
 
@@ -287,6 +293,8 @@ BUS_LOGS = {  # suffix, and who writes it
     "candump -td": (".log", lambda s: _candump(s, "delta")),
     "candump -tz": (".txt", lambda s: _candump(s, "zero")),
     "candump -tA": (".txt", lambda s: _candump(s, "date")),
+    "candump -x": (".txt", lambda s: _candump(s, "absolute").replace("can0 ", "can0  RX - - ")),
+    "candump -l of CAN FD": (".log", lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}##1{_hex(d, '')}\n" for t, i, d in s)),
     "CANedge CSV": (".csv", lambda s: _table(
         s, "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes",
         "{e:.6f};1;{i:X};0;{n};{n};0;0;0;0;0;{h}")),
@@ -298,9 +306,15 @@ BUS_LOGS = {  # suffix, and who writes it
     "TRC 1.1": (".trc", lambda s: _trc(s, "1.1")),
     "TRC 1.2": (".trc", lambda s: _trc(s, "1.2")),
     "TRC 1.3": (".trc", lambda s: _trc(s, "1.3")),
+    "TRC 2.0": (".trc", lambda s: _trc(s, "2.0")),
     "TRC 2.1": (".trc", lambda s: _trc(s, "2.1")),
     "BUSMASTER": (".log", lambda s: _busmaster(s)),
     "BUSMASTER, decimal": (".log", lambda s: _busmaster(s, "DEC")),
+    "BUSMASTER, relative": (".log", lambda s: _busmaster(s, "HEX", "RELATIVE")),
+    "SavvyCAN CSV": (".csv", lambda s: _table(
+        s, "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8", "{us},{i:08X},false,Rx,0,{n},{x},")),
+    "python-can CSV": (".csv", lambda s: _table(
+        s, "timestamp,arbitration_id,extended,remote,error,dlc,data", "{e:.6f},0x{i:x},0,0,0,{n},{b}")),
 }  # fmt: skip
 
 

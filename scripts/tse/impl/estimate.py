@@ -349,14 +349,14 @@ def _run(
                 bar.update(last - first)
                 first = last
             if contradicted:
-                _contradict(outputs[:first])
+                contradict(outputs[:first])
             if first:
-                take(_block(log.time[done : done + first], outputs[:first], config))
+                take(block_of(log.time[done : done + first], outputs[:first], config))
             done += first
     return filter_.save_learnt(), filter_.uncertainty_sd()
 
 
-def _contradict(outputs: np.ndarray) -> None:
+def contradict(outputs: np.ndarray) -> None:
     """Let no row be valid, as the library itself does where it finds what contradicts: with its status and reason."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
@@ -369,10 +369,10 @@ def _contradict(outputs: np.ndarray) -> None:
 
 def _head(config: Config) -> Block:
     """The table without rows."""
-    return _block(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
+    return block_of(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
 
 
-def _block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
+def block_of(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
     """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad, validity as 1 or 0, reasons in words."""
     refused = outputs["status"] < 0
     columns: Block = {"time": time}

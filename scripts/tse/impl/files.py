@@ -7,16 +7,24 @@ import hashlib
 import hmac
 import json
 import os
+import re
 import secrets
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
 from tse.impl.errors import NoFile, UserError
+
+fcntl: Any
+try:
+    import fcntl
+except ImportError:  # Windows has none
+    fcntl = None
 
 # What a disk, a quota, a limit of the shell or a device says when it takes no more: the user's to mend, not ours.
 NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)}
@@ -49,11 +57,11 @@ def make_directory(out: Path) -> None:
 
 @contextmanager
 def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
-    """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was. Of a link
-    what it leads to is replaced; who may read and write it stays."""
+    """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was. A link is
+    replaced itself, not what it leads to, which may be somebody else's; who may read and write it stays."""
     path = Path(path)
     try:
-        with _anew(real(path), mode) as file:
+        with _anew(path, mode) as file:
             yield file
     except OSError as error:
         reason = no_room(error)
@@ -64,18 +72,56 @@ def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
         raise
 
 
+PART = ".part"  # the end of the name of a file that is being written
+BEGUN = 60.0  # s old that such a file is, at least, to be taken for one that a process left behind
+
+
+def _hold(handle: int) -> bool:
+    """Let nobody else hold this open file; False: somebody does. A process that is killed lets go."""
+    if fcntl is None:  # Windows removes no file that is open
+        return True
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)  # a file system that knows no locks
+    return True
+
+
+@functools.lru_cache(maxsize=4096)
+def _parts(folder: Path) -> tuple[str, ...]:
+    """Files that were being written in a folder when this process first looked there."""
+    try:
+        return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART))
+    except OSError:
+        return ()
+
+
+def _clear_parts(path: Path) -> None:
+    """Remove what a process that was killed has left of this file."""
+    own = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}{re.escape(PART)}")
+    for left in (path.parent / n for n in _parts(path.parent) if own.fullmatch(n)):
+        with contextlib.suppress(OSError):
+            if not left.is_symlink() and time.time() - left.stat().st_mtime > BEGUN:
+                with open(left, "rb") as file:
+                    held = _hold(file.fileno())
+                if held:
+                    left.unlink()
+
+
 @contextmanager
 def _anew(path: Path, mode: str) -> Iterator[IO]:
     if path.exists() and not path.is_file():  # a pipe or device: nothing to rename over
         with open(path, mode, encoding=None if "b" in mode else "utf-8") as file:
             yield file
         return
+    _clear_parts(path)
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART, dir=path.parent)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror}") from None
     try:
         with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8", newline=None if "b" in mode else "") as f:
+            _hold(f.fileno())
             yield f
             f.flush()
             os.fsync(f.fileno())  # before the new name: else a power cut can leave the name without the content

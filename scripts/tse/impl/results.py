@@ -70,7 +70,7 @@ def _of_verdict(v: Verdict) -> dict[str, Any]:
         "smoothed_low": KILO * (v.smoothed - v.smoothed_band), "smoothed_high": KILO * (v.smoothed + v.smoothed_band),
         "smoothed_reason": v.smoothed_reason or None, "spread": v.spread,
         "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
-        "reason": v.reason or None,
+        "reason": (v.reason or None) if v.level != "good" else None,  # of a stiffness that is usable there is none
     }  # fmt: skip
 
 

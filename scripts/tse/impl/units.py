@@ -76,6 +76,7 @@ def known(unit: str) -> bool:
     return found is not None and not found.unitless
 
 
+@functools.lru_cache(maxsize=512)
 def factor(unit: str, wanted: str, radius: float | None = None) -> float | None:
     """How much of `wanted` (SI) one `unit` is; None where it is none of it. Speeds become rates of wheels of this radius, m."""
     found = quantity(unit)
@@ -93,6 +94,7 @@ def factor(unit: str, wanted: str, radius: float | None = None) -> float | None:
     return float(found.to(target.units).magnitude)
 
 
+@functools.lru_cache(maxsize=512)
 def kind(unit: str) -> str:
     """angle, rate, speed, acceleration, torque, time, other; "": no unit."""
     found = quantity(unit)

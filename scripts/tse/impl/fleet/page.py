@@ -8,26 +8,35 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tse.impl.answer import WHERE, why_not
 from tse.impl.core import STIFFNESS
 from tse.impl.fleet.keep import TABLE, Done
 from tse.impl.fleet.run import each
 from tse.impl.plots import BLUE, GREEN, ORANGE, Figure
 from tse.impl.report import write_page
-from tse.impl.results import CODES
+from tse.impl.results import CODES, KILO
 from tse.impl.verdict import NAMES
 
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
-MOST_TRENDS = 12  # cars whose trend is drawn: the worst
+CORNERING = ("cy_front", "cy_rear")
+PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
+MOST_TRENDS = 12  # cars whose trend is drawn: the softest
 MOST_LOGS = 2000  # that the page lists; the table has all
 
 
 @dataclass(frozen=True)
 class Last:
-    """What is known of a stiffness of a car now: relative to nominal, of the last stretch that tells it."""
+    """What is known of a stiffness of a car now, of the last stretch that tells it."""
 
-    ratio: float
+    value: float  # N/rad, or N
     band: float  # 95 %
+    of_nominal: float  # value over what its vehicle file, or its calibration, says
     when: pd.Timestamp
+
+    @property
+    def shown(self) -> str:
+        """In thousands, with its 95 % interval."""
+        return f"{self.value / KILO:.0f} ± {max(self.band / KILO, 0.5):.0f}"
 
 
 @dataclass(frozen=True)
@@ -37,11 +46,26 @@ class Car:
     name: str
     done: list[Done]
     last: dict[str, Last]  # by stiffness, those that are known
+    why: dict[str, str]  # of the others why they are not, in a few words
 
     @property
-    def worst(self) -> float:
-        """How far below nominal the softest axle is; nothing is known: below all others."""
-        return min((v.ratio for v in self.last.values()), default=np.inf)
+    def softest(self) -> str:
+        """Which axle is the softest in bends; of a car of which no bend tells, along; "" of one of which nothing is known."""
+        known = [k for k in CORNERING if k in self.last] or list(self.last)
+        return min(known, key=lambda k: self.last[k].value, default="")
+
+    @property
+    def place(self) -> tuple[bool, bool, float]:
+        """By what cars are ranked: N/rad of the softest axle; those that tell less stand behind."""
+        return not self.softest, self.softest not in CORNERING, self.last[self.softest].value if self.softest else np.inf
+
+    @property
+    def reason(self) -> str:
+        """Why it stands where it does."""
+        if not self.softest:
+            return "nothing is known: " + "; ".join(dict.fromkeys(self.why.values())) if self.why else "no log was read"
+        unit = "kN/rad" if self.softest in CORNERING else "kN"
+        return f"{WHERE[self.softest]} {self.last[self.softest].shown} {unit}"
 
     @property
     def errors(self) -> int:
@@ -53,14 +77,19 @@ class Car:
 
 
 def cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
-    """All cars, the worst first."""
+    """All cars, the softest first."""
     known = table[table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
     last = known.groupby(["car", "stiffness"], sort=False).tail(1)
     of: dict[str, dict[str, Last]] = {}
     for r in last.itertuples():
         when = r.start_time + pd.Timedelta(seconds=float(r.end))
-        of.setdefault(r.car, {})[r.stiffness] = Last(r.value / r.nominal, 1.96 * r.sd / r.nominal, when)
-    return sorted((Car(name, mine, of.get(name, {})) for name, mine in each(done)), key=lambda c: (c.worst, c.name))
+        of.setdefault(r.car, {})[r.stiffness] = Last(r.value, 1.96 * r.sd, r.value / r.nominal, when)
+    why: dict[str, dict[str, str]] = {}
+    for r in table[table["stiffness"].notna()].groupby(["car", "stiffness"], sort=False).tail(1).itertuples():
+        if r.stiffness not in of.get(r.car, {}):
+            why.setdefault(r.car, {})[r.stiffness] = why_not(r.stiffness, r.reason if isinstance(r.reason, str) else "")
+    found = (Car(name, mine, of.get(name, {}), why.get(name, {})) for name, mine in each(done))
+    return sorted(found, key=lambda c: (c.place, c.name))
 
 
 def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> None:
@@ -68,11 +97,11 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
     all_cars = cars(done, table)
     sections = []
     if any(c.last for c in all_cars):
-        sections.append(("Cars", "Last estimate of each car, over nominal, with its 95 % interval; the softest first. A line: "
-                         "as nominal.", distribution(all_cars)))  # fmt: skip
+        text = "The last estimate of each car with its 95 % interval; the softest first."
+        sections.append(("Cars", text, distribution(all_cars)))
     drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MOST_TRENDS]
     for c in drawn:
-        sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness, over nominal.", trend(c, table)))
+        sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness.", trend(c, table)))
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
     write_page(path, "fleet.html.j2", sections, title=title, cars=all_cars, errors=[d for d in done if d.outcome.error],
                counts={word: codes.count(code) for code, word in CODES.items()},
@@ -95,37 +124,36 @@ def _said(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
 
 def distribution(all_cars: Sequence[Car]) -> Figure:
     """The last of every car beside each other."""
-    figure = Figure(["last known stiffness over nominal"], [320])
+    figure = Figure(PANELS, [260, 180])
     for key in STIFFNESS:
         mine = [(c.name, c.last[key]) for c in all_cars if key in c.last]
-        _points(figure, key, [n for n, _ in mine], [v.ratio for _, v in mine], [v.band for _, v in mine])
-    _as_nominal(figure)
-    figure.layout["xaxis"] |= {"type": "category", "title": {"text": "car"}, "categoryorder": "array",
-                               "categoryarray": [c.name for c in all_cars]}  # fmt: skip
+        _points(figure, key, [n for n, _ in mine], [v.value / KILO for _, v in mine], [v.band / KILO for _, v in mine])
+    order = {"type": "category", "categoryorder": "array", "categoryarray": [c.name for c in all_cars]}
+    for axis in ("xaxis", "xaxis2"):
+        figure.layout[axis] |= order
+    figure.layout["xaxis2"] |= {"title": {"text": "car"}}
+    figure.layout["hovermode"] = "closest"
     return figure
 
 
 def trend(car: Car, table: pd.DataFrame) -> Figure:
     """All stretches of a car over time."""
-    figure = Figure(["stiffness over nominal"], [240])
+    figure = Figure(PANELS, [220, 160])
     mine = table[(table["car"] == car.name) & table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
     for key in STIFFNESS:
         t = mine[mine["stiffness"] == key]
         when = t["start_time"] + pd.to_timedelta(t["end"].astype(float), unit="s")
         stamps = when.dt.strftime("%Y-%m-%dT%H:%M:%S").tolist()
-        ratio, band = t["value"] / t["nominal"], 1.96 * t["sd"] / t["nominal"]
-        _points(figure, key, stamps, ratio.astype(float).tolist(), band.astype(float).tolist(), "lines+markers")
-    _as_nominal(figure)
-    figure.layout["xaxis"] |= {"type": "date", "title": {"text": "UTC"}}
+        value, band = t["value"] / KILO, 1.96 * t["sd"] / KILO
+        _points(figure, key, stamps, value.astype(float).tolist(), band.astype(float).tolist(), "lines+markers")
+    for axis in ("xaxis", "xaxis2"):
+        figure.layout[axis] |= {"type": "date"}
+    figure.layout["xaxis2"] |= {"title": {"text": "UTC"}}
+    figure.layout["hovermode"] = "closest"
     return figure
 
 
 def _points(figure: Figure, key: str, x: Sequence[Any], y: Sequence[float], band: Sequence[float], mode: str = "markers") -> None:
-    figure.add(1, x=list(x), y=list(y), mode=mode, name=NAMES[key], marker={"color": COLOURS[key], "size": 7},
+    row = 1 if key in CORNERING else 2
+    figure.add(row, x=list(x), y=list(y), mode=mode, name=NAMES[key], marker={"color": COLOURS[key], "size": 7},
                line={"color": COLOURS[key], "width": 1}, error_y={"type": "data", "array": list(band), "thickness": 1})  # fmt: skip
-
-
-def _as_nominal(figure: Figure) -> None:
-    figure.layout["hovermode"] = "closest"
-    line = {"color": "#8a94a0", "width": 1, "dash": "dot"}
-    figure.layout["shapes"].append({"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "line": line})

@@ -1,9 +1,12 @@
 """What is known of a log while its signals are guessed, and the guesses."""
 
+from __future__ import annotations
+
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import SequenceMatcher
+from typing import TypeAlias
 
 import numpy as np
 
@@ -96,11 +99,11 @@ def _sign_bit(name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str,
     return best[1] if best else None
 
 
-def _without_invalid(recording: Recording, c: Channel, rows: int) -> np.ndarray:
+def _without_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> np.ndarray:
     """Its first values, NaN where a flag of its message calls them invalid or they are the number for "no value"."""
     value = c.value[:rows]
     bad = no_value(value)
-    flag = flag_of(recording, c)
+    flag = flag_of(recording, c, flags)
     if flag is not None:
         bad = bad | (recording.channels[flag[0]].value[:rows] != flag[1])
     return np.where(bad, np.nan, value) if bad.any() else value
@@ -113,11 +116,12 @@ class Look:
         clocks = Clocks()
         raw: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # a signal of two values is no measurement
+        flags = flags_of(recording)
         for c in recording:
             time, value = clocks.of(c)
             rows = int(np.searchsorted(time, time[0] + 1.1 * LONGEST)) if len(time) else 0  # of ten hours no more is copied
             # where all of them have a time
-            value = _without_invalid(recording, c, rows) if len(value) == len(c.value) else value[:rows]
+            value = _without_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
             if len(there) > 3 and np.ptp(there) > 0 and len(time):
@@ -184,14 +188,26 @@ COARSE = 0.02  # a value in steps of so much of its range is coarse
 FILLED = 0.35  # of the size of the steps: what is left of them where the other signal is the rest
 
 
-def flag_of(recording: Recording, mine: Channel, taken: frozenset[str] | set[str] = frozenset()) -> tuple[str, float] | None:
+Flags: TypeAlias = Mapping[tuple[str, int], Sequence[tuple[Channel, float]]]
+
+
+def flags_of(recording: Recording) -> Flags:
+    """Return all flags, each with its value that means valid, by what stands before their names and how many entries they have."""
+    found: dict[tuple[str, int], list[tuple[Channel, float]]] = {}
+    for c in recording:
+        if (v := _valid_value(c)) is not None:
+            found.setdefault((_message(c), len(c)), []).append((c, v))
+    return found
+
+
+def flag_of(
+    recording: Recording, mine: Channel, flags: Flags, taken: frozenset[str] | set[str] = frozenset()
+) -> tuple[str, float] | None:
     """The flag of a signal's message whose name is alike, and its value where the signal is valid. One that would call a tenth of
     the log invalid is none, nor one that never changes: what its value means nobody said."""
     found = sorted(
-        (_alike(c, mine), c.name, v) for c in recording
-        if c.name not in taken and c is not mine and _message(c) == _message(mine) and len(c) == len(mine)
-        and (v := _valid_value(c)) is not None
-    )  # fmt: skip
+        (_alike(c, mine), c.name, v) for c, v in flags.get((_message(mine), len(mine)), ()) if c.name not in taken and c is not mine
+    )
     if found and found[-1][0] >= FLAG_ALIKE:
         return found[-1][1], found[-1][2]
     whole = [(n, v) for _, n, v in found if OF_ALL.search(text_of(recording.channels[n].short)) and not _of_another(recording, n)]
@@ -224,10 +240,11 @@ def no_value(value: np.ndarray) -> np.ndarray:
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
     """Flag, counter and rest of each guess, by message, name and values."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
+    flags = flags_of(recording)
     for g in guesses:
         mine = recording.find(g.name[0], "")
         beside = [c for c in recording if c.name not in taken and _message(c) == _message(mine) and len(c) == len(mine)]
-        if flag := flag_of(recording, mine, taken):
+        if flag := flag_of(recording, mine, flags, taken):
             g.valid = flag
             g.figures.append(f"{flag[0]} is {flag[1]:g} where it is valid: in nearly all rows")
         elif no_value(mine.value).any():

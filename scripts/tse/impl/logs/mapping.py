@@ -56,15 +56,21 @@ class Clocks:
         return self._earlier[id(time), latency]
 
 
-def series(recording: Recording, signals: Signals, car: Any | None, notes: list[str]) -> dict[str, Series]:
-    """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels.
+def series(
+    recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MOST_LOST
+) -> dict[str, Series]:
+    """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels. `most_lost`:
+    share of a channel's values that its flag may call invalid; 1: of a piece of a drive all.
 
     UserError: a name that the log does not have, a speed without a radius, a unit that is none of the channel."""
     clocks = Clocks()
     found: dict[str, Series] = {}
     for channel, signal in signals.signals.items():
         parts = SIDES.get(channel, (channel, channel)) if len(signal.name) == 2 else (channel,)
-        made = [_one(recording, signal, n, part, signals, clocks, car, notes) for n, part in zip(signal.name, parts, strict=True)]
+        made = [
+            _one(recording, signal, n, part, signals, clocks, car, notes, most_lost)
+            for n, part in zip(signal.name, parts, strict=True)
+        ]
         if channel == "steer_angle" and len(made) == 2:  # left and right front wheel
             at = made[0].time
             other = made[1].value if np.array_equal(at, made[1].time) else np.interp(at, made[1].time, made[1].value)
@@ -75,7 +81,15 @@ def series(recording: Recording, signals: Signals, car: Any | None, notes: list[
 
 
 def _one(
-    recording: Recording, signal: Signal, name: str, part: str, signals: Signals, clocks: Clocks, car: Any | None, notes: list[str]
+    recording: Recording,
+    signal: Signal,
+    name: str,
+    part: str,
+    signals: Signals,
+    clocks: Clocks,
+    car: Any | None,
+    notes: list[str],
+    most_lost: float,
 ) -> Series:
     source = f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     channel = recording.find(name, source)
@@ -96,7 +110,7 @@ def _one(
         value = value / (signal.ratio if isinstance(signal.ratio, float) else _ratio_at(signal, value, per))
     value = value.copy()
     if signal.valid is not None:
-        _drop_invalid(recording, clocks, signal.valid, time, value, source, part, notes)
+        _drop_invalid(recording, clocks, signal.valid, time, value, source, part, notes, most_lost)
     if signal.counter is not None:
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
@@ -143,14 +157,22 @@ def _standing(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
 
 
 def _drop_invalid(
-    recording: Recording, clocks: Clocks, flag: Flag, time: np.ndarray, value: np.ndarray, source: str, part: str, notes: list[str]
+    recording: Recording,
+    clocks: Clocks,
+    flag: Flag,
+    time: np.ndarray,
+    value: np.ndarray,
+    source: str,
+    part: str,
+    notes: list[str],
+    most_lost: float,
 ) -> None:
     state = _standing(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
     bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
     bad |= ~np.isfinite(state)
     if not bad.any():
         return
-    if bad.mean() > MOST_LOST:
+    if bad.mean() > most_lost:
         is_now = ", ".join(f"{v:g}" for v in np.unique(state[np.isfinite(state)])[:5])
         raise UserError(
             f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} invalid; it has the "

@@ -93,17 +93,17 @@ def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
     independent = max(len(y) / (2.0 * SMOOTH * RATE), 1.0)
     grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
-    curved, y_mean = c * v2, float(y.mean())
-    (cc, cq, cy), (_, qq, qy), (_, _, yy) = np.cov(np.stack([c, curved, y]), bias=True)
-    tried = []
-    for k in grid:  # x = c (1 + k v2)
-        var, both = cc + 2 * k * cq + k**2 * qq, cy + k * qy
-        if var < 1e-24:  # at this one speed, an angle of 0 in any bend: no car, and nothing against the others
-            tried.append((0.0, y_mean, 0.0))
-            continue
-        slope = both / var
-        tried.append((slope, y_mean - slope * float(c.mean() + k * curved.mean()), slope * both / yy))
-    slopes, offsets, shares = np.array(tried).T
+    # all of x = c + k (c v2) at once, by what c and c v2 have in common with each other and with y
+    parts = np.array([c, c * v2])
+    middle = parts.mean(axis=1)
+    parts = parts - middle[:, None]
+    shared, with_y, own = parts @ parts.T / len(y), parts @ (y - y.mean()) / len(y), float(y.var())
+    terms = np.array([np.ones(len(grid)), grid])
+    spread = np.einsum("ik,ij,jk->k", terms, shared, terms)
+    flat = spread < 1e-24  # at this one speed, an angle of 0 in any bend: no car, and nothing against the others
+    slopes = np.where(flat, 0.0, with_y @ terms / np.where(flat, 1.0, spread))
+    shares = np.where(flat, 0.0, slopes * (with_y @ terms) / own)
+    offsets = y.mean() - slopes * (middle @ terms)
     worth = -0.5 * independent * np.log(np.maximum(1 - shares, 1e-4)) - 0.5 * ((grid - UNDERSTEER) / UNDERSTEER_SD) ** 2
     weight = np.exp(worth - worth.max())
     weight /= weight.sum()

@@ -134,11 +134,13 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
     for _ in range(PASSES):
-        raw = speed_of(look, wheels)
+        raw, before = speed_of(look, wheels), (chosen, wheels)
         chosen, worth = find_roles(look, wheels, raw, chosen)
         if raw is None:
             break
         wheels = find_sides(look, wheels, chosen)
+        if (chosen, wheels) == before:  # the same again would come of it
+            break
     scale = find_units(look, wheels, chosen, car, warnings)
     guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)
     for g in guesses:

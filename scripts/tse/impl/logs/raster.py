@@ -1,6 +1,6 @@
 """From channels with times of their own to rows: band-limited, held values recognised, gaps kept."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -71,11 +71,8 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
     for name, s in found.items():
         own[name] = entries(s)
         rates[name] = rate_of(own[name][0])
-    core = [n for n in found if _axle(n) in (*DRIVES, *MEASURES)]
-    if rate is None:
-        fast = [rates[n] for n in core if rates[n] >= SLOWEST_OWN]
-        rate = min(max(fast, default=10.0), FASTEST)
-        rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
+    core = [n for n in found if is_core(n)]
+    rate = rate_for([rates[n] for n in core]) if rate is None else rate
     time = _times(own, rates, core, rate, path)
     rows = Rows(time, {}, rate)
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
@@ -85,7 +82,7 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
             rows.value[name] = _nearest(t, x, time)
         else:
             held = s.hold or name == "brake"  # a switch
-            rows.value[name] = _hold(t, x, time) if held else resample(t, x, time, rate)
+            rows.value[name] = hold(t, x, time) if held else resample(t, x, time, rate)
         if name in core:
             keep |= np.isfinite(rows.value[name])
         if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITIES:
@@ -97,6 +94,17 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
     return rows
 
 
+def is_core(name: str) -> bool:
+    """Return whether a channel is one of those that rows are made for: what drives the model, and what is compared with it."""
+    return _axle(name) in (*DRIVES, *MEASURES)
+
+
+def rate_for(rates: Sequence[float]) -> float:
+    """Return the rate of a raster that nobody has asked for, Hz, from those of the channels in is_core()."""
+    rate = min(max((r for r in rates if r >= SLOWEST_OWN), default=10.0), FASTEST)
+    return round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
+
+
 def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.ndarray:
     """A channel with entries x at t, (entries,), at other times, (rows,), that come `rate` a second: low-passed where they are
     fewer, by cubic splines where they are more; NaN in gaps and before and after."""
@@ -104,8 +112,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     if not len(t):
         return out
     usual = (float(np.median(np.diff(t))) if len(t) > 1 else 0.0) or 1.0 / rate  # 0: steps lost in the last digit
-    longest = min(max(GAP_STEPS * usual, SHORTEST_GAP), max(LONGEST_GAP, 2.5 * usual))
-    cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > longest), len(t)))
+    cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > longest_gap(usual)), len(t)))
     margin = 0.5 * usual
     for first, last in pairwise(cuts):
         part, value = t[first:last], x[first:last]
@@ -122,6 +129,11 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
             piece = slice(begin, min(begin + count, rows.stop))
             out[piece] = between(part, value, np.clip(time[piece], part[0], part[-1]))
     return out
+
+
+def longest_gap(usual: float) -> float:
+    """Return how far entries that are usually so far apart may be, s, for a value in between."""
+    return min(max(GAP_STEPS * usual, SHORTEST_GAP), max(LONGEST_GAP, 2.5 * usual))
 
 
 def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -176,7 +188,7 @@ def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[
     return even, found
 
 
-def _hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
+def hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
     if not len(t):
         return np.full(len(time), np.nan)
     at = np.searchsorted(t, time + 1e-9, side="right") - 1
@@ -227,13 +239,31 @@ def _times(
     first, last = max(s[0] for s in drives.values()), min(s[1] for s in drives.values())
     if last <= first:
         first, last = min(s[0] for s in spans.values()), max(s[1] for s in spans.values())
-    clock = next((n for n in ("yaw_rate", "accel_y", "accel_x", *core) if n in spans and abs(rates[n] - rate) < 0.02 * rate), None)
-    phase = own[clock][0][np.searchsorted(own[clock][0], first).clip(0, len(own[clock][0]) - 1)] if clock else first
-    start = phase + np.ceil((first - phase) * rate - 1e-6) / rate
+    start = start_on_beat({n: own[n][0] for n in core}, rates, rate, first)
     count = max(1, int(np.floor((last - start) * rate + 1e-6)) + 1)
     if path is not None:
         check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, ROW)
     return start + np.arange(count) / rate
+
+
+def start_on_beat(times: Mapping[str, np.ndarray], rates: Mapping[str, float], rate: float, first: float) -> float:
+    """Return the time of the first row, not before `first`, s: on the beat of a channel that has the rate of the rows.
+
+    Parameters
+    ----------
+    times : mapping of str to ndarray, (entries,)
+        Of the channels in is_core(), s.
+    rates : mapping of str to float
+        Their rates, Hz.
+    rate : float
+        Of the rows, Hz.
+    first : float
+        s.
+    """
+    names = [n for n in ("yaw_rate", "accel_y", "accel_x", *times) if n in times and len(times[n])]
+    clock = next((times[n] for n in names if abs(rates[n] - rate) < 0.02 * rate), None)
+    phase = first if clock is None else clock[np.searchsorted(clock, first).clip(0, len(clock) - 1)]
+    return float(phase + np.ceil((first - phase) * rate - 1e-6) / rate)
 
 
 def _say(rows: Rows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:

@@ -54,7 +54,7 @@ class Bus:
     def __init__(self, path: Path, databases: Sequence[Path], how: How):
         self._path, self._databases, self._how = path, databases, how
         self.notes: list[str] = []
-        self._messages = _messages_of(databases, self.notes)
+        self._messages = messages_of(databases, self.notes)
         self._kept: dict[int, _Kept] = {}
         self._unknown: set[int] = set()
         self._buses: dict[str, int] = {}
@@ -62,11 +62,11 @@ class Bus:
 
     def knows(self, identifier: int) -> bool:
         """Is there a message of that identifier?"""
-        return _key(identifier, False) in self._messages
+        return key_of(identifier, False) in self._messages
 
     def add(self, ids: np.ndarray, extended: np.ndarray, buses: Sequence[str], data: Sequence[bytes]) -> None:
         """The next frames, in the order of the file: identifiers, whether they are extended ones, names of the bus, (frames,)."""
-        ids = _key(ids, extended) | np.array([self._buses.setdefault(b, len(self._buses)) for b in buses]) << BUS
+        ids = key_of(ids, extended) | np.array([self._buses.setdefault(b, len(self._buses)) for b in buses]) << BUS
         seen, order = np.unique(ids), np.argsort(ids, kind="stable")
         bounds = [*np.searchsorted(ids[order], seen).tolist(), len(ids)]
         for k, key in enumerate(seen.tolist()):
@@ -74,7 +74,7 @@ class Bus:
             if kept is None:
                 continue
             rows = order[bounds[k] : bounds[k + 1]]
-            for s, have, value in _signals(kept.message, kept.signals, [data[i] for i in rows]):
+            for s, have, value in values_of(kept.message, kept.signals, [data[i] for i in rows]):
                 if s.name not in kept.value:
                     kept.value[s.name] = Growing()
                 frames = kept.frames.get(_pattern(s))
@@ -118,8 +118,8 @@ class Bus:
                     clocks[frames] = same, clocks[frames][1]
                 at, chosen = clocks[frames]
                 value = kept.value[s.name].array()[chosen]
-                states = _states(s)
-                value = _without_codes(f"{kept.message.name}.{s.name}", s, value, states, notes)
+                states = states_of(s)
+                value = without_codes(f"{kept.message.name}.{s.name}", s, value, states, notes)
                 plain = f"{kept.message.name}.{s.name}"
                 name = unused(plain, channels)
                 again = name if name != plain else again
@@ -151,11 +151,11 @@ class Bus:
         return own, slice(None)
 
 
-def _messages_of(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
+def messages_of(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
     messages: dict[int, Any] = {}
     for p in databases:
         for message in read_database(p, notes):
-            messages.setdefault(_key(message.frame_id, message.is_extended_frame), message)
+            messages.setdefault(key_of(message.frame_id, message.is_extended_frame), message)
     return messages
 
 
@@ -167,12 +167,12 @@ NO_VALUE = re.compile(
 )
 
 
-def _states(s: Any) -> dict[float, str]:
+def states_of(s: Any) -> dict[float, str]:
     """Return what single values of a signal mean, by the value in its unit."""
     return {float(raw) * float(s.scale) + float(s.offset): str(text) for raw, text in (s.choices or {}).items()}
 
 
-def _without_codes(name: str, s: Any, value: np.ndarray, states: dict[float, str], notes: list[str]) -> np.ndarray:
+def without_codes(name: str, s: Any, value: np.ndarray, states: dict[float, str], notes: list[str]) -> np.ndarray:
     """Return a measurement, NaN where its database says that the number stands for no value."""
     codes = {v: t for v, t in states.items() if NO_VALUE.search(t.replace("_", " "))}
     if s.length < LEAST_MEASURED or not codes:
@@ -186,7 +186,7 @@ def _without_codes(name: str, s: Any, value: np.ndarray, states: dict[float, str
     return np.where(bad, np.nan, value)
 
 
-def _key(identifier: Any, extended: Any) -> Any:
+def key_of(identifier: Any, extended: Any) -> Any:
     """Standard and extended identifiers are apart; whatever a log or database calls it, one of more than 11 bits is extended."""
     identifier = identifier & IDENTIFIER
     return identifier | (extended | (identifier > LONGEST_STANDARD)) << EXTENDED
@@ -197,7 +197,7 @@ def _pattern(s: Any) -> tuple[object, ...]:
     return _last_bit(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
 
 
-def _signals(message: Any, signals: Sequence[Any], data: Sequence[bytes]) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
+def values_of(message: Any, signals: Sequence[Any], data: Sequence[bytes]) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
     """Of each signal which frames have it, and its values there."""
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])

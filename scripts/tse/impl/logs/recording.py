@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import ctypes
 import gc
 import importlib
 import itertools
@@ -11,6 +12,7 @@ import re
 import signal
 import sys
 import threading
+import time
 import traceback
 from array import array
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
@@ -242,14 +244,18 @@ def in_time(path: Path) -> Iterator[None]:
 
     Notes
     -----
-    Signals reach the main thread alone. In others, and on Windows, nothing is limited. The innermost of
-    several blocks leaves the limit to the outermost.
+    Signals reach the main thread alone. In others, and on Windows, a thread beside it watches; it cannot stop a library that
+    does not come back to Python. The innermost of several blocks leaves the limit to the outermost.
     """
+    most = LEAST_TIME + EACH_TIME * size_of(path) / 2**20 if path.exists() else 0.0
     alone = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
-    if not alone or not path.exists() or signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0:
+    if not alone and most and not getattr(_HERE, "watched", False):
+        with _watched(path, most):
+            yield
+        return
+    if not alone or not most or signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0:
         yield
         return
-    most = LEAST_TIME + EACH_TIME * size_of(path) / 2**20
 
     def stop(*_: object) -> None:
         raise _TookLong
@@ -260,13 +266,55 @@ def in_time(path: Path) -> Iterator[None]:
         yield
     except _TookLong as error:
         _forget(error)
-        raise UserError(
-            f"{path}: takes more than {most:.0f} s to read, which is far more than its size: its blocks lead in a circle, or it is "
-            "made to keep a machine busy"
-        ) from None
+        raise _endless(path, most) from None
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
         signal.signal(signal.SIGVTALRM, before)
+
+
+def _endless(path: Path, most: float) -> UserError:
+    return UserError(
+        f"{path}: takes more than {most:.0f} s to read, which is far more than its size: its blocks lead in a circle, or it is "
+        "made to keep a machine busy"
+    )
+
+
+_HERE = threading.local()  # watched: somebody watches this thread
+
+
+def _busy(ident: int) -> float:
+    """Return how long a thread has worked, s; where the system does not say, a clock."""
+    try:
+        return time.clock_gettime(time.pthread_getcpuclockid(ident))
+    except (AttributeError, OSError):
+        return time.monotonic()
+
+
+@contextmanager
+def _watched(path: Path, most: float) -> Iterator[None]:
+    """The same as in_time() for a thread that no signal reaches: another one watches it, and interrupts it."""
+    ident, ended = threading.get_ident(), threading.Event()
+    begin, interrupt = _busy(ident), ctypes.pythonapi.PyThreadState_SetAsyncExc
+
+    def watch() -> None:
+        while not ended.wait(min(1.0, most)):
+            if _busy(ident) - begin > most:
+                interrupt(ctypes.c_ulong(ident), ctypes.py_object(_TookLong))  # again each second: a reader may have caught it
+
+    watcher = threading.Thread(target=watch, daemon=True, name="watchdog of a reader")
+    _HERE.watched = True
+    watcher.start()
+    try:
+        try:
+            yield
+        finally:
+            _HERE.watched = False
+            ended.set()
+            watcher.join()
+            interrupt(ctypes.c_ulong(ident), None)  # one that has not come yet comes no more
+    except _TookLong as error:
+        _forget(error)
+        raise _endless(path, most) from None
 
 
 def _forget(error: BaseException) -> None:

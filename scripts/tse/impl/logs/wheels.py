@@ -161,6 +161,7 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 
 # Correlation that speaks neither for nor against a role; the change of the wheels' speed is a noisy reference, and slopes add to it
 HALFWAY = {"accel_x": 0.68}
+MOST_SHOWN = 4.0  # that physics may speak for or against a role
 LATERAL = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
 
 
@@ -180,8 +181,14 @@ def find_roles(
             ref |= _pair(look, v, taken, said, ref)
     total: dict[str, dict[str, float]] = {}
     shown: dict[str, dict[str, float]] = {}
-    for role in LATERAL:
-        shown[role] = {n: _shown(look, role, n, v, turn_of(look, wheels), ref) for n in said[role]}
+    turn = turn_of(look, wheels)
+    top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
+    usual = None if v is None else v * (25.0 / top if top else 1.0)  # as fast as cars drive: its unit is not known yet
+    change = None if v is None else physics.derivative(v)
+    for role in LATERAL:  # of what cannot become it whatever physics says nothing is computed
+        shown[role] = {
+            n: _shown(look, role, n, v, usual, change, turn, ref) if w + MOST_SHOWN >= NAMED else 0.0 for n, w in said[role].items()
+        }
         total[role] = {n: said[role][n] + shown[role][n] for n in said[role]}
     found: dict[str, str] = {}
     pairs = sorted(((w, role, n) for role in LATERAL for n, w in total[role].items()), reverse=True)
@@ -211,8 +218,17 @@ def _said(look: Look, role: str, name: str) -> float:
     return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
 
-def _shown(look: Look, role: str, name: str, v: np.ndarray | None, turn: np.ndarray | None, ref: Mapping[str, str]) -> float:
-    """-4 .. 4: how well it agrees with the others; 0: nothing to compare with."""
+def _shown(
+    look: Look,
+    role: str,
+    name: str,
+    v: np.ndarray | None,
+    usual: np.ndarray | None,
+    change: np.ndarray | None,
+    turn: np.ndarray | None,
+    ref: Mapping[str, str],
+) -> float:
+    """-MOST_SHOWN .. MOST_SHOWN: how well it agrees with the others; 0: nothing to compare with."""
     x = look.x[name]
     said = []
     if role == "yaw_rate":
@@ -225,16 +241,15 @@ def _shown(look: Look, role: str, name: str, v: np.ndarray | None, turn: np.ndar
             said.append(abs(fit(v * look.x[ref["yaw_rate"]], x).corr))
         elif turn is not None:
             said.append(abs(fit(v * turn, x).corr))
-    elif role == "accel_x" and v is not None:
-        said.append(abs(fit(physics.derivative(v), x).corr))
-    elif role == "steer_angle" and v is not None:
+    elif role == "accel_x" and change is not None:
+        said.append(abs(fit(change, x).corr))
+    elif role == "steer_angle" and usual is not None:
         r = look.x[ref["yaw_rate"]] if "yaw_rate" in ref and ref["yaw_rate"] != name else turn
         if r is not None:
-            top = float(np.nanquantile(np.abs(v), 0.98)) if np.isfinite(v).any() else 0.0
-            found = physics.steering(x, v * (25.0 / top if top else 1.0), r)
+            found = physics.steering(x, usual, r)
             said.append(np.sqrt(max(found.share, 0.0)) if found else 0.0)
     said = [s for s in said if s > 0]
-    return float(np.clip(16.0 * (np.mean(said) - HALFWAY.get(role, 0.75)), -4.0, 4.0)) if said else 0.0
+    return float(np.clip(16.0 * (np.mean(said) - HALFWAY.get(role, 0.75)), -MOST_SHOWN, MOST_SHOWN)) if said else 0.0
 
 
 def _pair(
