@@ -1,5 +1,6 @@
-/* tests/unit/filter/test_backwards.c <-> src/filter/backwards.c, step.c: a car that goes out of a parking place, and wheel speeds without
- * a sign. Textbook kinematics: yaw rate is speed times angle over wheelbase, accel_x the change of the speed. */
+/* tests/unit/filter/test_backwards.c <-> src/filter/backwards.c, step.c: a car that goes out of a
+ * parking place, and wheel speeds without a sign. Textbook kinematics: yaw rate is speed times angle
+ * over wheelbase, accel_x the change of the speed. */
 #include "filter_support.h"
 
 typedef struct leg {
@@ -70,7 +71,7 @@ static void test_a_car_that_rolls_backwards_is_held(void)
     { "forward, steering to the right", { -1, 1, 1, 1, 1, 1 }, 0, 0, { 4, 0.2 }, 0 },
     { "forward, yaw rate to the right", { 1, 1, 1, 1, 1, -1 }, 0, 0, { 4, -0.2 }, 0 },
     { "backwards, wheel speeds with their sign", { 1, -1, -1, 1, 1, 1 }, 0, 0, { -4, 0.2 }, 1 },
-    { "forward, faster than cars roll backwards, accel_x to the rear", { 1, 1, 1, -1, 1, 1 }, 0, 0, { 9, 0 }, 0 },
+    { "forward, faster than any car backwards, accel_x to the rear", { 1, 1, 1, -1, 1, 1 }, 0, 0, { 9, 0 }, 0 },
   };
   p = prepared(config_by(tse_config_default));
   for (int i = 0; i < ROWS(ways); i++) {
