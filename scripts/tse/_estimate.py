@@ -27,7 +27,7 @@ from tse.impl.estimate import estimate as _run
 from tse.impl.fleet.single import Calibrate, Prepared, assemble, contradicts, notes_of
 from tse.impl.road import Road
 from tse.impl.vehicle import Vehicle
-from tse.impl.verdict import Finding, findings, late_steering
+from tse.impl.verdict import Finding, contradictions, findings, late_steering
 
 Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
@@ -270,7 +270,8 @@ def estimate(
             *ready.vehicle.found,
             *ready.vehicle.filled,
             *(n for n in ready.notes if n not in ready.warnings),
-            *late_steering(done.table, ready.config),
+            *(contradictions(done.table) if not ready.warnings else []),
+            *(late_steering(done.table, ready.config) if not ready.warnings else []),
         ),
         tuple(ready.warnings),
         None if ready.warnings else done.learnt,

@@ -38,6 +38,7 @@
 #define plausible_row  TSE_NAME(tse_plausible_row)
 #define plausible_channel TSE_NAME(tse_plausible_channel)
 #define judge_row      TSE_NAME(tse_judge_row)
+#define rolls_backwards TSE_NAME(tse_rolls_backwards)
 #define step_row       TSE_NAME(tse_step_row)
 #define state_unit     TSE_NAME(tse_state_unit)
 #define state_most     TSE_NAME(tse_state_most)
@@ -214,6 +215,11 @@ STAGE void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u,
 /* Return the channel that contradicts the others, as fault_channel has it, or 0; *factor: how many times too large it is, 0 where no
  * factor explains it. */
 int32_t plausible_channel(const tse_kalman *k, tse_real *factor);
+
+/* backwards.c  Return whether the car rolls backwards, whose wheel speeds may have no sign.
+ *              Given:     z  of this row   speed  of the faster axle, or as it was last, without its sign
+ *              Updated:   f->way           O(1) time */
+int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed);
 
 /* step.c     a row of tse_step() */
 tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);

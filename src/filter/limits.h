@@ -21,6 +21,9 @@
 #define LEAST_COURSE TSE_R(10)        /* m/s: below, the course is worse in inverse proportion */
 #define LEAST_OFF TSE_R(0.2)          /* m/s: how fast an axle slips sideways where nothing happens */
 
+#define LEAST_ROLLING TSE_R(0.5)      /* m/s: a car that changes its direction is slower in between */
+#define FASTEST_BACKWARDS TSE_R(8)    /* m/s: nobody drives backwards faster */
+
 /* What follows from a definition, or from a tuned constant. */
 #define MOST_GAPS TSE_R(3)           /* 1/s: of rows that are followed; motion that is placed so often is what it was placed by */
 #define STILL_TIME MODEL_TIME         /* s: wheels that stand for so long have come to rest; what a model discrepancy lasts, too, is a swing of the body */
@@ -28,6 +31,8 @@
 #define OPEN_TIME_SLIP TSE_R(0.1)     /* s: the same of wheels that lock or spin, which grows as fast */
 #define WHOLE_CHANGE TSE_R(1)         /* 1: least amplitude of a fault that counts: one sd of what it opens */
 #define LIKELY TSE_R(0.5)             /* 1: likelier than not */
+#define SAYS_BACKWARDS TSE_R(4.5)     /* 1: log odds of half a TAIL: one in a hundred */
+#define SAYS_FORWARD TSE_R(-2.25)     /* 1: half of that, to the contrary: a slope, against what the turn says */
 #define BRAKES TSE_R(0.5)             /* 1: of the brake switch, as tables/input.toml says it */
 #define HEADING_SD TSE_R(1)           /* rad: of a zero that is not known, so that the first course sets it */
 

@@ -1,6 +1,7 @@
 /* filter/plausible.c - do the channels agree? A unit, a sign or an axle that was taken for another is a factor between two quantities of
  * which physics says that they are the same. Each such pair is smoothed, and its variances and covariance are kept over USUAL_TIME of
- * driving: means go with the biases, and the factor is the root of the ratio of the variances, with the sign of the covariance.
+ * driving: means go with the biases, and the factor is the root of the ratio of the variances, with the sign of the covariance. Of a pair
+ * that is apart they are kept over ROAD_TIME alone: what contradicts for a stretch, as on ice, is forgotten soon behind it.
  *
  * A factor of the speed alone (km/h taken for rad/s is 3.6 wheel radii: 1.0 .. 1.3) is within what roll and pitch do to each pair. But v r
  * grows with it where the change of the speed does against accel_x, so the two together show it: roll, pitch and latency, which both
@@ -32,12 +33,14 @@ static tse_real to_explain(const tse_params *p, const tse_pair *q, int which)
   return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
 }
 
-/* Return whether a pair has moved so far that what it says counts: variance times seconds. */
-static int is_shown(const tse_pair *q, int which, tse_real first)
+/* Variance times seconds from which a pair has moved so far that what it says counts. */
+static const tse_real least_shown[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
+
+/* Return whether it has; of one that is apart, by the variance as if it were kept for as long as of others. */
+static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 {
-  static const tse_real least[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
   const tse_real most = which < IN_BENDS ? r_max(first, q->var[1]) : first;
-  return r_mul(q->time, most) > least[which];
+  return r_mul(apart ? USUAL_TIME : q->time, most) > least_shown[which];
 }
 
 /* Return the squared correlation of a pair.   Given: first  variance of the first, of what is to be explained of it */
@@ -56,12 +59,19 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
   return !(q->both > TSE_R(0)) || related < UNRELATED || y > r_mul(FURTHEST_OFF, x) || x > r_mul(FURTHEST_OFF, y);
 }
 
-/* Let a pair have x and y for dt. */
-static void pair_learn(tse_pair *q, tse_real x, tse_real y, tse_real dt)
+/* Let a pair have x and y for dt. What is further off than usual counts as 3 sd: a burst of wrong
+ * numbers weighs no more than its time, and a wrong unit is in the variance soon.
+ *   Given:     memory     [s] for how long it is kept   least  variance that nobody would see
+ *   Returned:  deviation  of both from their means, as they count */
+static void pair_learn(tse_pair *q, tse_real x, tse_real y, tse_real dt, tse_real memory, tse_real least,
+                       tse_real deviation[2])
 {
-  q->time = r_mul(q->time, r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0))) + dt;
-  const tse_real gain = r_div(dt, q->time), keep = TSE_R(1) - gain, deviation[2] = { x - q->mean[0], y - q->mean[1] };
+  q->time = r_mul(q->time, r_max(TSE_R(1) - r_div(dt, memory), TSE_R(0))) + dt;
+  const tse_real gain = r_div(dt, q->time), keep = TSE_R(1) - gain;
+  deviation[0] = x - q->mean[0], deviation[1] = y - q->mean[1];
   for (int i = 0; i < 2; i++) {
+    const tse_real most = r_mul(TAIL, r_max(q->var[i], least));
+    if (q->time > dt && r_sqr(deviation[i]) > most) deviation[i] = deviation[i] < TSE_R(0) ? -r_sqrt(most) : r_sqrt(most);
     q->mean[i] += r_mul(gain, deviation[i]);
     q->var[i] = r_mul(keep, q->var[i] + r_mul(gain, r_sqr(deviation[i])));
   }
@@ -79,14 +89,14 @@ static tse_real factor_of(const tse_pair *q)
 
 /* Add a row to what tells the scale of the speed: square and product of a pair that goes together, over SCALE_TIME of driving. What is a
  * quarter of a period ahead is in neither: slip, which leads the speed, and the change of the speed across in a fast sweep. */
-static void scale_learn(tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
+static void scale_learn(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
   tse_real *const sum = a->moved[which == ALONG];
   const tse_real keep = r_max(TSE_R(1) - r_div(dt, SCALE_TIME), TSE_R(0));
   if (((a->apart >> which) & 1) || related_of(q, q->var[0]) < SCALE_RELATED) return;
-  sum[0] = r_mul(keep, sum[0]) + r_mul(dt, r_sqr(x - q->mean[0]));
-  sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(x - q->mean[0], y - q->mean[1])), TSE_R(0));
+  sum[0] = r_mul(keep, sum[0]) + r_mul(dt, r_sqr(deviation[0]));
+  sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(deviation[0], deviation[1])), TSE_R(0));
 }
 
 /* Return how many times too large the speed by the wheels is, squared: how the change of the speed is to accel_x, over how
@@ -109,7 +119,7 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 {
   const tse_pair *const across = &a->pair[ACROSS], *const along = &a->pair[ALONG];
   const tse_real first = to_explain(p, along, ALONG);
-  if (a->apart || !is_shown(across, ACROSS, across->var[0]) || !is_shown(along, ALONG, first)) return 0;
+  if (a->apart || !is_shown(across, ACROSS, across->var[0], 0) || !is_shown(along, ALONG, first, 0)) return 0;
   if (related_of(across, across->var[0]) < ROUGH_RELATED || related_of(along, first) < ROUGH_RELATED) return 0;
   const tse_real scale = rough_scale_of(across, along, first);
   return scale > ROUGH_MOST || scale < ROUGH_LEAST;
@@ -166,11 +176,13 @@ static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_r
 static void compare(const tse_params *p, tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
 {
   tse_pair *const q = &a->pair[which];
-  pair_learn(q, x, y, dt);
+  tse_real deviation[2];
+  const int apart = (a->apart >> which) & 1;
+  pair_learn(q, x, y, dt, apart ? ROAD_TIME : USUAL_TIME, r_div(least_shown[which], USUAL_TIME), deviation);
   const tse_real first = to_explain(p, q, which);
-  if (!is_shown(q, which, first)) return;
+  if (!is_shown(q, which, first, apart)) return;
   a->apart = is_apart(q, which, first, p->car.driven) ? a->apart | 1 << which : a->apart & ~(1 << which);
-  if (which == ACROSS || which == ALONG) scale_learn(a, which, x, y, dt);
+  if (which == ACROSS || which == ALONG) scale_learn(a, which, deviation, dt);
 }
 
 /* Read the channels.   Returned: bits of those that are there and in their range; x  0 of the others */
@@ -210,6 +222,7 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   if (starts) return;
   const tse_real *const s = a->smooth;
   const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)), bend = r_clamp(r_div(r_mul(p->car.lf + p->car.lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));
+  const tse_real ahead = r_mul(TSE_R(0.5), r_sqr(bend)); /* so much faster the front wheels are in a bend */
   const struct {
     tse_real x, y;
     int counts;
@@ -217,7 +230,7 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
     { s[SIDE_ASKED], s[SIDE], (has & TSE_MISSING_accel_y) && (has & TSE_MISSING_yaw_rate) },
     { s[TURN_ASKED], s[TURN], (has & TSE_MISSING_steer_angle) && (has & TSE_MISSING_yaw_rate) },
     { s[GAINED], r_clamp(change, -MOST_ACROSS, MOST_ACROSS), (has & TSE_MISSING_accel_x) && r_abs(faster) < SLIPPING },
-    { r_mul(TSE_R(0.5), r_sqr(bend)), faster, both && !no_second && (has & TSE_MISSING_yaw_rate) },
+    { ahead, faster, both && !no_second && (has & TSE_MISSING_yaw_rate) && r_abs(faster) < SLIPPING + ahead },
     { s[GAINED], faster, both && !no_second && (has & TSE_MISSING_accel_x) && s[GAINED] > GAINS_SPEED },
   };
   for (int i = 0; i < TSE_PAIRS; i++)

@@ -2,6 +2,7 @@
  *
  *   start.c      the prior, and the motion placed from the sensors
  *   row.c        a log row becomes a checked sample
+ *   backwards.c  whether the car rolls backwards
  *   predict.c    state and covariance to its time (model/car.c: forces, motion and sensors of the car; ud.c: the covariance)
  *   update.c     its measurements, one after the other
  *   velocity.c   ... of them a velocity, where one is measured
@@ -69,10 +70,11 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   keep_speeds(p, f, z);
 }
 
-/* Classify the row.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it */
-static row_class classify(const tse_params *p, const tse_filter *f, const decoded *z, tse_real speed, int gap)
+/* Classify the row.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it
+ *                     Updated: f->way */
+static row_class classify(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
-  const int reverse = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR)) < -p->hold_speed;
+  const int reverse = rolls_backwards(p, f, z, speed) || r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR)) < -p->hold_speed;
   row_class w;
   w.gap = gap;
   w.sparse = f->gaps > r_mul(MOST_GAPS, r_min(f->k.seen + TSE_R(1), USUAL_TIME));

@@ -132,10 +132,12 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   if (!p || !f) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   if (!(p->form == 0 && filter_bytes == sizeof(tse_filter)) && filter_bytes != sizeof(tse_filter_paper)) return TSE_E_SIZE;
-  const tse_real *const one[] = { &f->steer, &f->v_front, &f->v_rear, &f->held_for, &f->rolled_for, &f->still_for,
+  const tse_way *const w = &f->way;
+  const tse_real *const one[] = { &w->by_turn, &w->by_gain, &w->gained, &f->steer, &f->v_front, &f->v_rear, &w->begins, &w->rolls_for, &w->unread,
+                                  &f->held_for, &f->rolled_for, &f->still_for,
                                   &f->off_for[0], &f->off_for[1], &f->ratio, &f->gaps, &f->seen };
   int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_int(f->started, 0, 1) && sound_int(f->lost, 0, 1);
-  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 3 ? -MOST_REAL : TSE_R(0), MOST_REAL);
+  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 6 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
   fine = fine && sound_start(&f->start);
   fine = fine && sound_waiting(p, &f->waiting);

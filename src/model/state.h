@@ -242,6 +242,13 @@ typedef struct tse_kalman {
   tse_agreement agreement;
 } tse_kalman;
 
+/* Which way the car rolls: src/filter/backwards.c. */
+typedef struct tse_way {
+  tse_real by_turn, by_gain;          /* [1] log odds of backwards by how it turns, by how it gains speed */
+  tse_real begins, gained;            /* [m/s] speed at first, and what accel_x has added up to since */
+  tse_real rolls_for, unread;         /* [s] since then, since accel_x was read */
+} tse_way;
+
 /* Rows that wait for channels which are logged later, in a ring: before them stands an older one. */
 typedef struct tse_alignment {
   int32_t count, newest;                    /* rows kept; place of the newest                             */
@@ -266,6 +273,7 @@ struct tse_filter {
   tse_real off_for[2];                /* [s] for so long the column of each axle is no copy of the other's: it has changed to another value */
   tse_real ratio;                     /* [1] front over rear wheel speed when both changed and differed last; 0: not known */
   tse_real gaps;                      /* [1] gaps in the last 20 s of rows that the filter has followed */
+  tse_way way;
   tse_real seen;                      /* form 1: samples learnt from, up to five memories; form 0: k.seen */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
   tse_start start;

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tse.impl.logs.agree import check_units
+from tse.impl.core import Config
+from tse.impl.logs.agree import check_units, late_across
 from tse.impl.logs.log import read_frame
 
 WHEELBASE, RADIUS = 2.7, 0.31
@@ -71,3 +72,54 @@ def test_wheels_of_one_side_are_still_found() -> None:
     table["wheel_speed_rear"] -= 1.5 * table["yaw_rate"] / 2 / RADIUS
     (text,) = said(table)
     assert text.startswith("check the wheels")
+
+
+STREET = Config({"mass": 1800.0, "lf": 1.25, "lr": 1.45, "wheel_radius_front": RADIUS, "wheel_radius_rear": RADIUS,
+                 "cornering_stiffness_front": 1.1e5, "cornering_stiffness_rear": 1.4e5})  # fmt: skip
+
+
+@pytest.mark.parametrize(("late", "ahead", "filtered", "wrong"), [
+    (0.0, 0.0, False, ""), (0.05, 0.0, False, ""), (0.2, 0.0, False, "later"), (-0.2, 0.0, False, "earlier"),
+    (0.0, -2.5, False, "later"), (0.0, 2.5, False, "earlier"), (0.0, 0.0, True, "later"),
+])  # fmt: skip
+def test_an_accel_y_that_comes_when_the_car_does_not_turn_is_said(late: float, ahead: float, filtered: bool, wrong: str) -> None:
+    """Late, low-passed at 1 Hz, or of an IMU that is metres away; what the vehicle file says of it is not said."""
+    table = drive(180.0, 15.0, 2.0)
+    time = table["time"].to_numpy()
+    v = RADIUS * table["wheel_speed_rear"]
+    yaw = np.gradient(np.convolve(table["yaw_rate"], np.ones(21) / 21, "same"), time)
+    slip = 1800.0 * 1.25 / (1.4e5 * 2.7) * v**2
+    y = table["accel_y"] + (1.45 - slip + ahead) * yaw
+    y = pd.Series(np.interp(time - late, time, y))
+    table["accel_y"] = y.ewm(alpha=0.02 / (0.02 + 1 / (2 * np.pi))).mean() if filtered else y
+    log = read_frame(table)
+    said = late_across(log, STREET)
+    assert bool(said) == bool(wrong)
+    if wrong:
+        assert f" ms {wrong} than the car turns" in said[0] and "Stiffness is wrong by it" in said[0]
+    if late or ahead:
+        stated = Config({**STREET.as_dict(), "accel_y_latency": max(late, 0.0), "imu_lever_arm_x": ahead})
+        assert late < 0 or late_across(log, stated) == []
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_course_of_the_compass_is_found(sense: float) -> None:
+    table = drive(120.0, 15.0, 2.0)
+    course = sense * np.cumsum(table["yaw_rate"]) * 0.02
+    table["gnss_course"] = np.where(np.arange(len(table)) % 10 == 0, np.angle(np.exp(1j * course)), np.nan)
+    assert bool(said(table)) == (sense < 0)
+    assert sense > 0 or "gnss_course turns against yaw_rate" in said(table)[0]
+
+
+@pytest.mark.parametrize("run", [1, 10])
+def test_zeros_that_were_written_for_missing_values_are_missing(run: int) -> None:
+    """Isolated, or a tenth of a second long. A channel that passes through zero keeps its zeros."""
+    table = drive(60.0, 15.0, 2.0)
+    rng = np.random.default_rng(5)
+    gone = np.repeat(rng.random(len(table) // run + 1) < 0.1, run)[: len(table)]
+    coarse = table.assign(steer_angle=np.round(table["steer_angle"] / 0.002) * 0.002)
+    kept = read_frame(coarse).data["steer_angle"]
+    assert (kept == 0.0).any() and not kept.isna().any()
+    log = read_frame(table.assign(steer_angle=np.where(gone, 0.0, table["steer_angle"])))
+    assert (log.data["steer_angle"].isna().to_numpy() == gone).all()
+    assert any("steer_angle is 0 in" in note for note in log.notes)

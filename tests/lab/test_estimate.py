@@ -20,6 +20,7 @@ import pytest
 
 from conftest import COMMAND, RAN, tselab, tselab_here
 from tse.impl import estimate as module
+from tse.impl import results
 from tse.impl.config import make_config
 from tse.impl.errors import UserError
 from tse.impl.estimate import estimate_to
@@ -521,6 +522,18 @@ def test_after_ctrl_c_no_second_pass_begins(drive, monkeypatch):
     monkeypatch.setattr(single, "implausible", lambda _: "odd")
     ran = single.run(single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None)
     assert len(passes) == 1 and ran.notes[0] == "odd"
+
+
+def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, monkeypatch):
+    """The steering angle comes at another time than the vehicle file says: known at the end alone, true of all rows."""
+    prepared = single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {})
+    assert results.exit_code(single.run(prepared, None, None).findings) != results.NOTHING
+    late = "steer_angle comes 60 ms later than the vehicle file says. Stiffness is wrong by it"
+    monkeypatch.setattr(single, "late_steering", lambda *_: [late])
+    ran = single.run(single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None)
+    valid = [f"{s}_valid" for s in ("cx_front", "cy_front", "cy_rear", "grip")]
+    assert results.exit_code(ran.findings) == results.NOTHING and not ran.estimate.table[valid].to_numpy().any()
+    assert sum(late in note for note in ran.notes) == 1 and (ran.estimate.table["status"] == 10).mean() > 0.3
 
 
 def test_strict_holds_for_the_car_that_was_calibrated_on_the_log(drive, monkeypatch):

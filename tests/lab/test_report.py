@@ -114,6 +114,12 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
     assert verdicts(table, Config({"form": 1}))[1].value == pytest.approx(70)
 
 
+@pytest.mark.parametrize(("reason", "level"), [("uncertain", "good"), ("implausible", "partly"), ("sensor fault", "partly")])
+def test_a_log_that_ends_with_a_channel_at_fault_is_good_in_part(reason: str, level: str) -> None:
+    assert verdict_of([1] * 60 + [0] * 40, reason)[1].level == level
+    assert verdict_of([1] * 30 + [0] * 40 + [1] * 30, reason)[1].level == "good"
+
+
 def test_grip_and_sideslip_have_their_intervals():
     table = table_of([1] * 100, "")
     assert others(table, Config({"grip_sd": 0.2})) == []  # a table without them

@@ -21,7 +21,7 @@ from tse.impl.logs.recording import Channel, Recording
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import Reading
 from tse.impl.vehicle import default_vehicle, read_vehicle
-from tse.impl.verdict import implausible
+from tse.impl.verdict import contradictions, implausible
 
 GOOD = """[signals.steer_angle]
 name = "lrw"
@@ -478,6 +478,19 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
     assert implausible(table.iloc[:70]).endswith("accel_x seems to have the other sign (factor -1, about 1 is expected)")
     assert "in 67 % of the rows that drive" in implausible(table.iloc[np.r_[0:10, 70:100, 10:70]])
     assert implausible(table.iloc[np.r_[70:100, 0:10, 10:35]]) == ""
+
+
+@pytest.mark.parametrize(("before", "factor", "whole"), [(10.0, 0.0, True), (30.0, 0.0, False), (30.0, -1.0, True)])
+def test_a_channel_that_fails_leaves_what_was_valid_before(before: float, factor: float, whole: bool) -> None:
+    """One that has agreed for 20 s, and is no factor of what it was, is no wrong unit or sign."""
+    time = np.arange(0.0, 90.0, 0.1)
+    names = ("cx_front_reason", "cy_front_reason", "cy_rear_reason")
+    reasons = np.where(time > before, "implausible", "valid")
+    table = pd.DataFrame({"time": time} | dict.fromkeys(names, reasons) | {"fault_channel": 6, "fault_factor": factor})
+    assert bool(implausible(table)) == whole
+    (said,) = contradictions(table)
+    assert said.startswith(f"the channels contradict each other from {before + 0.1:.1f} to 89.9 s: yaw_rate ")
+    assert contradictions(table[reasons == "valid"]) == []
 
 
 def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):

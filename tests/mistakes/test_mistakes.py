@@ -3,9 +3,10 @@
 import re
 import shutil
 
+import numpy as np
 import pytest
 
-from tests.mistakes.drives import MISTAKES, OF_LOGS, Drive, drives
+from tests.mistakes.drives import CHANNELS, MISTAKES, OF_LOGS, STEP, Drive, drives
 from tests.mistakes.front_ends import FRONT_ENDS, page_maker
 
 ROWS = ("C", "Python")  # of rows, and of a whole log; the others take long (HEAVY, tests/conftest.py)
@@ -29,6 +30,17 @@ def expect_said(mistake: str | None, front_end: str, both: list[Drive]) -> None:
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
 def test_a_mistake_is_never_valid_and_silent(mistake: str | None, front_end: str, both: list[Drive]) -> None:
     expect_said(mistake, front_end, both)
+
+
+@pytest.mark.parametrize("front_end", ROWS)
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_channel_that_is_frozen_never_ends_valid(channel: str, front_end: str, both: list[Drive]) -> None:
+    """What was valid before it stays so; from half a minute behind on nothing is."""
+    log = dict(both[0].log)
+    stuck = round(0.4 * len(log["time"]))
+    log[channel] = np.where(np.arange(len(log["time"])) < stuck, log[channel], log[channel][stuck])
+    valid = FRONT_ENDS[front_end](both[0], log).valid
+    assert valid[: stuck // 2].any() and valid[:stuck].mean() > 0.5 and not valid[stuck + round(30 / STEP) :].any()
 
 
 @pytest.mark.parametrize("mistake", OF_LOGS)

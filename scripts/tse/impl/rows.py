@@ -65,6 +65,8 @@ HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 FASTEST, SLOWEST = 0.001, 1.0  # s: rows of a log are so far apart; a median step above is refused
 TURN_SHOWN = 0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
 COMPUTED = 0.015  # of accel_y, that speed times yaw rate leaves of it: less, and it was computed from them; 0.04 without any noise
+# zeros that are no values: times in the log, so many steps of a row off, share of all times that it is 0
+WRITTEN_RUNS, WRITTEN_STEPS, WRITTEN_SHARE = 10, 4.0, 0.2
 ALONE, ALONE_ROWS, ALONE_VALUES = 1.5, 5, 10  # of the next value; rows; values that the others have at least
 STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
 MOST_WITNESS = 100000  # rows of a longer log that are looked at for it
@@ -221,6 +223,7 @@ def checked(
             _check_channel(path, data, line, f, notes, name, place)
     for name in data:
         _not_code(data, name, notes)
+        _not_written(data, name, notes)
     _not_stuck(data, parts, notes)
     if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
         raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
@@ -290,6 +293,28 @@ def _not_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
     value = data[name][rows.argmax()]
     notes.append(f"{name} is {value:g} in {rows.sum()} rows and at most {others.max():.3g} in the others: no value, and missing")
     data[name] = np.where(rows, np.nan, data[name])
+
+
+def _not_written(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
+    """A zero between two values of one sign, both further from it than the channel moves in a row, was written for a missing one;
+    where many are, all are."""
+    value = data[name]
+    zero = value == 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], zero.astype(np.int8), [0]])))
+    first, after = edges[::2], edges[1::2]
+    inner = (first > 0) & (after < len(value))
+    first, after = first[inner], after[inner]
+    if len(first) < WRITTEN_RUNS:
+        return
+    steps = np.abs(np.diff(value))[~(zero[1:] | zero[:-1])]
+    steps = steps[np.isfinite(steps)]
+    moves = WRITTEN_STEPS * float(np.quantile(steps, 0.95)) if len(steps) else np.inf
+    before, then = value[first - 1], value[after]
+    written = (before * then > 0) & (np.minimum(np.abs(before), np.abs(then)) > moves)
+    if written.sum() < WRITTEN_RUNS or written.sum() < WRITTEN_SHARE * len(first):
+        return
+    notes.append(f"{name} is 0 in {zero.sum()} rows, between values far from it: written where there is none, and missing")
+    data[name] = np.where(zero, np.nan, value)
 
 
 def _not_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:

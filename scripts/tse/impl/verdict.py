@@ -32,10 +32,12 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may show it",
 }
+AT_FAULT = ("sensor fault", "implausible")  # reasons that, at the end of a log, say that it was not good to its end
 LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
 OFTEN, OFTEN_TIME = 3, 60.0  # changes, so many s apart: more and more often they are a model that does not fit
 NOISY = 1.25  # noise found over the setting's: from here on it is remarked
 STILL = ("starting", "held", "input invalid", "row refused")  # rows without a say in whether the channels agree
+AGREED = 20.0  # s of driving in which channels agreed: what shows after it, and is no factor, was not so before
 MOSTLY = 0.5  # share of the others from which implausible rows speak against the log
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
 OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
@@ -177,29 +179,55 @@ def findings(
 
 
 def implausible(table: pd.DataFrame) -> str:
-    """Return in words what the filter has against the log, if it is in most of the rows that drive and at their end; empty else.
+    """Return in words what the filter has against the log, if it is in most of the rows that drive and at their end, and was so
+    before it showed; empty else.
 
-    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses of speed; a unit or an axle that is taken
-    for another stays so. A channel that fails late contradicts fewer rows, and leaves what was valid before."""
+    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses of speed; a unit, a sign or an axle that
+    is taken for another stays so. A channel that fails late contradicts fewer rows, or is no factor of what it was before: that
+    costs these rows, and leaves what was valid until then."""
     reasons = [table[f"{key}_reason"] for key in STIFFNESS]
     drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
     against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
     if not drives.any() or len(against) <= MOSTLY * drives.sum() or against[-1] != np.flatnonzero(drives)[-1]:
         return ""
     share, last = percent(len(against) / float(drives.sum())), table.iloc[against[-1]]
-    channel, factor = channel_name(int(last["fault_channel"])), float(last["fault_factor"])
+    wheels = channel_name(int(last["fault_channel"])).startswith("wheel_speed")
+    if not wheels and last["fault_factor"] == 0 and _seconds(table, drives)[against[0]] > AGREED:
+        return ""
+    return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {_against(last)}"
+
+
+def _against(row: pd.Series) -> str:
+    """Return in words what an implausible row has against a channel."""
+    channel, factor = channel_name(int(row["fault_channel"])), float(row["fault_factor"])
     wheels = channel.startswith("wheel_speed")
     if wheels and factor == 0:
-        what = "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
-    elif factor == 0:
-        what = f"{channel} does not go with the others"
-    elif factor < 0:
-        what = f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
-    else:
-        named = "the wheel speeds seem" if wheels else f"{channel} seems"
-        what = f"{named} to be {factor:.3g} times the true value"
-        what += f", or the steps of time {factor:.3g} times" if channel == "accel_x" else ""
-    return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {what}"
+        return "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
+    if factor == 0:
+        return f"{channel} does not go with the others"
+    if factor < 0:
+        return f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
+    named = "the wheel speeds seem" if wheels else f"{channel} seems"
+    also = f", or the steps of time {factor:.3g} times" if channel == "accel_x" else ""
+    return f"{named} to be {factor:.3g} times the true value{also}"
+
+
+def contradictions(table: pd.DataFrame) -> list[str]:
+    """Return where the channels of a log that is no mistake as a whole contradict each other, in words."""
+    rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
+    time, said = spoken_of(table), []
+    for first, after in spans(time, rows):
+        last = table.iloc[np.flatnonzero(rows[first:after])[-1] + first]
+        said.append(f"from {time[first]:.1f} to {time[after - 1]:.1f} s: {_against(last)}: not valid there")
+    if not said:
+        return []
+    often = "" if len(said) == 1 else f"{len(said)} times, first "
+    return [f"the channels contradict each other {often}{said[0]}"]
+
+
+def _seconds(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
+    """Return how long the car has driven before each row."""
+    return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
 
 
 def _contradicted(v: Verdict) -> Verdict:
@@ -311,7 +339,8 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
     if known and table.loc[valid, f"{key}_spread_seen"].mean() >= 0.5:
         spread = float(np.median(table.loc[valid, f"{key}_spread"].to_numpy() / 1000) / value)
         parts.append(f"spread {100 * spread:.0f} % from sample to sample")
-    level = "none" if not known else "good" if share >= 0.3 else "partly"
+    ends = table[f"{key}_reason"].to_numpy(object)[-1] in AT_FAULT if len(table) else False
+    level = "none" if not known else "good" if share >= 0.3 and not (whole and ends) else "partly"
     return Verdict(key, name, level, unit, value, band, spread, nominal, share, reason, reason_share, "; ".join(parts))
 
 

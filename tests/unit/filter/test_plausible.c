@@ -228,7 +228,8 @@ static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
     const double faster = fmax(-1, fmin(1, (turn[n].front - turn[n].rear) / v));
     const double expected[TSE_PAIRS][2] = { { v * turn[n].r, 1.5 }, { 0.03 * v / (length + understeer * v * v), turn[n].r }, { 0.4, 0 }, { 0.5 * bend * bend, faster }, { 0.4, faster } };
     for (int i = 0; i < TSE_PAIRS; i++) {
-      const int spins = i == 2 && fabs(faster) >= number(SLIPPING); /* says nothing of how the car gains speed */
+      /* says nothing of how the car gains speed, nor of how much faster front wheels are in a bend */
+      const int spins = (i == 2 && fabs(faster) >= number(SLIPPING)) || (i == 3 && fabs(faster) >= number(SLIPPING) + 0.5 * bend * bend);
       for (int side = 0; side < 2; side++) expect_near(spins ? 0 : expected[i][side], number(pair[i].mean[side]), close * 10, "mean", 100 * n + 10 * i + side);
       expect_near(spins ? 0 : number(USUAL_TIME) * (1 - pow(1 - 0.01 / number(USUAL_TIME), 19)), number(pair[i].time), close, "seconds", 10 * n + i);
     }
@@ -281,5 +282,50 @@ static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
     }
     TEST_ASSERT_EQUAL_INT(exchanged ? 1 + TSE_CHANNEL_wheel_speed_front : 0, plausible_channel(&k, &factor));
     TEST_ASSERT_TRUE(factor == TSE_R(0));
+  }
+}
+
+/* How long after its end, and for how long in all, something contradicts in two minutes of bends, of which a channel is wrong for a
+ * while: at a value, or with a factor. */
+typedef struct wrong {
+  const char *what;
+  int channel;
+  double from, to, value, factor; /* s; its value is value + factor times what it was */
+  double after, least;            /* s: at most so long after its end, at least so long in all */
+} wrong;
+
+static void test_what_is_wrong_for_a_while_contradicts_for_a_while(void)
+{
+  static const wrong cases[] = {
+    { "wheels at 98 m/s", TSE_CHANNEL_wheel_speed_front, 40, 40.5, 98, 0, 0, 0 },
+    { "both wheels late in the drive", TSE_CHANNEL_wheel_speed_rear, 90, 91, 98, 0, 0, 0 },
+    { "yaw rate at 4 rad/s", TSE_CHANNEL_yaw_rate, 40, 40.5, 4, 0, 0, 0 },
+    { "accel_y at 30 m/s2", TSE_CHANNEL_accel_y, 40, 40.5, 30, 0, 0, 0 },
+    { "accel_x at -30 m/s2", TSE_CHANNEL_accel_x, 40, 41, -30, 0, 0, 0 },
+    { "steering the other way", TSE_CHANNEL_steer_angle, 40, 75, 0, -3, 30, 25 }, /* as on ice */
+    { "yaw rate the other way, to the end", TSE_CHANNEL_yaw_rate, 40, 120, 0, -1, 0, 60 },
+  };
+  const tse_params p = prepared(config_by(tse_config_default));
+  const double length = number(p.car.lf) + number(p.car.lr);
+  for (int i = 0; i < ROWS(cases); i++) {
+    const wrong *const w = &cases[i];
+    static tse_kalman k;
+    double after = 0, all = 0;
+    memset(&k, 0, sizeof k);
+    for (int n = 0; n < 12000; n++) {
+      const double t = 0.01 * n, v = 14 + 4 * sin(0.4 * t), r = 0.25 * sin(0.9 * t) * sin(0.07 * t), is = t >= w->from && t < w->to;
+      double x[TSE_CHANNELS] = { r * length / v, v, v, 1.6 * cos(0.4 * t), v * r, r };
+      tse_input u;
+      if (is) x[w->channel] = w->value + w->factor * x[w->channel];
+      tse_input_default(&u);
+      u.steer_angle = real(x[0]), u.accel_x = real(x[3]), u.accel_y = real(x[4]), u.yaw_rate = real(x[5]);
+      u.wheel_speed_front = real(x[1] / number(p.radius_front)), u.wheel_speed_rear = real(x[2] / number(p.radius_rear));
+      plausible_row(&p, &k, &u, real(0.01), 0);
+      if (!(k.agreement.apart || k.agreement.off_scale)) continue;
+      all += 0.01;
+      if (t >= w->to) after = t - w->to + 0.01;
+    }
+    TEST_ASSERT_TRUE_MESSAGE(after <= w->after, w->what);
+    TEST_ASSERT_TRUE_MESSAGE(all >= w->least && (w->least > 0 || all <= 0), w->what);
   }
 }

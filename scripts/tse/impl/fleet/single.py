@@ -16,14 +16,14 @@ from tse.impl.config import check_effect, make_config
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, Learnt, estimate_to
-from tse.impl.logs.agree import MOST_ROWS, PERHAPS, check_car, stood, sure
+from tse.impl.logs.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
 from tse.impl.logs.log import read_log
 from tse.impl.regimes import Change
 from tse.impl.road import Road
 from tse.impl.rows import Log, Reading, liveliest, sampling_notes, steering_notes
 from tse.impl.rows import average as average_log
 from tse.impl.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
-from tse.impl.verdict import Finding, findings, implausible, late_steering, of_uncertainty, remarks
+from tse.impl.verdict import Finding, contradictions, findings, implausible, late_steering, of_uncertainty, remarks
 
 
 @dataclass
@@ -125,8 +125,12 @@ def assemble(
             made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
             made.doubts.append(made.notes[0])
         return replace(made, own=found)
+    late = [] if said or form != "default" else late_across(lively, config)
+    if strict and late:
+        raise UserError(f"{log.path}: option --strict: {late[0]}")
     notes = [
         *said,
+        *late,
         *stood(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
         *log.notes,
         *sampling_notes(log, config.max_gap),
@@ -134,7 +138,7 @@ def assemble(
         *notes,
         *vehicle.notes,
     ]
-    warnings = [*sure(said), *vehicle.wrong]
+    warnings = [*sure(said), *late, *vehicle.wrong]
     return Prepared(vehicle, log, config, notes, warnings, [w for w in said if w not in warnings])
 
 
@@ -180,7 +184,8 @@ def run(prepared: Prepared, out: Path | None, report: Path | None, learnt: Learn
 
 def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
     """Return whether the rows speak against a log of which the preparation had nothing to say; it is among the warnings then."""
-    said = "" if prepared.warnings else implausible(table)
+    late = late_steering(table, prepared.config)
+    said = "" if prepared.warnings else implausible(table) or (f"check steer_angle: {late[0]}" if late else "")
     if said and prepared.doubts:
         prepared.warnings += prepared.doubts
         prepared.doubts = []
@@ -199,6 +204,7 @@ def notes_of(prepared: Prepared, est: Estimate) -> list[str]:
     return [
         *notes,
         *remarks(est.table),
-        *late_steering(est.table, prepared.config),
+        *(contradictions(est.table) if not prepared.warnings else []),
+        *(late_steering(est.table, prepared.config) if not prepared.warnings else []),
         *of_uncertainty(est.table, prepared.config, est.uncertainty_sd),
     ]

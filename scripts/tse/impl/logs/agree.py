@@ -82,6 +82,7 @@ LEAST_SHARE = 0.25  # of the force, by one axle of two
 TURNED = 0.2  # of the other axis, that both accelerometers read: sine of 12 degrees; 0.13 of right cars, and of one of the two
 # m, by yaw rate, that front wheels roll faster than rear ones: no axle does, left and right do; share of it without what slip does
 ASIDE, ASIDE_SHARE = (0.5, 2.0), 0.5
+LATE_ACROSS = 0.1  # s; cars and logs whose IMU is where it should be have -0.06 .. 0.1
 ROWS_SLOW, OFF_TIME = 20, 3.0  # rows further apart than the raster; factor of the change of speed over so many
 ODD_PIECES = 0.2  # of the pieces of a log may contradict a mistake that is in all of it
 PIECE = 20.0  # s: bends and changes of speed in it show a unit
@@ -142,6 +143,28 @@ def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
+
+
+def late_across(log: Log, config: Config) -> list[str]:
+    """Return that accel_y does not come when the car turns, but much later or earlier than the vehicle file says; [] if it does.
+
+    It is speed times yaw rate and the change of the sideslip. Body roll, which comes later, is within LATE_ACROSS."""
+    if len(log) < 50 or not log.sample_time:
+        return []
+    d = _smooth(log)
+    v = 0.5 * (config.wheel_radius_front * d["wheel_speed_front"] + config.wheel_radius_rear * d["wheel_speed_rear"])
+    wheelbase = config.lf + config.lr
+    slip = config.mass * config.lf / (config.cornering_stiffness_rear * wheelbase) * v**2
+    across = v * d["yaw_rate"] + physics.derivative((config.lr - slip + config.imu_lever_arm_x) * d["yaw_rate"])
+    late, sd = physics.lag(across, d["accel_y"], np.abs(v) > physics.MOVING)
+    late -= config.accel_y_latency
+    if not abs(late) - 3.0 * sd > LATE_ACROSS:
+        return []
+    return [
+        f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms {'later' if late > 0 else 'earlier'} than the car "
+        "turns: one of them is late or low-passed, or the IMU is far from the centre of gravity. Stiffness is wrong by it: "
+        "calibrate, or state it in the vehicle file"
+    ]
 
 
 def check_units(
@@ -291,6 +314,16 @@ def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
         fast = np.isfinite(x) & (v > FAST)
         if fast.sum() >= 50 and not 1 / OFF_SPEED < (ratio := float(np.median(x[fast] / v[fast]))) < OFF_SPEED:
             found.append(f"check the units: {name} is {ratio:.3g} times the speed of the wheels, about 1 is expected")
+    if "gnss_course" in log.extra:
+        course, turned = log.extra["gnss_course"].to_numpy(float), log.data["yaw_rate"].to_numpy(float)
+        heading = np.cumsum(np.nan_to_num(turned) * np.diff(log.time, prepend=log.time[0]))
+        rows = np.flatnonzero(np.isfinite(course) & (v > FAST))
+        n = max(1, round(HALF / float(np.median(np.diff(log.time[rows]))))) if len(rows) > 1 else 1
+        first, last = rows[:-n], rows[n:]
+        changes = np.column_stack([np.angle(np.exp(1j * (course[last] - course[first]))), heading[last] - heading[first]])
+        changes = changes[log.time[last] - log.time[first] < 2 * HALF]
+        if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
+            found.append("check the units: gnss_course turns against yaw_rate: a compass counts clockwise, it counts to the left")
     if "ins_vel_y" in log.extra:
         y = log.extra["ins_vel_y"].to_numpy(float)
         rate = log.data["accel_y"].to_numpy(float) - v * log.data["yaw_rate"].to_numpy(float)
