@@ -307,7 +307,7 @@ class Log:
 
 
 def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
-    """Settings under the estimator's names; what is not among them is as in tse_config_default()."""
+    """Settings under the estimator's names; what is not among them is as in tse_config_exact()."""
     known = {n.partition(".")[2].replace(".", "_"): n for n, v in of.variables.items() if v.causality == "parameter"}
     return {**KNOWN, **{known[name]: value for name, value in settings.items()}}
 

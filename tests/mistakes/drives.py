@@ -34,11 +34,9 @@ class Drive:
     known: bool  # the settings are exactly those of the simulated car; else all but mass and axles is an ordinary car's
 
     def settings(self) -> Config:
-        """As tse_config_default(), or tse_config_uncalibrated(), makes them."""
-        config = Config({**self.car, "driven_axle": AXLES[self.driven]})
-        if not self.known:
-            config.fill("tse_config_uncalibrated")
-        return config
+        """As tse_config_exact(), or tse_config_default(), makes them."""
+        car = {**self.car, "driven_axle": AXLES[self.driven]}
+        return Config.exact(car) if self.known else Config(car)
 
 
 def drives() -> list[Drive]:

@@ -6,7 +6,7 @@
 static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_backwards_as_forwards(void)
 {
   static const double along[] = { 20, 3, 0.5, 0.02, 0.01, 0.005 }, across[] = { 2, 0.4, 0.02, 0.004 };
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.mass_sd = setting(0.03);
   tse_params p = prepared(c);
   p.model_sd = real(0.02);
@@ -35,7 +35,7 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
  * mixture of both: by hand, from amplitude s/(1 + i) and variance 1/(1 + i) of score s and information i. */
 static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
 {
-  const tse_params p = prepared(config_by(tse_config_default));
+  const tse_params p = prepared(config_by(tse_config_exact));
   static const int at[] = { VX, VY, YAW, BX, BY, BR, LATE };
   const double w = 0.3, amplitude = 12.0 / 7, spread = 1 / 7.0, close = BY_NUMBER(1e-9, 2e-5, 2e-5);
   for (int n = 0; n < ROWS(at); n++) {
@@ -72,7 +72,7 @@ static void test_cornering_by_another_steering_than_the_settings_is_not_valid(vo
     static tse_kalman k;
     tse_output y = blank_output();
     row_class w;
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     c.driven_axle = 1, c.steer_lag_sd = setting(cases[n].sd);
     const tse_params p = prepared(c);
     memset(&k, 0, sizeof k);
@@ -100,7 +100,7 @@ static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
     static tse_kalman k;
     tse_output y = blank_output();
     row_class w;
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     c.driven_axle = 1, c.wheel_radius_sd = setting(cases[n].sd);
     const tse_params p = prepared(c);
     memset(&k, 0, sizeof k);
