@@ -112,3 +112,39 @@ static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_VALID, y.reason[TSE_CY_FRONT], "front");
   }
 }
+
+/* A sound drive of a car of the class, to a filter that is told the mass, or not. */
+static void count_reasons(const tse_config *told, int rows[(TSE_IMPLAUSIBLE + 1)])
+{
+  static tse_filter_paper f;
+  truth w;
+  tse_output y = blank_output();
+  tse_config c = config_by(tse_config_default);
+  c.mass = setting(1500);
+  truth_start(&w, c, 25, 0, 4);
+  w.amplitude = 0.02;
+  const tse_params p = prepared(*told);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  memset(rows, 0, (TSE_IMPLAUSIBLE + 1) * sizeof *rows);
+  for (int n = 0; n < 6000; n++) {
+    const tse_input u = truth_row(&w, 0.01);
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, tse_step(&p, &f.filter, &u, &y));
+    for (int a = 0; a < 3; a++) rows[y.reason[a]]++;
+  }
+}
+
+static void test_without_a_mass_no_stiffness_is_valid_and_the_parameters_are_the_reason(void)
+{
+  int rows[(TSE_IMPLAUSIBLE + 1)];
+  for (int form = 0; form <= TSE_LAST_FORM; form++) {
+    tse_config c = config_by(tse_config_default);
+    c.form = form, c.valid_sd = setting(0.2); /* twice what is usual: a sine says little of an ordinary car */
+    count_reasons(&c, rows);
+    TEST_ASSERT_EQUAL_INT(0, rows[TSE_VALID]);
+    TEST_ASSERT_GREATER_THAN_INT(9000, rows[TSE_PARAMETERS_UNCERTAIN]);
+    TEST_ASSERT_LESS_THAN_INT(20, rows[TSE_UNCERTAIN]);
+    c.mass = setting(1500);
+    count_reasons(&c, rows);
+    TEST_ASSERT_GREATER_THAN_INT(form ? 1000 : 6000, rows[TSE_VALID]);
+  }
+}
