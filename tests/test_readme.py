@@ -122,7 +122,7 @@ def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, 
         '#include <stdio.h>\n#include "car.h"\n'
         "static tse_filter f;\nstatic const tse_setting rows[][6] = {\n" + numbers + "};\n"
         "int main(void)\n{\n  tse_config c; tse_params p; tse_input u; tse_output y = { 0 };\n"
-        "  tse_config_exact(&c); tse_config_car(&c); tse_input_default(&u);\n"
+        "  tse_config_default(&c); tse_config_car(&c); tse_input_default(&u);\n"
         "  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return 1;\n"
         "  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {\n"
         "    u.steer_angle = rows[i][0]; u.wheel_speed_front = rows[i][1]; u.wheel_speed_rear = rows[i][2];\n"

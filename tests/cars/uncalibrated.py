@@ -41,9 +41,9 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     maneuver, relaxation, roll, seed, which = job
     effects, rng = {"relaxation_length": relaxation, "body_roll_gain": roll}, np.random.default_rng([seed, 71])
     of_class = which == CARS[0]
-    facts = CAR if of_class else {key: getattr(Config(), key) for key in FACTS} | {"driven_axle": "front"}
+    facts = CAR if of_class else {key: getattr(Config.exact(), key) for key in FACTS} | {"driven_axle": "front"}
     vehicle = make_vehicle(dict(facts), Path("car.toml"))
-    car = Config((filter_values(vehicle) if of_class else {}) | effects)
+    car = Config.exact((filter_values(vehicle) if of_class else {}) | effects)
     factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
     sim = SimConfig({f"true_{key}": value for key, value in factor.items()} | {"seed": seed})
     duration = max(LEAST, maneuvers.KINDS[maneuver].duration)

@@ -286,7 +286,7 @@ class Log:
         """One row of the core's outputs per row."""
         config = settings
         if not isinstance(settings, Config):
-            config = Config({**(Config.settings_of(form) if form else {}), **settings})
+            config = Config.exact({**(Config.settings_of(form) if form else {}), **settings})
         filter_ = Filter(config)
         rows = np.zeros(len(self), library().dtype(INPUT))
         rows["dt"][1:] = np.diff(self.time)

@@ -287,7 +287,7 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
     np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
     code = guide_examples()[0]
     said = run(code, tmp_path, built / "TireStiffnessEstimator.fmu").split()
-    car = Config({"mass": 1650.0})
+    car = Config.exact({"mass": 1650.0})
     if "calibrated" not in code:
         car.fill("tse_config_uncalibrated")
     assert float(said[-2]) * car.cornering_stiffness_front == pytest.approx(0.8 * 1.2e5, rel=0.15)

@@ -244,7 +244,7 @@ import pickle, sys
 from fmu_support import expected_outputs, recorded_drive
 from tse.impl.core import Config
 settings, ordinary = pickle.loads(sys.stdin.buffer.read())
-config = Config(settings)
+config = Config.exact(settings)
 if ordinary:
     config.fill("tse_config_uncalibrated")
 rows = recorded_drive().through_library(config)
