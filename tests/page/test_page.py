@@ -290,6 +290,18 @@ def test_a_parquet_file_has_the_rows_of_its_frame(seen, drive, tmp_path):
         assert np.array_equal(rows[name], drive[name]), name
 
 
+def test_without_a_mass_nothing_is_valid_and_stiffness_follows_one_that_is_said_later(seen):
+    given = seen["noMass"]
+    rows = pd.read_csv(io.StringIO(given["est"]))
+    for s in ("cx_front", "cy_front", "cy_rear"):
+        assert not rows[f"{s}_valid"].any()
+    assert (rows["cy_front_reason"] == "parameters uncertain").mean() > 0.5
+    assert given["mass"] == ["", "not known"] and "The mass is not known" in given["notes"]
+    assert "\nmass = " not in given["car"]  # the command asks for it
+    (empty, before), (still, after) = given["before"], given["after"]
+    assert empty == still == "" and after == pytest.approx(before * 1900 / 1500, rel=1e-3)
+
+
 def test_what_nobody_said_is_that_of_the_class(seen, tmp_path):
     """Of a log alone: the car and the sensors that the command takes for a file with these masses and lengths."""
     (tmp_path / "page.toml").write_text(seen["logs"]["plain"]["car"])
