@@ -70,6 +70,13 @@ void model_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_exact(&m->config); }
 
+void model_was_set(model *m, const fmu_variable *v, double value)
+{
+  (void)m;
+  (void)v;
+  (void)value;
+}
+
 static void derive_outputs(model *m)
 {
   tse_output relative;

@@ -45,8 +45,8 @@ const fmu_variable fmu_variables[] = {
   ROADS(ROAD)
 
   { "vehicle.exact", 'b', 'p', (int32_t)offsetof(model, exact), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
-    "false: an ordinary car, whose mass at least is to be set; true: a car that is known exactly, as that of SingleTrackVehicle: what is "
-    "at its start value is as there, uncertainties are 0" },
+    "false: an ordinary car, whose mass at least is to be set; true: a car that is known exactly: what is not set is that of "
+    "SingleTrackVehicle, with uncertainties of 0" },
   SETTINGS(PARAMETER, WHOLE_PARAMETER)
 
   OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)
@@ -134,22 +134,32 @@ void model_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_default(&m->config); }
 
-/* The settings of the filter. */
+/* Place of a parameter in model.set; -1: it is no setting. */
+static int place_of(const fmu_variable *v)
+{
+  const int32_t at = v->offset - (int32_t)offsetof(model, config);
+  return v->role == 'p' && at >= 0 && at < (int32_t)sizeof(tse_config) ? (int)(at / (int32_t)sizeof(int32_t)) : -1;
+}
+
+void model_was_set(model *m, const fmu_variable *v, double value)
+{
+  if (place_of(v) >= 0) m->set[place_of(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
+}
+
+/* The settings of the filter: exact: those of a car that is known exactly, and what the importer has set. Of an importer that sets every
+ * parameter, as some do before anything, nobody knows which were meant: those that are not at their start. */
 static void settings_used(const model *m, tse_config *used)
 {
+  int least = SET_TO_ANOTHER;
+  for (int i = 0; i < fmu_variable_count; i++)
+    if (place_of(&fmu_variables[i]) >= 0 && m->set[place_of(&fmu_variables[i])] == NOT_SET) least = SET_TO_START;
   memcpy(used, &m->config, sizeof *used);
-  if (m->exact) {
-    tse_config start;
-    tse_config_default(&start);
-    tse_config_exact(used);
-    for (int i = 0; i < fmu_variable_count; i++) {
-      const fmu_variable *const v = &fmu_variables[i];
-      const int32_t at = v->offset - (int32_t)offsetof(model, config);
-      const size_t bytes = v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t);
-      if (v->role != 'p' || at < 0 || at >= (int32_t)sizeof *used) continue;
-      if (memcmp((const uint8_t *)&m->config + at, (const uint8_t *)&start + at, bytes) != 0)
-        memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at, bytes);
-    }
+  if (m->exact) tse_config_exact(used);
+  for (int i = 0; m->exact && i < fmu_variable_count; i++) {
+    const fmu_variable *const v = &fmu_variables[i];
+    const size_t at = (size_t)v->offset - offsetof(model, config);
+    if (place_of(v) >= 0 && m->set[place_of(v)] >= least)
+      memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at, v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
   }
   tse_config_complete(used);
 }
@@ -260,6 +270,8 @@ int model_sound(const model *m, int started)
 {
   tse_config used;
   tse_params anew;
+  for (int i = 0; i < SETTINGS; i++)
+    if (m->set[i] > SET_TO_ANOTHER) return 0;
   if (!started) return 1;
   settings_used(m, &used);
   if (memcmp(&used, &m->used, sizeof used) != 0) return 0;

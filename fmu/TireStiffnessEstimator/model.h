@@ -4,9 +4,17 @@
 
 #include "tse/tse.h"
 
+enum { SETTINGS = sizeof(tse_config) / sizeof(int32_t) }; /* places for a setting */
+
+/* A parameter: has the importer set it, to its start value or to another one? */
+enum { NOT_SET,
+       SET_TO_START,
+       SET_TO_ANOTHER };
+
 typedef struct model {
   tse_config config;                   /* parameters as they are set and read                       */
-  int32_t exact;                       /* 1: what is at its start value is that of tse_config_exact() */
+  int32_t exact;                       /* 1: what is not set is that of tse_config_exact()          */
+  uint8_t set[SETTINGS];               /* by place in config                                        */
   tse_config used;                     /* settings of the filter                                    */
   tse_setting nominal[3];              /* stiffness, N and N/rad                                    */
   tse_input row;                       /* inputs as set                                             */

@@ -91,6 +91,9 @@ const char *fmu_range(const fmu_variable *v, char text[FMU_RANGE]);
 /* Defaults of what the table does not list. The variables' start values follow. `m` is zero before. */
 void model_init(model *m);
 
+/* The importer has set parameter v to this value, which is in its place already. For models that tell what was set from what was left. */
+void model_was_set(model *m, const fmu_variable *v, double value);
+
 /* Check parameters, set the state to time `start` and compute all outputs from parameters and inputs. May be called again,
  * with other parameters, before the first step.
  *   Returned:  text  why not, when FMU_ERROR: names the variable */

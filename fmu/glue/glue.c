@@ -204,7 +204,11 @@ static void set_number(glue_content *c, const fmu_variable *v, double value)
 double glue_get(instance *s, const fmu_variable *v, int32_t element) { return get_number(&s->c, v, element); }
 double glue_time(const instance *s) { return s->c.phase & (GLUE_STEPPING | GLUE_TERMINATED) ? s->c.now : s->c.start; }
 
-void glue_set(instance *s, const fmu_variable *v, double value) { set_number(&s->c, v, value); }
+void glue_set(instance *s, const fmu_variable *v, double value)
+{
+  set_number(&s->c, v, value);
+  if (v->role == 'p') model_was_set(&s->c.m, v, value);
+}
 
 void glue_set_rate(instance *s, const fmu_variable *v, double rate) { set_real(&s->c, v->rate, rate); }
 

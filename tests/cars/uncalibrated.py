@@ -2,7 +2,7 @@
 
     python -m tests.cars.uncalibrated [--seeds N] [--first SEED] [--jobs J] [--out FILE]
 
-The car is one of its class (tse_config_uncalibrated) with the relaxation and roll of the table, and each axle's stiffness is not
+The car is one of its class (tse_config_default) with the relaxation and roll of the table, and each axle's stiffness is not
 its class's; or it is the car of the default settings, whose yaw inertia is not its class's, either. Truth: stiffness at no slip,
 which the simulator is told.
 """

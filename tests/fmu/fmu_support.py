@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ESTIMATOR, VEHICLE = "TireStiffnessEstimator", "SingleTrackVehicle"
 MODELS = (ESTIMATOR, VEHICLE)
 CHANNELS = [f.name for f in library().channels]
-KNOWN = {"vehicle.calibrated": True}  # the estimator's parameters are settings as they are, none is filled in
+KNOWN = {"vehicle.exact": True}  # the car of tse_config_exact()
 DRIVER = [f.name for f in library().fields(SIM_INPUT) if f.name != "dt"]
 
 # ---- building

@@ -271,7 +271,7 @@ static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
 {
   fmi2Component const c = instantiated();
   SET(c, { "vehicle.exact", 1 }, { "filter.initial_cx_front", 0.8 }, { "filter.initial_cy_front", 0.9 },
-      { "filter.initial_cy_rear", 1.1 }, { "filter.initial_cy_rear_sd", 0.28 }, { "filter.grip", 0.9 },
+      { "filter.initial_cy_rear", 1.1 }, { "filter.initial_cy_rear_sd", 0.25 }, { "filter.grip", 0.9 },
       { "filter.grip_sd", 0.2 });
   OK(fmi2EnterInitializationMode(c));
   TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.8, real_of(c, "estimate.relative.cx_front"));
@@ -281,7 +281,7 @@ static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
   TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.9 * 1.2e5, real_of(c, "estimate.cy_front"));
   TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1.1 * 1.4e5, real_of(c, "estimate.cy_rear"));
   const double sd = real_of(c, "estimate.relative.cy_rear_sd");
-  TEST_ASSERT_TRUE(sd > 0.999 * 1.1 * 0.28 && sd < 1.3 * 1.1 * 0.28);
+  TEST_ASSERT_TRUE(sd > 0.999 * 1.1 * 0.25 && sd < 1.3 * 1.1 * 0.25);
   TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.9, real_of(c, "estimate.grip"));
   TEST_ASSERT_TRUE(real_of(c, "estimate.grip_sd") > 0.999 * 0.9 * 0.2 && real_of(c, "estimate.grip_sd") < 1.3 * 0.9 * 0.2);
   TEST_ASSERT_TRUE(real_of(c, "estimate.noise_accel_y") == 1.0 && real_of(c, "estimate.change_cy_rear") == 1.0);
