@@ -229,3 +229,13 @@ def test_a_first_row_of_zeros_is_forgotten() -> None:
         for s in STIFFNESS:
             off = rows[k][f"estimate.{s}"] - run.rows[k][f"estimate.{s}"]
             assert abs(off) < 1.96 * run.rows[k][f"estimate.{s}_sd"], (k, s)
+
+
+def test_an_fmu_that_is_told_no_mass_finds_nothing_valid(estimator: Unit) -> None:
+    log = simulated_drive()
+    with Instance(estimator) as instance:
+        instance.start(time=float(log.time[0]))
+        rows = log.through_fmu(instance)
+    reasons = {row[f"estimate.{s}_reason"] for row in rows for s in ("cx_front", "cy_front", "cy_rear")}
+    assert 0 not in reasons and 7 in reasons  # the parameters of the car are too uncertain
+    assert not any(row["estimate.valid"] for row in rows)
