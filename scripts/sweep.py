@@ -124,7 +124,9 @@ def main() -> int:
         return 2
     names = args.names or [n for n, row in table.items() if row[4] != "-"]
     cases = [studies.study(s).case(c) for s, c in CASES]
-    drives = [[drive(c, seed, lambda about: Config.exact({**START, **about}), {}) for seed in range(1, args.runs + 1)] for c in cases]
+    drives = [
+        [drive(c, seed, lambda about: Config.exact({**START, **about}), {}) for seed in range(1, args.runs + 1)] for c in cases
+    ]
     base = [np.array([rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
     cars = Cars(args.cars)
     columns = [*(c.name for c in cases), *ON_CARS]

@@ -106,8 +106,8 @@ def config_page() -> str:
         "defaults, `tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
         "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of "
         "`tse.Filter(settings=...)`, and parameters of the FMUs.\n\n"
-        "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range it is 0: not set. These have "
-        "other values in `tse_config_exact()`, a car that is known exactly:\n\n"
+        "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range it is 0: not set. "
+        "These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
         + uncalibrated()
         + "\n"
         + "\n".join(text)

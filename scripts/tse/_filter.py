@@ -34,8 +34,8 @@ class Filter:
     Parameters
     ----------
     vehicle
-        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an ordinary car, of which `settings` tells the
-        mass at least. Without one no stiffness is valid.
+        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an ordinary car, of which
+        `settings` tells the mass at least. Without one no stiffness is valid.
     settings
         Any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's.
     form

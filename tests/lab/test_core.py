@@ -57,7 +57,9 @@ def test_what_is_not_set_is_of_the_class_by_the_mass_and_no_mass_is_uncertain():
     told = Config({"mass": 1650.0})
     assert told.cornering_stiffness_front == 0 and told.complete().cornering_stiffness_front > 5e4
     told.mass = 3300.0  # in any order
-    assert told.complete().cornering_stiffness_front == pytest.approx(2 * Config({"mass": 1650.0}).complete().cornering_stiffness_front)
+    assert told.complete().cornering_stiffness_front == pytest.approx(
+        2 * Config({"mass": 1650.0}).complete().cornering_stiffness_front
+    )
     assert (told.complete().mass_sd, Config().complete().mass_sd) == (0.05, 0.3)
     told.mass = 0  # as by default
     with pytest.raises(SettingError, match=r"mass = 1.65 is outside its range 50 .. 50000 kg"):

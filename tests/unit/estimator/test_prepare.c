@@ -283,7 +283,7 @@ static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
   const tse_config c = other_config(), usual[2] = { defaults(), config_by(tse_config_default) };
   for (int k = 0; k < 2; k++)
     EACH_SETTING(row)
-    TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting_field(&usual[k], row) : whole_field(&c, row) != whole_field(&usual[k], row), row->name);
+  TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting_field(&usual[k], row) : whole_field(&c, row) != whole_field(&usual[k], row), row->name);
 }
 #endif
 
