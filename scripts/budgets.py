@@ -204,7 +204,7 @@ KINDS = """\
 Instructions by kind of row, mean / longest: the drive; 0.1 s to a row at 2.2 m/s and 9 m/s; 2.2 m/s at 10 ms; channels that lie;
 pauses of 0.11 s and 100 s; channels missing at random; the drive with steering and accel_x logged late."""
 FLASH = """\
-Flash of a Cortex-M4F in float at -Os by what is left out: settings, `tse_config_uncalibrated()` where there are effects, step,
+Flash of a Cortex-M4F in float at -Os by what is left out: settings, step,
 learnt state, with what they need of libc."""
 STACKS = "Stack below `tse_step`: written on these rows, and along the deepest path of calls; of `tse_prepare`: written."
 

@@ -47,7 +47,7 @@ def library(real: str, small: bool = False) -> Library:
 
 
 def settings(lib: Library, form: str, about: dict[str, float]) -> Config:
-    config = Config({**START, **about}, lib=lib)
+    config = Config.exact({**START, **about}, lib=lib)
     if form != "default":
         config.fill(f"tse_config_{form}")
         for name, value in {**START, **about}.items():
@@ -56,7 +56,7 @@ def settings(lib: Library, form: str, about: dict[str, float]) -> Config:
 
 
 def simulated(case: Case, seed: int) -> Drive:
-    return drive(case, seed, lambda about: Config({**START, **about}), {})
+    return drive(case, seed, lambda about: Config.exact({**START, **about}), {})
 
 
 def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:

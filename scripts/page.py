@@ -131,7 +131,7 @@ def example() -> dict[str, Any]:
     from tse.impl import maneuvers
     from tse.impl.core import Config
 
-    config = Config()
+    config = Config.exact()
     plan = maneuvers.build(DRIVE, config, sample_time=config.sample_time, duration=SECONDS, road=[ROAD])
     rows, step = len(plan.time), config.sample_time
     if not np.array_equal(plan.time, np.rint(np.arange(rows) * step * 1e9) / 1e9):

@@ -65,7 +65,7 @@ def build(name: str, factor: float) -> Library:
 def rms(case: Case, d: Drive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
     """RMS error of the three stiffnesses in the case's windows [%], and the share of rows whose 95 % interval holds [%]."""
     settings = {**START, **d.about}
-    config = Config(settings, lib=lib) if lib else Config(settings)
+    config = Config.exact(settings, lib=lib)
     out = estimators.run("tse", d, config)
     here = inside(d.time, case.windows)
     error = np.column_stack([out[s] for s in STIFFNESS])[here] / d.stiffness[here] - 1
@@ -124,7 +124,9 @@ def main() -> int:
         return 2
     names = args.names or [n for n, row in table.items() if row[4] != "-"]
     cases = [studies.study(s).case(c) for s, c in CASES]
-    drives = [[drive(c, seed, lambda about: Config({**START, **about}), {}) for seed in range(1, args.runs + 1)] for c in cases]
+    drives = [
+        [drive(c, seed, lambda about: Config.exact({**START, **about}), {}) for seed in range(1, args.runs + 1)] for c in cases
+    ]
     base = [np.array([rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
     cars = Cars(args.cars)
     columns = [*(c.name for c in cases), *ON_CARS]

@@ -43,13 +43,25 @@ def file_of(name: str) -> str:
 
 
 def settings(name: str) -> dict[str, Row]:
-    """Return the settings of a table, by their names: defaults, ranges, units, texts."""
+    """Return the settings of a table, by their names: defaults, ranges, units, texts.
+
+    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car that is known exactly."""
     table = read(name)
     if name == "formula":
         table = table["setting"]
     if name == "effects":
         table = {f"{i}_{p}": {**row, "effect": i} for i, e in table.items() for p, row in e["parameter"].items()}
-    return {n: {"unit": "", **row, "whole": not isinstance(row["default"], float)} for n, row in table.items()}
+    ordinary = read("uncalibrated")["setting"]
+    return {
+        n: {
+            "unit": "",
+            **row,
+            "whole": not isinstance(row["default"], float),
+            "exact": row["default"],
+            "default": ordinary.get(n, {"value": row["default"]})["value"],
+        }
+        for n, row in table.items()
+    }
 
 
 def config() -> dict[str, Row]:
@@ -62,9 +74,9 @@ def c(x: float | int | str) -> str:
     return x if isinstance(x, str) else repr(x)
 
 
-def start(row: Row) -> str:
-    """Return the default, which is the most where a build allows no more."""
-    default, most = c(row["default"]), c(row["most"])
+def start(row: Row, of: str = "default") -> str:
+    """Return the default, which is the most where a build allows no more. of: exact: of a car that is known exactly."""
+    default, most = c(row[of]), c(row["most"])
     return f"{default} < {most} ? {default} : {most}" if isinstance(row["most"], str) else default
 
 
@@ -90,7 +102,8 @@ def member(kind: str, name: str, about: str, width: int) -> str:
 def about(row: Row) -> str:
     """Return what one has to know of a setting, for its comment."""
     unit = "" if row.get("whole") else f"[{row['unit']}] "
-    return f"{unit}{short(row['default'])}, {short(row['least'])} .. {short(row['most'])}; {row['text']}"
+    numbers = f"{short(row['default'])}, {short(row['least'])} .. {short(row['most'])}"
+    return f"{unit}{numbers}; {row['text']}"
 
 
 def struct(rows: dict[str, Row], real: str) -> list[str]:
@@ -113,8 +126,8 @@ def settings_lists() -> Iterator[str]:
     """Yield a list of settings for each of their tables; that of the effects is made of their parameters."""
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
-            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, {c(r['least'])}, {c(r['most'])}, "
-            f"{text(r['unit'])}, {text(r['text'])})"
+            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, {start(r, 'exact')}, "
+            f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
             for n, r in settings(group).items()
         ]
         yield from listed(f"SETTINGS_{group.upper()}(REAL, WHOLE)", rows)
@@ -214,10 +227,10 @@ def effect_numbers() -> list[str]:
 def effect_parameters() -> Iterator[str]:
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
     rows = [
-        f"ROW(REAL, {i}, {p}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])}, "
+        f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {c(r['default'])}, {c(r['exact'])}, {c(r['least'])}, "
+        f"{c(r['most'])}, {text(r['unit'])}, {text(r['text'])}, "
         f"{roles[r['role']]}, {r['sign']}, {', '.join(c(x) for x in (*r['typical'], r['negligible']))})"
-        for i, e in read("effects").items()
-        for p, r in e["parameter"].items()
+        for n, r in settings("effects").items()
     ]
     yield from listed("EFFECT_PARAMETERS(ROW, REAL)", rows)
 
@@ -346,7 +359,7 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
     ],
     "copies": lambda: packed(row for group in CONFIG if group != "velocity" for row in copied(group)),
     "velocity_copies": lambda: packed(copied("velocity")),
-    "uncalibrated": lambda: packed(f"SET({n}, {c(r['value'])})," for n, r in read("uncalibrated")["setting"].items()),
+    "exact": lambda: packed(f"SET({n}, {c(r['exact'])})," for n, r in config().items() if r["exact"] != r["default"]),
     # effects, formula
     "effect_places": lambda: packed(f"TSE_EFFECT_{i}," for i in read("effects")),
     "effect_members": lambda: packed(f"{n}," for n in settings("effects")),

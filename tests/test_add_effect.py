@@ -25,7 +25,7 @@ static double turned(double arm) /* yaw rate after a second of braking straight 
   static tse_sim sim;
   tse_sim_input u = { 0 };
   tse_sim_output y;
-  tse_config_default(&c);
+  tse_config_exact(&c);
   tse_sim_config_default(&s);
   c.brake_pull_arm = arm;
   u.dt = 0.01;
@@ -55,7 +55,7 @@ int main(void)
   tse_output y;
   int32_t count;
   const tse_field *const row = tse_describe(TSE_STRUCT_OUTPUT, &count, NULL);
-  tse_config_default(&c);
+  tse_config_exact(&c);
   u.dt = 0.01;
   u.wheel_speed_front = u.wheel_speed_rear = 60;
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || tse_step(&p, &f, &u, &y) < 0) return 1;

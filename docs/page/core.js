@@ -66,6 +66,10 @@ class Library {
   desk(k) { return new Desk(this, k); }
 }
 
+// Whether a value stands for a setting that is not set: a default outside the range.
+const isUnset = (f, value) => value === f.def && value < f.lo;
+const mayBeUnset = (f) => f.def < f.lo;
+
 function rangeText(f) {
   const unit = f.unit === "" || f.unit === "1" ? "" : ` ${f.unit}`;
   return f.hi >= f.lo ? `${brief(f.lo)} .. ${brief(f.hi)}${unit}` : "any";
@@ -112,13 +116,22 @@ class Desk {
     else this.lib.f64[p.at >> 3] = value;
   }
 
-  // All settings as the library has them: a car that is known exactly.
+  // All settings as the library has them: an ordinary car (src/tables/uncalibrated.toml), whose mass is not known.
   defaults() { this.lib.c.page_defaults(this.base); }
 
-  // What an ordinary car of this mass and these axles has (src/tables/uncalibrated.toml): stiffness, inertia, sensors, how uncertain.
-  uncalibrated() { this.lib.c.page_uncalibrated(this.base); }
+  // The simulator's car, known exactly.
+  exact() { this.lib.c.page_exact(this.base); }
 
   settings() { return Object.fromEntries(this.lib.tables.config.map((f) => [f.name, this.get(f.name)])); }
+
+  // The same, with what the filter takes for those that are not set.
+  completed() {
+    const before = this.settings();
+    this.lib.c.page_complete(this.base);
+    const made = this.settings();
+    for (const [name, value] of Object.entries(before)) this.set(name, value);
+    return made;
+  }
 
   check(status) {
     if (status >= 0) return;

@@ -51,7 +51,7 @@ class DrivePane {
   // A car at its start, and a filter that knows nothing of its tyres but the nominal values.
   begin() {
     const { desk } = this, speed = 20;
-    desk.defaults();
+    desk.exact();
     desk.set("driven_axle", DRIVEN.front);
     desk.set("sample_time", STEP);
     const seed = Number($("seed").value), f = this.lib.field("simConfig", "seed");

@@ -75,6 +75,7 @@ class LogPane {
       $("load-car").hidden = false;
       $("car-file").onchange = () => $("car-file").files[0] && this.openCar($("car-file").files[0]);
     }
+    $("known").value = "1";
     this.settings();
     if (innerWidth < 760) $("vehicle-more").open = false;      // on a phone the results are far down else
     this.chart = new Chart($("chart"), {
@@ -115,9 +116,14 @@ class LogPane {
       const host = $(["vehicle", "uncertainty", "sensors"][k]);
       for (const name of names) {
         const f = this.lib.field("config", name), id = `set-${name}`;
-        const input = make("input", { type: "number", id, min: f.lo, max: f.hi, step: "any", required: true });
+        const input = make("input", { type: "number", id, min: f.lo, max: f.hi, step: "any", required: !mayBeUnset(f) });
         input.setAttribute("aria-describedby", `${id}-text`);
-        input.onchange = () => this.read(name) && this.said.set(name, this.desk.get(name));
+        input.onchange = () => {
+          if (!this.read(name)) return;
+          if (isUnset(f, this.desk.get(name))) this.said.delete(name);
+          else this.said.set(name, this.desk.get(name));
+          this.hint();
+        };
         this.fields.set(name, input);
         host.append(make("label", { htmlFor: id }, make("span", { textContent: name.replaceAll("_", " ") }),
           make("span", { className: "value" }, input, make("i", { textContent: f.unit === "1" ? "" : f.unit })),
@@ -129,17 +135,27 @@ class LogPane {
 
   show() {
     for (const [name, input] of this.fields) {
-      input.value = String(this.desk.get(name));
+      const value = this.desk.get(name);
+      input.value = isUnset(this.lib.field("config", name), value) ? "" : String(value);
       input.setCustomValidity("");
       input.removeAttribute("aria-invalid");
     }
+    this.hint();
     this.complain(null, "car-wrong");
+  }
+
+  // In an empty field: what the filter takes for a setting that is not set, by mass and axles as they are now.
+  hint() {
+    const made = this.car();
+    for (const [name, input] of this.fields) {
+      if (mayBeUnset(this.lib.field("config", name))) input.placeholder = name === "mass" ? "not known" : brief(made[name]);
+    }
   }
 
   // One setting from its field. false: it cannot be.
   read(name) {
-    const input = this.fields.get(name), f = this.lib.field("config", name), value = input.value === "" ? NaN : Number(input.value);
-    const fine = value >= f.lo && value <= f.hi;
+    const input = this.fields.get(name), f = this.lib.field("config", name), value = input.value === "" ? (mayBeUnset(f) ? f.def : NaN) : Number(input.value);
+    const fine = (value >= f.lo && value <= f.hi) || isUnset(f, value);
     input.setCustomValidity(fine ? "" : `allowed: ${rangeText(f)}`);
     if (fine) input.removeAttribute("aria-invalid");
     else input.setAttribute("aria-invalid", "true");
@@ -149,16 +165,15 @@ class LogPane {
     return fine;
   }
 
-  car() { return this.desk.settings(); }
+  car() { return this.desk.completed(); }
 
   // How well the car is known: exactly, or as one that nobody has calibrated, whose sensors are ordinary ones, too.
   tell(uncalibrated) {
     $("known").value = uncalibrated ? "1" : "0";
     this.plainRatioSd = null;             // steer_ratio_sd before loosen()
-    const before = this.car(), [vehicle, , sensors] = this.lib.groups;
-    this.desk.defaults();
-    this.put(vehicle, before);
-    if (uncalibrated) this.desk.uncalibrated();
+    const before = this.desk.settings(), [vehicle, , sensors] = this.lib.groups;
+    if (uncalibrated) this.desk.defaults();
+    else this.desk.exact();
     this.put(uncalibrated ? vehicle : [...vehicle, ...sensors], before);
     this.repeat();
   }
@@ -167,13 +182,10 @@ class LogPane {
 
   // What the page does not show: of a car that is not known exactly it is that of its class (filter_values() in scripts/tse/impl/vehicle.py).
   prior() {
-    const shown = this.car(), names = this.lib.groups.flat();
-    this.desk.defaults();
+    const shown = this.desk.settings(), names = this.lib.groups.flat();
+    if (this.lib.groups[1].some((name) => shown[name] !== 0)) this.desk.defaults();
+    else this.desk.exact();
     this.put(names, shown);
-    if (this.lib.groups[1].some((name) => shown[name] !== 0)) {
-      this.desk.uncalibrated();
-      this.put(names, shown);
-    }
     this.desk.set("driven_axle", this.driven);
   }
 
@@ -182,11 +194,9 @@ class LogPane {
   // Rules leave alone what somebody said.
   repeat() { for (const [name, value] of this.said) this.desk.set(name, value); }
 
-  // Stiffness and inertia of the class, as a vehicle file that leaves them out is given them.
+  // Stiffness and inertia of the class, by the mass and axles that are said, whenever that is.
   byRule() {
-    const before = this.car();
-    this.desk.uncalibrated();
-    this.put(Object.keys(before).filter((name) => !/_stiffness_|^yaw_inertia$/.test(name)), before);
+    for (const name of this.lib.groups[0].filter((n) => /_stiffness_|^yaw_inertia$/.test(n))) this.desk.set(name, 0);
     this.repeat();
   }
 
@@ -256,6 +266,7 @@ class LogPane {
       const isParquet = bytes.length > 8 && String.fromCharCode(...bytes.subarray(0, 4)) === "PAR1";
       const table = isParquet ? await readParquet(file.name, bytes, breathe) : await readText(file.name, bytes, breathe);
       this.file = { table, ...propose(table, this.lib) };
+      this.desk.defaults();        // the car before may have been the simulator's
       this.tell(true);
       this.byRule();
       this.mapping();
@@ -397,7 +408,8 @@ class LogPane {
       this.prior();
       const sampling = [...setSampling(this.desk, rows.sampleTime), ...setWheels(this.desk, rows)];
       this.against = contradictions(rows, this.car(), this.known);
-      this.notes([...rows.notes, ...sampling]);
+      const unknown = isUnset(this.lib.field("config", "mass"), this.desk.get("mass")) ? ["The mass is not known: no stiffness is valid until it is set."] : [];
+      this.notes([...unknown, ...rows.notes, ...sampling]);
       $("against").textContent = this.against.length ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, whatever its rows say.` : "";
       this.rows = rows;
       this.table = null;

@@ -89,15 +89,22 @@ int32_t EXPORT(page_self_test)(void) { return tse_self_test(&wrong); }
 
 desk *EXPORT(page_desk)(int32_t k) { return &desks[k]; }
 
-/* Defaults of all settings: a car that is known exactly. */
+/* Defaults of all settings: an ordinary car, whose mass is not known. */
 void EXPORT(page_defaults)(desk *d)
 {
   tse_config_default(&d->config);
   tse_sim_config_default(&d->sim_config);
 }
 
-/* What an ordinary car of this mass and these axles has, and how far such cars scatter. */
-void EXPORT(page_uncalibrated)(desk *d) { tse_config_uncalibrated(&d->config); }
+/* The simulator's car, known exactly. */
+void EXPORT(page_exact)(desk *d)
+{
+  tse_config_exact(&d->config);
+  tse_sim_config_default(&d->sim_config);
+}
+
+/* What a filter takes for what is not set. */
+void EXPORT(page_complete)(desk *d) { tse_config_complete(&d->config); }
 
 /* Settings -> a filter that waits for its first row.   Returned: a tse_status; negative: page_wrong() */
 int32_t EXPORT(page_start)(desk *d)

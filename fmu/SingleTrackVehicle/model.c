@@ -20,9 +20,10 @@
 #define NUMBER(group, name, member, unit, text) OUTPUT(#group "." #name, 'r', y.member, unit, text)
 #define STIFFNESS(group, name, member, si, unit, text) OUTPUT(#group "." #name, 'r', si, unit, text)
 #define SHARE(group, name, member, si, unit, text) OUTPUT(#group ".relative." #name, 'r', y.member, "1", text ", relative to nominal")
-#define SIM_PARAMETER(fmu, name, def, lo, hi, unit, text) \
+#define EXACT(fmu, name, def, exact, lo, hi, unit, text) PARAMETER(fmu, name, exact, exact, lo, hi, unit, text)
+#define SIM_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
   { fmu, 'r', 'p', (int32_t)offsetof(model, sim_config.name), FMU_NO_RATE, def, lo, hi, unit, text },
-#define WHOLE_SIM_PARAMETER(fmu, name, def, lo, hi, unit, text) \
+#define WHOLE_SIM_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
   { fmu, 'i', 'p', (int32_t)offsetof(model, sim_config.name), FMU_NO_RATE, def, lo, hi, "", text },
 
 const fmu_variable fmu_variables[] = {
@@ -30,8 +31,8 @@ const fmu_variable fmu_variables[] = {
   { "ramp", 'b', 'p', (int32_t)offsetof(model, ramp), FMU_NO_RATE, 1.0, 1.0, -1.0, "",
     "true: during a step inputs change linearly from where they were, as a driver's do; false: at its start they jump to what was set" },
 
-  SETTINGS_VEHICLE(PARAMETER, WHOLE_PARAMETER) SETTINGS_SENSORS(PARAMETER, WHOLE_PARAMETER)
-  SETTINGS_EFFECTS(PARAMETER, WHOLE_PARAMETER) SETTINGS_FORMULA(PARAMETER, WHOLE_PARAMETER)
+  SETTINGS_VEHICLE(EXACT, WHOLE_PARAMETER) SETTINGS_SENSORS(EXACT, WHOLE_PARAMETER)
+  SETTINGS_EFFECTS(EXACT, WHOLE_PARAMETER) SETTINGS_FORMULA(EXACT, WHOLE_PARAMETER)
   SETTINGS_SIM(SIM_PARAMETER, WHOLE_SIM_PARAMETER)
   CHANNELS(LOGGED)
   TRUTHS(NUMBER, STIFFNESS)
@@ -67,7 +68,7 @@ void model_codes(fmu_code_row *row, void *to)
   (void)to;
 }
 
-void model_init(model *m) { tse_config_default(&m->config); }
+void model_init(model *m) { tse_config_exact(&m->config); }
 
 void model_was_set(model *m, const fmu_variable *v, double value)
 {

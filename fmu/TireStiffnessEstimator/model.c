@@ -44,9 +44,9 @@ const fmu_variable fmu_variables[] = {
     "what of the road is known; 0: nothing, then it is not read: sum of 1 bank, 2 grade" },
   ROADS(ROAD)
 
-  { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
-    "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "
-    "and lr, with the uncertainties of such a car; true: every parameter as it is, an uncertainty of 0 is none" },
+  { "vehicle.exact", 'b', 'p', (int32_t)offsetof(model, exact), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
+    "false: an ordinary car, whose mass at least is to be set; true: a car that is known exactly: what is not set is that of "
+    "SingleTrackVehicle, with uncertainties of 0" },
   SETTINGS(PARAMETER, WHOLE_PARAMETER)
 
   OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)
@@ -146,22 +146,22 @@ void model_was_set(model *m, const fmu_variable *v, double value)
   if (place_of(v) >= 0) m->set[place_of(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
 }
 
-/* The settings of the filter: those of an ordinary car, and what the importer has set; calibrated: all as they are. Of an importer that
- * sets every parameter, as some do before anything, nobody knows which were meant: those that are not at their start. */
+/* The settings of the filter: exact: those of a car that is known exactly, and what the importer has set. Of an importer that sets every
+ * parameter, as some do before anything, nobody knows which were meant: those that are not at their start. */
 static void settings_used(const model *m, tse_config *used)
 {
   int least = SET_TO_ANOTHER;
   for (int i = 0; i < fmu_variable_count; i++)
     if (place_of(&fmu_variables[i]) >= 0 && m->set[place_of(&fmu_variables[i])] == NOT_SET) least = SET_TO_START;
   memcpy(used, &m->config, sizeof *used);
-  if (m->calibrated) return;
-  tse_config_uncalibrated(used);
-  for (int i = 0; i < fmu_variable_count; i++) {
+  if (m->exact) tse_config_exact(used);
+  for (int i = 0; m->exact && i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
     const size_t at = (size_t)v->offset - offsetof(model, config);
     if (place_of(v) >= 0 && m->set[place_of(v)] >= least)
       memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at, v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
   }
+  tse_config_complete(used);
 }
 
 static void derive_outputs(model *m)
@@ -199,8 +199,7 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   settings_used(m, &used);
   const tse_status status = tse_prepare(&used, &m->params, &wrong);
   if (status < 0) {
-    (void)snprintf(text, FMU_TEXT, "%s: %s%s", fmu_name_of(wrong), tse_status_text(status),
-                   m->calibrated ? "" : " (vehicle.calibrated is false: what is not set follows from mass, lf and lr)");
+    (void)snprintf(text, FMU_TEXT, "%s: %s (what is 0 follows from vehicle.mass, lf and lr)", fmu_name_of(wrong), tse_status_text(status));
     return FMU_ERROR;
   }
   memcpy(&m->used, &used, sizeof used);

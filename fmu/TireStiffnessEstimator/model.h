@@ -13,7 +13,7 @@ enum { NOT_SET,
 
 typedef struct model {
   tse_config config;                   /* parameters as they are set and read                       */
-  int32_t calibrated;                  /* 0: what is not set is that of an ordinary car             */
+  int32_t exact;                       /* 1: what is not set is that of tse_config_exact()          */
   uint8_t set[SETTINGS];               /* by place in config                                        */
   tse_config used;                     /* settings of the filter                                    */
   tse_setting nominal[3];              /* stiffness, N and N/rad                                    */

@@ -192,7 +192,7 @@ static void what_it_holds(const fmu_variable *v)
   }
   if (v->kind == 'e') attribute("declaredType", v->unit);
   if (v->hi >= v->lo && v->kind != 'b') {
-    attribute("min", number(v->lo));
+    attribute("min", number(v->start < v->lo ? v->start : v->lo));
     attribute("max", number(v->hi));
   }
   if (v->role == 'p' || v->role == 'i') attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));

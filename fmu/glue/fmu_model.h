@@ -22,14 +22,14 @@ typedef struct fmu_variable {
   int32_t offset;      /* of its place in `model` [bytes]                                                                 */
   int32_t rate;        /* of the place for its time derivative, which interpolates a Real input; FMU_NO_RATE: none        */
   double start;        /* parameters and inputs                                                                           */
-  double lo, hi;       /* range; hi < lo where there is none. A parameter outside is refused; an input is the model's to judge */
+  double lo, hi;       /* range; hi < lo where there is none. A parameter that is neither within nor its start is refused; an input is the model's to judge */
   const char *unit;    /* as in the tables of include/tse; "" for what has none; of an Enumeration its type                */
   const char *text;
 } fmu_variable;
 
 /* Of a list of settings (src/tables/settings.h), which stand in `config` of the model: its parameters. */
-#define PARAMETER(fmu, name, def, lo, hi, unit, text) { fmu, 'r', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
-#define WHOLE_PARAMETER(fmu, name, def, lo, hi, unit, text) { fmu, 'i', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, "", text },
+#define PARAMETER(fmu, name, def, exact, lo, hi, unit, text) { fmu, 'r', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
+#define WHOLE_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) { fmu, 'i', 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, "", text },
 
 extern const fmu_variable fmu_variables[];
 extern const int32_t fmu_variable_count;

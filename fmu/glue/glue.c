@@ -226,7 +226,7 @@ int glue_settable(const instance *s, const fmu_variable *v, double value, const 
     (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
   else if (v->role == 'p' && !(s->c.phase & (GLUE_INSTANTIATED | GLUE_INITIALIZING)))
     (void)snprintf(text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, phase_name(s, phase));
-  else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi))
+  else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi) && value != v->start)
     (void)snprintf(text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_range(v, range));
   else
     return 1;
@@ -496,7 +496,7 @@ static int sound(glue_content *c, const fmu_variable **wrong)
     const fmu_variable *const v = &fmu_variables[i];
     const double value = get_number(c, v, 0);
     if (v->kind == 'b' && !(value == 0.0 || value == 1.0)) return 0;
-    if (v->role == 'p' && v->hi >= v->lo && !(value >= kept(v, v->lo) && value <= kept(v, v->hi))) {
+    if (v->role == 'p' && v->hi >= v->lo && !(value >= kept(v, v->lo) && value <= kept(v, v->hi)) && value != kept(v, v->start)) {
       *wrong = v;
       return 0;
     }

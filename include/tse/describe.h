@@ -55,7 +55,7 @@ typedef struct tse_effect_parameter {
   int32_t strength;                /* 1: 0 switches off what it scales; 0: a shape, without meaning while all strengths are 0;
                                       -1: a shape that no log tells from the strength                                        */
   int32_t sign;                    /* plausible sign of a strength: 1, -1, or 0 for either                                   */
-  double def, lo, hi;              /* default (of a strength: 0, off) and bounds                                             */
+  double def, lo, hi;              /* off: as tse_config_exact() has it (of a strength mostly 0); and bounds                 */
   double typical_lo, typical_hi;   /* size in mid-size cars                                                                  */
   double negligible;               /* below it an effect should not be named; 0 for shapes                                   */
 } tse_effect_parameter;

@@ -7,7 +7,7 @@
  * every threshold and rate of the default form is.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
- *   tse_config_default(&c);   c.mass = TSE_S(1650); ...   tse_config_uncalibrated(&c);
+ *   tse_config_default(&c);   c.mass = TSE_S(1650); ...           without a mass no stiffness is valid
  *   if (tse_prepare(&c, &p, NULL) < 0) ...                        settings -> constants, once
  *   tse_reset(&p, &f, sizeof f);                                  reset is also init
  *   while (next_row(&u)) tse_step(&p, &f, &u, &y);                one sample at a time
@@ -39,7 +39,8 @@
 #include "tse/state.h"
 
 #define tse_config_default TSE_NAME(tse_config_default)
-#define tse_config_uncalibrated TSE_NAME(tse_config_uncalibrated)
+#define tse_config_exact   TSE_NAME(tse_config_exact)
+#define tse_config_complete TSE_NAME(tse_config_complete)
 #define tse_config_paper   TSE_NAME(tse_config_paper)
 #define tse_config_robust  TSE_NAME(tse_config_robust)
 #define tse_config_check   TSE_NAME(tse_config_check)
@@ -59,16 +60,23 @@
 extern "C" {
 #endif
 
-/* Fill c with the defaults of tse/config.h. c NULL: nothing happens. */
+/* Fill c with the defaults of tse/config.h: an ordinary car that nobody has calibrated, with what cars of its class have and how
+ * uncertain that is (src/tables/uncalibrated.toml). Then set, in any order, what is known of yours: mass, lf, lr, driven_axle, wheel
+ * radii. Stiffness and yaw inertia that stay 0 are those of the class under the mass and axles that tse_prepare() is given. A mass
+ * that stays 0 is not known: one of the class with an sd of 30 %, and no stiffness is valid (TSE_PARAMETERS_UNCERTAIN). The same in
+ * C, FMU, Python, page and command. `tselab calibrate` finds smaller uncertainties. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);
 
-/* An ordinary car that nobody has calibrated: after mass, lf, lr, driven_axle and wheel radii are set, fill in what cars of the class have
- * and how uncertain that is (src/tables/uncalibrated.toml): stiffness and yaw inertia from mass and axles, relaxation, roll, drag, biases. The same
- * in C, FMU, Python and command. Without it the settings are taken as exact. `tselab calibrate` finds smaller uncertainties.
- * c NULL: nothing happens. */
-void tse_config_uncalibrated(tse_config *c);
+/* Fill c with a car that is known exactly, as only a simulated one is: that of tse_sim_reset(), 1900 kg, uncertainties 0, effects off.
+ * Of a real car intervals are then too narrow. c NULL: nothing happens. */
+void tse_config_exact(tse_config *c);
+
+/* Write down what tse_prepare() takes for mass, yaw inertia and stiffness that are 0, to show it. A filter does not need it; what is
+ * written down follows no mass that is set later. c NULL: nothing happens. */
+void tse_config_complete(tse_config *c);
 
 /* The filter of the paper as printed: Algorithm 1 on particles, with nothing to save it where it diverges (src/paper/algorithm1.c).
+ * The car is that of tse_config_exact(), as in the paper's study.
  * src/EQUATIONS.md lists each deviation from (1)-(27). Needs a tse_filter_paper. c NULL: nothing happens. */
 void tse_config_paper(tse_config *c);
 
@@ -77,7 +85,7 @@ void tse_config_paper(tse_config *c);
  * default on an ordinary car. Needs a tse_filter_paper. c NULL: nothing happens. */
 void tse_config_robust(tse_config *c);
 
-/* Check every setting against its range, and that the latencies (settings ..._latency) fit TSE_LATENCY_ROWS rows of sample_time.
+/* Check every setting against its range (a default may be outside it: 0, not set), and that the latencies (settings ..._latency) fit TSE_LATENCY_ROWS rows of sample_time.
  *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
  *              wrong field, a string constant. */
 tse_status tse_config_check(const tse_config *c, const char **wrong);

@@ -13,7 +13,7 @@ import numpy as np
 
 import tables as sources
 from tse.impl import tables as texts
-from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
+from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Config, Field, library
 from tse.impl.files import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -106,7 +106,8 @@ def config_page() -> str:
         "defaults, `tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
         "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of "
         "`tse.Filter(settings=...)`, and parameters of the FMUs.\n\n"
-        "For a car that nobody has calibrated, `tse_config_uncalibrated()` sets these:\n\n"
+        "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range it is 0: not set. "
+        "These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
         + uncalibrated()
         + "\n"
         + "\n".join(text)
@@ -115,7 +116,12 @@ def config_page() -> str:
 
 def uncalibrated() -> str:
     rows = read_toml(TABLES / "uncalibrated.toml")["setting"].items()
-    return table(["setting", "sd", "why"], [[code(n), f"{r['value']:g}", cell(r["why"])] for n, r in rows], right=(1,))
+    exact = Config.exact()
+    return table(
+        ["setting", "default", "exact", "why"],
+        [[code(n), f"{r['value']:g}", f"{getattr(exact, n):.9g}", cell(r["why"])] for n, r in rows],
+        right=(1, 2),
+    )
 
 
 def input_fields() -> str:

@@ -13,13 +13,12 @@ int main(void) /* log.csv in, stiffness of the front tyres at its end out */
   const char *wrong;
   char line[512];
   double before = NAN;
-  tse_config_default(&c);          /* every setting: include/tse/config.h */
-  c.mass = 1900;                   /* your car */
+  tse_config_default(&c);          /* every setting, of an ordinary car: include/tse/config.h */
+  c.mass = 1900;                   /* your car; without a mass no stiffness is valid */
   c.lf = 1.25;
   c.lr = 1.5;
   c.wheel_radius_front = c.wheel_radius_rear = 0.33;
   c.driven_axle = 0;               /* 1 front, 2 rear, 0 both or unknown */
-  tse_config_uncalibrated(&c);     /* last: what such a car has by its mass and axles, and how uncertain that is */
   if (tse_prepare(&c, &p, &wrong) < 0) return fprintf(stderr, "%s is outside its range\n", wrong), 2;
   tse_reset(&p, &f, sizeof f);     /* the caller owns all memory */
   tse_input_default(&u);

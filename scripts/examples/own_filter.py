@@ -74,8 +74,8 @@ if __name__ == "__main__":
     import tse
 
     log, truth = tse.simulate("square-waves", duration=30)
-    settings = tse.Filter().settings
-    mine, theirs = random_walk(log, settings), tse.Filter()
+    theirs = tse.Filter(tse.simulated_car())
+    mine = random_walk(log, theirs.settings)
     e = [theirs.step({str(k): v for k, v in row.items()}) for row in log.to_dict("records")][-1]
     for name in ("cy_front", "cy_rear"):
         true = truth[f"true_{name}"].iloc[-1]

@@ -30,14 +30,15 @@ if TYPE_CHECKING:
     from tse._log import Log, LogLike, Signals, read_log, signals
     from tse._simulate import Replayed, Simulated, replay, simulate
     from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
-    from tse._vehicle import VehicleLike, read_vehicle
+    from tse._vehicle import VehicleLike, read_vehicle, simulated_car
     from tse.errors import Error, InputError, LearntError, SettingError
     from tse.impl.vehicle import Vehicle
 
 __all__ = ["CHANNELS", "STIFFNESS", "UNKNOWN_AGE", "Calibration", "Error", "Estimate", "Filter", "Fleet", "Form", "Gap",
            "InputError", "LearntError", "Live", "Log", "LogLike", "Reason", "Replayed", "Result", "Row", "SettingError", "Signals",
            "Simulated", "Status", "Vehicle", "VehicleLike", "__version__", "calibrate", "estimate", "fleet", "gap", "live",
-           "read_log", "read_vehicle", "replay", "signals", "simulate"]  # fmt: skip
+           "read_log", "read_vehicle", "replay", "signals", "simulate",
+           "simulated_car"]  # fmt: skip
 
 _LATER = {  # loaded by who uses it: the command is a user, too, and --help needs none of it
     **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
@@ -51,7 +52,7 @@ _LATER = {  # loaded by who uses it: the command is a user, too, and --help need
     **dict.fromkeys(("Signals", "signals"), "tse._log"),
     **dict.fromkeys(("Simulated", "simulate"), "tse._simulate"),
     **dict.fromkeys(("CHANNELS", "Estimate", "Reason", "Row", "STIFFNESS", "Status"), "tse._tables"),
-    **dict.fromkeys(("VehicleLike", "read_vehicle"), "tse._vehicle"),
+    **dict.fromkeys(("VehicleLike", "read_vehicle", "simulated_car"), "tse._vehicle"),
     **dict.fromkeys(("Error", "InputError", "LearntError", "SettingError"), "tse.errors"),
     **dict.fromkeys(("Vehicle",), "tse.impl.vehicle"),
 }

@@ -35,7 +35,8 @@ class Filter:
     Parameters
     ----------
     vehicle
-        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: `settings` tells all.
+        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an ordinary car, of which
+        `settings` tells the mass at least. Without one no stiffness is valid.
     settings
         Any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's.
     form
@@ -80,6 +81,7 @@ class Filter:
         self._begin(config)
 
     def _begin(self, config: core.Config) -> None:
+        config = config.complete()
         self._config = config
         self._filter = core.Filter(config)
         self._row, self._out = self._filter.inputs(1), self._filter.outputs(1)

@@ -71,7 +71,7 @@ def simulate(
         A manoeuvre or a setting that nobody knows, a value outside its range.
     """
     car = default_vehicle() if vehicle is None else read_vehicle(vehicle)
-    config, sim = Config(car.values), SimConfig({"seed": seed})
+    config, sim = Config.exact(car.values), SimConfig({"seed": seed})
     for name, value in named(settings).items():
         (sim if name in sim else config).set(name, value)
     if duration is not None and not config.sample_time <= duration <= maneuvers.LONGEST:
@@ -148,7 +148,7 @@ def replay(
         Rows are more than 1 s apart, or a value is outside its range; a ValueError.
     """
     car = read_vehicle(vehicle)
-    rows, config = checked(log, car), Config(car.values)
+    rows, config = checked(log, car), Config.exact(car.values)
     for name, value in named(settings).items():
         config.set(name, value)
     profile = known_road(road)

@@ -11,9 +11,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.files import atomic
-from tse.impl.vehicle import Vehicle, make_vehicle
+from tse.impl.vehicle import Vehicle, make_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
 from tse.impl.vehicle import read_vehicle as _read
 
 VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
@@ -54,6 +55,25 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
             f"vehicle: a file, a mapping with its keys or what read_vehicle() returned is needed, not {type(vehicle).__name__}"
         )
     return _read(Path(vehicle))
+
+
+def simulated_car() -> dict[str, Any]:
+    """The car of simulate(), known exactly: for its logs, and for no real car.
+
+        log, truth = tse.simulate("square-waves")
+        result = tse.estimate(log, tse.simulated_car())
+
+    Returns
+    -------
+    dict
+        With the keys of a vehicle file, as `tselab vehicle --simulated` prints it; every [uncertainty] is 0."""
+    car = Config.exact()
+    tables = {"uncertainty": uncertainty_settings(), "sensors": sensor_settings()}
+    values: dict[str, Any] = {name: float(getattr(car, name)) for name in vehicle_settings()}
+    return {
+        "name": "mid-size car", "driven_axle": "front", **values,
+        **{table: {name: float(getattr(car, name)) for name in names} for table, names in tables.items()},
+    }  # fmt: skip
 
 
 def named(settings: Mapping[str, float] | None) -> Mapping[str, float]:

@@ -87,7 +87,7 @@ def estimated(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.Da
     with atomic(out / "filter.toml") as file:
         file.write("# a wrong start, to see it being found\n" + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS))
     vehicle = read_vehicle(out / "vehicle.toml")
-    config = Config(vehicle.values)
+    config = Config.exact(vehicle.values)
     maneuver = maneuvers.build("double-lane-change", config, sample_time=config.sample_time, duration=DURATION, road=[ROAD_CHANGE])
     sensors = SimConfig({"seed": seed, "wheel_speed_sd": WHEEL_NOISE})  # wheels that repeat a number exactly are a fault
     simulation = simulate(maneuver, config, sensors, vehicle.driven_axle, progress)
@@ -128,8 +128,8 @@ def closed(out: Path, seed: int, say: Callable[[str], None]) -> None:
     with atomic(path) as file:
         file.write(simulated_vehicle())
     vehicle = read_vehicle(path)
-    car = Config(vehicle.values)
-    truth = Config(vehicle.values | HIDDEN_SETTINGS)
+    car = Config.exact(vehicle.values)
+    truth = Config.exact(vehicle.values | HIDDEN_SETTINGS)
     spread = {f"spread_{s}": SPREAD for s in STIFFNESS}
     noise = {"steer_angle_sd": STEER_NOISE, "wheel_speed_sd": WHEEL_NOISE, "true_bias_accel_y": 0.05, "true_cy_rear": 1.05}
     paths: dict[bool, list[Path]] = {False: [], True: []}

@@ -24,7 +24,7 @@ HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 TAIL = """  </ssv:Parameters>
 </ssv:ParameterSet>
 """
-CALIBRATED = "vehicle.calibrated"  # a parameter of the estimator alone
+EXACT = "vehicle.exact"  # a parameter of the estimator alone
 
 
 class Parameter(NamedTuple):
@@ -50,13 +50,13 @@ def parameters_of(fmu: Path) -> list[Parameter]:
         kind = {"Float64": "Real", "Int32": "Integer"}.get(value.tag, value.tag)
         if variable.get("causality") == "parameter":
             found.append(Parameter(variable.get("name", ""), kind, value.get("start", "0")))
-    if CALIBRATED not in [p.name for p in found]:
+    if EXACT not in [p.name for p in found]:
         raise UserError(f"{fmu}: is not the estimator")
     return found
 
 
 def parameter_set(parameters: Iterable[Parameter], config: Config, name: str) -> str:
-    """Return the parameter set of a car: vehicle.calibrated, all of vehicle.*, and of the others what is not at its start.
+    """Return the parameter set of a car: all of vehicle.*, and of the others what is not at its start.
 
     Parameters
     ----------
@@ -69,13 +69,12 @@ def parameter_set(parameters: Iterable[Parameter], config: Config, name: str) ->
     """
     values, lines = config.as_dict(), []
     for p in parameters:
-        if p.name == CALIBRATED:
-            text = "true"
-        else:
-            value = values.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
-            if not p.name.startswith("vehicle.") and value == float(p.start):
-                continue
-            text = str(int(value)) if p.kind == "Integer" else repr(float(value))
+        if p.name == EXACT:
+            continue  # false, the start: what is set counts
+        value = values.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
+        if not p.name.startswith("vehicle.") and value == float(p.start):
+            continue
+        text = str(int(value)) if p.kind == "Integer" else repr(float(value))
         lines.append(f'    <ssv:Parameter name="{p.name}"><ssv:{p.kind} value="{text}"/></ssv:Parameter>\n')
     return HEAD.format(name=quoteattr(name)) + "".join(lines) + TAIL
 
@@ -151,7 +150,7 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     tselab fmu parameters TireStiffnessEstimator.fmu --vehicle car.toml --out car.ssv
 
     Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of resources/vehicle.ssv of
-    StiffnessStudy.ssp. It sets vehicle.calibrated: nothing is left to the class of the car. What is not in it has its start value.
+    StiffnessStudy.ssp. What is not in it has its start value: that of an ordinary car.
     """
     from tse.impl.config import make_config
     from tse.impl.files import atomic, check_distinct, check_writable

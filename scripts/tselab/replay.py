@@ -63,7 +63,7 @@ def replay(
                                                          "--road": road_path})  # fmt: skip
     check_writable(out, report)
     car = read_vehicle(vehicle_path)
-    config = Config(car.values)
+    config = Config.exact(car.values)
     for key, value in key_values(pairs).items():
         config.set(key, value, source="option --set")
     words: list[str] = []

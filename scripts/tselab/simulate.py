@@ -78,7 +78,7 @@ def simulate(
     check_writable(out, truth)
     profile = read_road(road_path) if road_path is not None else None
     vehicle = read_vehicle(vehicle_path) if vehicle_path else default_vehicle()
-    config, sim_config = Config(vehicle.values), SimConfig()
+    config, sim_config = Config.exact(vehicle.values), SimConfig()
     settings = key_values(pairs)
     for key, value in settings.items():
         (sim_config if key in sim_config else config).set(key, value, source="option --set")

@@ -67,7 +67,7 @@ def montecarlo(
 
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
-    sim_config, config = SimConfig(), Config()
+    sim_config, config = SimConfig(), Config.exact()
     for key, value in key_values(pairs).items():
         if key == "seed":
             raise UserError("option --set: the seeds are set by --first-seed and --runs")

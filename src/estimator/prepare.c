@@ -27,22 +27,45 @@ void tse_config_default(tse_config *c)
   if (c) set_defaults(c, reals, REALS, wholes, WHOLES);
 }
 
-void tse_config_uncalibrated(tse_config *c)
+void tse_config_exact(tse_config *c)
 {
   if (!c) return;
-  for (size_t i = 0; i < sizeof ordinary / sizeof ordinary[0]; i++) memcpy((uint8_t *)c + ordinary[i].at, &ordinary[i].value, sizeof ordinary[i].value);
-  const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(c->mass, c->lf + c->lr));
-  c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
-  c->cornering_stiffness_front = r_mul(TSE_S(CLASS_CORNERING_FRONT), r_mul(weight, c->lr));
-  c->cornering_stiffness_rear = r_mul(TSE_S(CLASS_CORNERING_REAR), r_mul(weight, c->lf));
-  c->longitudinal_stiffness_front = r_mul(TSE_S(CLASS_LONGITUDINAL), r_mul(weight, c->lr));
-  c->longitudinal_stiffness_rear = r_mul(TSE_S(CLASS_LONGITUDINAL), r_mul(weight, c->lf));
+  tse_config_default(c);
+  for (size_t i = 0; i < sizeof exact / sizeof exact[0]; i++) memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
+}
+
+/* Return a stiffness: as it is set, or that of the class under the load of its axle.
+ *   Given: share  stiffness over load      other_axle  [m] from the centre of gravity to it */
+static tse_setting stiffness_of(const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
+{
+  const tse_setting mass = c->mass > 0 ? c->mass : TSE_S(CLASS_MASS);
+  const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(mass, c->lf + c->lr));
+  return as_set > 0 ? as_set : r_mul(share, r_mul(weight, other_axle));
+}
+
+static tse_setting cornering_front(const tse_config *c) { return stiffness_of(c, c->cornering_stiffness_front, TSE_S(CLASS_CORNERING_FRONT), c->lr); }
+static tse_setting cornering_rear(const tse_config *c) { return stiffness_of(c, c->cornering_stiffness_rear, TSE_S(CLASS_CORNERING_REAR), c->lf); }
+static tse_setting longitudinal_front(const tse_config *c) { return stiffness_of(c, c->longitudinal_stiffness_front, TSE_S(CLASS_LONGITUDINAL), c->lr); }
+static tse_setting longitudinal_rear(const tse_config *c) { return stiffness_of(c, c->longitudinal_stiffness_rear, TSE_S(CLASS_LONGITUDINAL), c->lf); }
+
+void tse_config_complete(tse_config *c)
+{
+  if (!c) return;
+  c->longitudinal_stiffness_front = longitudinal_front(c);
+  c->longitudinal_stiffness_rear = longitudinal_rear(c);
+  c->cornering_stiffness_front = cornering_front(c);
+  c->cornering_stiffness_rear = cornering_rear(c);
+  if (!(c->mass > 0)) {
+    c->mass = TSE_S(CLASS_MASS);
+    if (c->mass_sd < TSE_S(CLASS_MASS_SD)) c->mass_sd = TSE_S(CLASS_MASS_SD);
+  }
+  if (!(c->yaw_inertia > 0)) c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
 }
 
 void tse_config_paper(tse_config *c)
 {
   if (!c) return;
-  tse_config_default(c);
+  tse_config_exact(c);
   c->form = 1;
   c->exact_kinematics_share = TSE_S(0); /* of who simulates the paper's car: (1)-(4) */
   c->initial_spread = TSE_S(0.3); /* one reading of "30 %": of the mean and from sample to sample */
@@ -54,7 +77,7 @@ void tse_config_paper(tse_config *c)
 void tse_config_robust(tse_config *c)
 {
   if (!c) return;
-  tse_config_default(c);
+  tse_config_exact(c);
   c->form = 1;
   c->exact_kinematics_share = TSE_S(0);
   c->integration = 1;
@@ -201,10 +224,19 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
 }
 #endif
 
+/* Return the first setting that is not set and whose value of the class is outside its range; NULL: none. */
+static const char *class_outside(const tse_config *c)
+{
+  tse_config whole = *c;
+  tse_config_complete(&whole);
+  return first_outside(&whole, reals, REALS, wholes, WHOLES);
+}
+
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
-  const char *const name = first_outside(c, reals, REALS, wholes, WHOLES);
+  const char *name = first_outside(c, reals, REALS, wholes, WHOLES);
+  if (!name) name = class_outside(c);
   if (name) {
     if (wrong) *wrong = name;
     return TSE_E_CONFIG;
@@ -528,11 +560,12 @@ static void make_params(const tse_config *settings, tse_params *p)
 {
   const uint64_t mask = effects_on(settings);
   tse_config car = *settings;
-  change_car(mask, &car);
   memset(p, 0, sizeof *p);
   p->magic = TSE_PARAMS_MAGIC;
-  p->fingerprint = fingerprint(settings);
-  p->vehicle = vehicle_fingerprint(settings);
+  tse_config_complete(&car);
+  p->fingerprint = fingerprint(&car);
+  p->vehicle = vehicle_fingerprint(&car);
+  change_car(mask, &car);
   p->particles = settings->particles;
   p->resampling = settings->resampling;
   p->form = settings->form;
@@ -571,7 +604,7 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
 {
   if (!c || !y) return;
-  const tse_setting nominal[3] = { c->longitudinal_stiffness_front, c->cornering_stiffness_front, c->cornering_stiffness_rear };
+  const tse_setting nominal[3] = { longitudinal_front(c), cornering_front(c), cornering_rear(c) };
   for (int i = 0; i < 3; i++) {
     if (mean) mean[i] = r_mul(nominal[i], r_to_setting(y->stiffness[i]));
     if (sd) sd[i] = r_mul(nominal[i], r_to_setting(y->stiffness_sd[i]));

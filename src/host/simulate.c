@@ -13,8 +13,8 @@
 #include "model/effects.h"
 
 /* Default and range of the settings, range of what the driver does. */
-#define SIM_REAL(fmu, name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) },
-#define SIM_WHOLE(fmu, name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), def, lo, hi },
+#define SIM_REAL(fmu, name, def, exact, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) },
+#define SIM_WHOLE(fmu, name, def, exact, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), def, lo, hi },
 #define SIM_INPUT(name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_input, name), 1, TSE_R(lo), TSE_R(hi) },
 static const real_row sim_reals[] = { SETTINGS_SIM(SIM_REAL, NO_ROW) };
 static const whole_row sim_wholes[] = { SETTINGS_SIM(NO_ROW, SIM_WHOLE) };

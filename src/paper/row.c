@@ -81,12 +81,13 @@ static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *
   tse_status status = TSE_OK;
   const int starting = f->filter.seen < p->memory + p->memory;
   for (int a = 0; a < 3; a++) {
+    const tse_real var = r_mul(now->stiffness_sd[a], now->stiffness_sd[a]) + p->mass_var;
     tse_reason why = TSE_VALID;
     if (k->predicted) why = TSE_INPUT_INVALID;
     else if (k->held) why = TSE_HELD;
     else if (starting) why = TSE_STARTING;
     else if (!k->excited[a]) why = TSE_NOT_EXCITED;
-    else if (r_mul(now->stiffness_sd[a], now->stiffness_sd[a]) > p->valid_var) why = TSE_UNCERTAIN;
+    else if (var > p->valid_var) why = p->mass_var > r_mul(TSE_R(0.5), var) ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
     now->reason[a] = (int32_t)why;
     now->spread_seen[a] = why == TSE_VALID;
     if (why != TSE_VALID) status = worse(status, TSE_W_NOT_VALID);

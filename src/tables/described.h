@@ -4,8 +4,8 @@
 #include "tables/formula.h"
 #include "tables/settings.h"
 
-#define FIELD_REAL(fmu, name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
-#define FIELD_WHOLE(fmu, name, def, lo, hi, unit, text) { #name, 'i', (int32_t)offsetof(tse_config, name), def, lo, hi, "1", text },
+#define FIELD_REAL(fmu, name, def, exact, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
+#define FIELD_WHOLE(fmu, name, def, exact, lo, hi, unit, text) { #name, 'i', (int32_t)offsetof(tse_config, name), def, lo, hi, "1", text },
 static const tse_field config_fields[] = { SETTINGS(FIELD_REAL, FIELD_WHOLE) };
 #undef FIELD_REAL
 #undef FIELD_WHOLE
@@ -36,8 +36,8 @@ static const tse_field status_fields[] = { STATUSES(CODED) };
 static const tse_field reason_fields[] = { REASON_CODES(CODED) };
 
 #if !defined(TSE_NO_EFFECTS)
-#define FIELD_REAL(fmu, name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
-#define FIELD_WHOLE(fmu, name, def, lo, hi, unit, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
+#define FIELD_REAL(fmu, name, def, exact, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
+#define FIELD_WHOLE(fmu, name, def, exact, lo, hi, unit, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
 static const tse_field sim_config_fields[] = { SETTINGS_SIM(FIELD_REAL, FIELD_WHOLE) };
 
 #define FIELD_ROW(name, def, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
@@ -145,6 +145,6 @@ static const tse_effect_row effect_rows[] = {
   /* end of table */
 };
 
-#define PARAMETER_ROW(REAL, effect, parameter, def, lo, hi, unit, text, strength, sign, from, to, negligible) \
-  { #effect, #parameter, #effect "_" #parameter, unit, text, strength, sign, def, lo, hi, from, to, negligible },
+#define PARAMETER_ROW(REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, sign, from, to, negligible) \
+  { #effect, #parameter, #effect "_" #parameter, unit, text, strength, sign, exact, lo, hi, from, to, negligible },
 static const tse_effect_parameter effect_parameters[] = { EFFECT_PARAMETERS(PARAMETER_ROW, ) };

@@ -47,11 +47,14 @@ static inline void set_defaults(void *settings, const real_row *real, int reals,
   for (int i = 0; i < wholes; i++) memcpy((uint8_t *)settings + whole[i].at, &whole[i].def, sizeof whole[i].def);
 }
 
+/* Return whether a setting is within its range, or the default, which may stand for one that is not set. */
+static inline int real_holds(const real_row *row, tse_setting x) { return (x >= row->lo && x <= row->hi) || x == row->def; /* NaN is outside */ }
+
 /* The first setting that is outside its range, in the order of the members; NULL: none. */
 static inline const char *first_outside(const void *settings, const real_row *real, int reals, const whole_row *whole, int wholes)
 {
   int r = 0, w = 0;
-  while (r < reals && real_at(settings, &real[r]) >= real[r].lo && real_at(settings, &real[r]) <= real[r].hi) r++; /* NaN is outside */
+  while (r < reals && real_holds(&real[r], real_at(settings, &real[r]))) r++;
   while (w < wholes && whole_at(settings, &whole[w]) >= whole[w].lo && whole_at(settings, &whole[w]) <= whole[w].hi) w++;
   if (r == reals) return w == wholes ? NULL : whole[w].name;
   return w == wholes || real[r].at < whole[w].at ? real[r].name : whole[w].name;

@@ -32,7 +32,7 @@ static void record(void)
   static tse_sim sim;
   tse_config c;
   tse_sim_config s;
-  tse_config_default(&c);
+  tse_config_exact(&c);
   tse_sim_config_default(&s);
   tse_sim_reset(&sim, &c, &s, NULL);
   for (int i = 0; i < DRIVE; i++) {
@@ -64,7 +64,7 @@ static void run_default(int from, int to)
   for (int i = from; i < to; i++) {
     if (i % DRIVE == 0) {
       tse_config c;
-      tse_config_default(&c);
+      tse_config_exact(&c);
       tse_prepare(&c, &params, NULL);
       tse_reset(&params, &memory.filter, sizeof memory);
     }
@@ -78,7 +78,7 @@ static void run_ekf(int from, int to)
     const int first = i % DRIVE == 0;
     if (first) {
       tse_config c;
-      tse_config_default(&c);
+      tse_config_exact(&c);
       ekf_start(&kalman, &c, TSE_R(0.05), &rows[0]);
     }
     ekf_step(&kalman, &rows[i % DRIVE], first);

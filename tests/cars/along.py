@@ -68,7 +68,7 @@ def config_of(vehicle: Vehicle, log: Log) -> Config:
     """Return the settings with which a calibration begins."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, log)
-    config = Config(vehicle.values)
+    config = Config.exact(vehicle.values)
     vehicle.values = stated
     setattr(config, SHAPE, ordinary_car(config)[SHAPE])
     return config
@@ -115,7 +115,7 @@ def straight(seed: int) -> list[float]:
     """Return shares of valid rows, and of these of those that are more than 10 % off: ten
     minutes straight on, the car exact."""
     made = tse.simulate("straight", seed=seed, duration=600.0)
-    config = Config({"driven_axle": 1})
+    config = Config.exact({"driven_axle": 1})
     out = Filter(config).over(read_frame(made.log).rows())
     valid, error = out["cx_front_valid"] == 0, np.abs(out["cx_front"] - 1.0)
     return [float(valid.mean()), float((error[valid] > OFF).mean()) if valid.any() else 0.0, float(error[-1])]

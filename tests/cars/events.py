@@ -51,7 +51,7 @@ def shown_after(log: Log, config: Config, stiffness: dict[str, float], moved: di
     does not count."""
     rest = behind(log, int(np.searchsorted(log.time - log.time[0], began)))
     start = {NOMINAL[k]: stiffness[k] for k in STIFFNESS} | {f"initial_{PRIOR[k]}_sd": CHANGE_SD for k in STIFFNESS}
-    out, mass = Filter(Config(config.as_dict() | start)).over(rest.rows()), config.mass_sd
+    out, mass = Filter(Config.exact(config.as_dict() | start)).over(rest.rows()), config.mass_sd
     var = {key: (out[f"{key}_sd"] / out[key]) ** 2 - mass**2 for key in STIFFNESS}
     sure = np.flatnonzero(np.any([np.log(moved[key]) ** 2 > SURE**2 * var[key] for key in STIFFNESS], axis=0))
     return float(min(rest.time[sure[0]] - rest.time[0], AFTER)) if len(sure) else AFTER

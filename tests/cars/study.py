@@ -109,7 +109,7 @@ def estimated(
         log = replace(log, extra=pd.DataFrame(columns))
     config, _ = make_config(read_vehicle(vehicle_path), log, options=options)
     if lib:
-        config = Config(config.as_dict(), lib=lib)
+        config = Config.exact(config.as_dict(), lib=lib)
     return Filter(config).over(log.rows()), config
 
 

@@ -21,7 +21,7 @@ def estimates(tmp_path_factory):
     log = read_log(folder / "log_mountain.csv")
     config, _ = make_config(read_vehicle(folder / "car.toml"), log)
     builds = {"full": library("double"), "small": library("double", small=True), "fixed": library("fixed", small=True)}
-    return {who: Filter(Config(config.as_dict(), lib=lib)).over(log.rows()) for who, lib in builds.items()}
+    return {who: Filter(Config.exact(config.as_dict(), lib=lib)).over(log.rows()) for who, lib in builds.items()}
 
 
 def test_fixed_point_follows_double_within_5_per_cent_of_the_sd(estimates):

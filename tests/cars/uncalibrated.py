@@ -2,7 +2,7 @@
 
     python -m tests.cars.uncalibrated [--seeds N] [--first SEED] [--jobs J] [--out FILE]
 
-The car is one of its class (tse_config_uncalibrated) with the relaxation and roll of the table, and each axle's stiffness is not
+The car is one of its class (tse_config_default) with the relaxation and roll of the table, and each axle's stiffness is not
 its class's; or it is the car of the default settings, whose yaw inertia is not its class's, either. Truth: stiffness at no slip,
 which the simulator is told.
 """
@@ -41,9 +41,9 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     maneuver, relaxation, roll, seed, which = job
     effects, rng = {"relaxation_length": relaxation, "body_roll_gain": roll}, np.random.default_rng([seed, 71])
     of_class = which == CARS[0]
-    facts = CAR if of_class else {key: getattr(Config(), key) for key in FACTS} | {"driven_axle": "front"}
+    facts = CAR if of_class else {key: getattr(Config.exact(), key) for key in FACTS} | {"driven_axle": "front"}
     vehicle = make_vehicle(dict(facts), Path("car.toml"))
-    car = Config((filter_values(vehicle) if of_class else {}) | effects)
+    car = Config.exact((filter_values(vehicle) if of_class else {}) | effects)
     factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
     sim = SimConfig({f"true_{key}": value for key, value in factor.items()} | {"seed": seed})
     duration = max(LEAST, maneuvers.KINDS[maneuver].duration)

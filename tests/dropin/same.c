@@ -117,8 +117,8 @@ int main(int argc, char **argv)
   tse_describe_build(&b);
   printf("%s %s %d, bytes %d %d %d %d\n", b.version, b.format, (int)b.capacity, (int)b.filter_bytes, (int)b.filter_paper_bytes,
          (int)b.params_bytes, (int)b.sim_bytes);
-  drive("default", tse_config_default, rows, n, 0);
-  drive("told of effects", tse_config_default, rows, n, 1);
+  drive("default", tse_config_exact, rows, n, 0);
+  drive("told of effects", tse_config_exact, rows, n, 1);
   drive("robust", tse_config_robust, rows, n, 0);
   drive("paper", tse_config_paper, rows, n, 0);
   tables();
@@ -130,7 +130,7 @@ int main(int argc, char **argv)
   tse_sim_input u;
   uint64_t hash = 14695981039346656037u;
   memset(&u, 0, sizeof u);
-  tse_config_default(&c);
+  tse_config_exact(&c);
   tse_sim_config_default(&truth);
   c.body_roll_gain = TSE_S(0.01);
   if (tse_sim_reset(&car, &c, &truth, NULL) < 0) return 1;

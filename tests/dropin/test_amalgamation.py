@@ -143,7 +143,7 @@ def test_without_rows_for_late_channels_the_rest_is_the_same(two: Path, tmp_path
     assert len(said) > 30
     (tmp_path / "late.c").write_text(
         '#include <stdio.h>\n#include "tse.h"\nstatic tse_filter f;\nstatic tse_params p;\nint main(void)\n{\n'
-        'tse_config c;\nconst char *wrong = "";\ntse_config_default(&c);\n'
+        'tse_config c;\nconst char *wrong = "";\ntse_config_exact(&c);\n'
         "int reset = tse_prepare(&c, &p, &wrong) || tse_reset(&p, &f, sizeof f);\nint sound = tse_filter_check(&p, &f, sizeof f);\n"
         "c.steer_angle_latency = -0.01;\nint refused = tse_prepare(&c, &p, &wrong);\n"
         'printf("%d %d %d %s", reset, sound, refused == TSE_E_CONFIG, wrong);\nreturn 0;\n}\n'

@@ -83,7 +83,7 @@ static int start_over(int is_late)
 {
   tse_config c;
   tse_config_default(&c);
-  tse_config_uncalibrated(&c); /* with the curve of its tyres, roll and relaxation */
+  c.mass = TSE_S(1900); /* an ordinary car, with the curve of its tyres, roll and relaxation */
   if (is_late) {
     c.steer_angle_latency = TSE_S(0.02), c.accel_x_latency = TSE_S(0.015);
   }

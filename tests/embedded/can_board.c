@@ -40,7 +40,7 @@ int program(void)
   uint64_t hash = REPLAY_HASH_EMPTY;
   uint32_t longest = 0;
   const char *wrong = "";
-  tse_config_default(&c);
+  tse_config_exact(&c);
   if (loop_start(&loop, &c, &wrong) < 0) {
     port_say(wrong);
     port_say(": refused\n");

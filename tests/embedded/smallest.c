@@ -15,9 +15,7 @@ int program(void)
   tse_config c;
   tse_input u;
   tse_config_default(&c);
-#if !defined(TSE_NO_EFFECTS)
-  tse_config_uncalibrated(&c); /* sets some */
-#endif
+  c.mass = TSE_S(1650);
   if (tse_prepare(&c, &params, NULL) < 0 || tse_reset(&params, &filter, sizeof filter) < 0) return 1;
   (void)tse_learnt_load(&params, &filter, kept, sizeof kept, 0);
   memset(&u, 0, sizeof u);

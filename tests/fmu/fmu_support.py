@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ESTIMATOR, VEHICLE = "TireStiffnessEstimator", "SingleTrackVehicle"
 MODELS = (ESTIMATOR, VEHICLE)
 CHANNELS = [f.name for f in library().channels]
-KNOWN = {"vehicle.calibrated": True}  # the estimator's parameters are settings as they are, none is filled in
+KNOWN = {"vehicle.exact": True}  # the car of tse_config_exact()
 DRIVER = [f.name for f in library().fields(SIM_INPUT) if f.name != "dt"]
 
 # ---- building
@@ -286,7 +286,7 @@ class Log:
         """One row of the core's outputs per row."""
         config = settings
         if not isinstance(settings, Config):
-            config = Config({**(Config.settings_of(form) if form else {}), **settings})
+            config = Config.exact({**(Config.settings_of(form) if form else {}), **settings})
         filter_ = Filter(config)
         rows = np.zeros(len(self), library().dtype(INPUT))
         rows["dt"][1:] = np.diff(self.time)
@@ -307,7 +307,7 @@ class Log:
 
 
 def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
-    """Settings under the estimator's names; what is not among them is as in tse_config_default()."""
+    """Settings under the estimator's names; what is not among them is as in tse_config_exact()."""
     known = {n.partition(".")[2].replace(".", "_"): n for n, v in of.variables.items() if v.causality == "parameter"}
     return {**KNOWN, **{known[name]: value for name, value in settings.items()}}
 

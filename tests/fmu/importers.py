@@ -135,7 +135,7 @@ def _vdmcheck(fmu: Path, of_3: bool) -> Verdict:
 
 def inputs_of(of: Unit) -> dict[str, np.ndarray]:
     """A drive: what the driver does, or what the sensors say; a value a step."""
-    config = Config({"sample_time": STEP})
+    config = Config.exact({"sample_time": STEP})
     plan = maneuvers.build("square-waves", config, sample_time=STEP, duration=STEP * STEPS)
     driver, sensors = drive(plan, config, SimConfig({"seed": 1}))
     names, table = (HISTORIES, driver) if of.identifier == VEHICLE else (CHANNELS, sensors)

@@ -23,7 +23,7 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     puts out at the next communication point."""
     made = [f"estimate.{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_valid")]
     true = ["true.vel_x", *(f"true.{s}" for s in STIFFNESS)]
-    start = {f"filter.initial_{s}": START for s in STIFFNESS} | {"vehicle.calibrated": True}  # known, but for its tyres
+    start = {f"filter.initial_{s}": START for s in STIFFNESS} | {"vehicle.exact": True}  # known, but for its tyres
     rows = []
     with Instance(unit(VEHICLE)) as car, Instance(unit(ESTIMATOR)) as estimator:
         car.start()

@@ -85,15 +85,15 @@ def test_names_and_references_are_unique_and_structured(model: Unit) -> None:
 def test_parameters_are_the_settings_of_the_library() -> None:
     settings, simulator = ({f.name for f in library().fields(which)} for which in (CONFIG, SIM_CONFIG))
     found = {name: {v.name for v in unit(name).description.modelVariables if v.causality == "parameter"} for name in GROUPS}
-    assert all(full in ("ramp", "vehicle.calibrated") or full.partition(".")[0] in GROUPS[n] for n in found for full in found[n])
-    of_estimator = {full.partition(".")[2].replace(".", "_") for full in found[ESTIMATOR] - {"vehicle.calibrated"}}
+    assert all(full in ("ramp", "vehicle.exact") or full.partition(".")[0] in GROUPS[n] for n in found for full in found[n])
+    of_estimator = {full.partition(".")[2].replace(".", "_") for full in found[ESTIMATOR] - {"vehicle.exact"}}
     assert of_estimator == settings
     assert {x.partition(".")[2] for x in found[VEHICLE] if x.startswith("simulation.")} == simulator
 
 
 OF_THE_FMU = {
     VEHICLE: {"ramp"},
-    ESTIMATOR: {"vehicle.calibrated", "velocity.given", "pedals.given", "road.given", "estimate.valid", "estimate.grip_reason"}
+    ESTIMATOR: {"vehicle.exact", "velocity.given", "pedals.given", "road.given", "estimate.valid", "estimate.grip_reason"}
     | {f"estimate.{k}_reason" for k in NOMINAL} | {f"estimate.nominal.{k}" for k in NOMINAL},
 }  # fmt: skip
 
@@ -120,7 +120,7 @@ def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str
 
 def test_variables_are_those_of_the_tables(model: Unit) -> None:
     """Name, type, unit, range, start and text, in the order of the tables, which value references follow."""
-    own, order = set(), {}
+    own, order, known = set(), {}, Config.exact()
     for v in model.description.modelVariables:
         field, unit_there = of_library(v.name, v.causality, model.identifier)
         if field is None or v.name.endswith("given"):
@@ -131,9 +131,10 @@ def test_variables_are_those_of_the_tables(model: Unit) -> None:
             assert v.unit.replace(".", "") == unit_there.replace(" ", ""), v.name  # FMI: N.m
         if v.causality != "output" and field.has_range:
             high = 512 if field.name == "particles" else field.high  # where this build's memory ends
-            assert (float(v.min), float(v.max)) == (field.low, high), v.name
+            assert (float(v.min), float(v.max)) == (min(field.low, float(v.start)), high), v.name
         if v.causality == "parameter":
-            assert (float(v.start), v.description) == (field.default, field.text), v.name
+            exact = model.identifier == VEHICLE and field.name in known
+            assert (float(v.start), v.description) == (getattr(known, field.name) if exact else field.default, field.text), v.name
         order.setdefault((v.causality, v.name.partition(".")[0], "relative" in v.name), []).append(field.offset)
     assert all(offsets == sorted(offsets) for (causality, *_), offsets in order.items() if causality != "output")
     assert own == OF_THE_FMU[model.identifier]
@@ -287,9 +288,7 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
     np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
     code = guide_examples()[0]
     said = run(code, tmp_path, built / "TireStiffnessEstimator.fmu").split()
-    car = Config({"mass": 1650.0})
-    if "calibrated" not in code:
-        car.fill("tse_config_uncalibrated")
+    car = Config.exact({"mass": 1650.0}) if "vehicle.exact" in code else Config({"mass": 1650.0}).complete()
     assert float(said[-2]) * car.cornering_stiffness_front == pytest.approx(0.8 * 1.2e5, rel=0.15)
     assert said[-1] in ("True", "False", "1.0", "0.0")
 

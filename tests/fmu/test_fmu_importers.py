@@ -76,7 +76,7 @@ def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -
     how = {"stop_time": 5.9, "step_size": 0.01, "output_interval": 0.01, "input": table, "output": estimator.outputs}
     plain, all_set, known = (
         simulate_fmu(str(estimator.fmu), start_values={"vehicle.mass": 1650.0, **known}, apply_default_start_values=all_, **how)
-        for all_, known in ((False, {}), (True, {}), (True, {"vehicle.calibrated": True}))
+        for all_, known in ((False, {}), (True, {}), (True, {"vehicle.exact": True}))
     )
     assert np.array_equal(plain, all_set)
     nominal = "estimate.nominal.cy_front"
@@ -244,27 +244,25 @@ import pickle, sys
 from fmu_support import expected_outputs, recorded_drive
 from tse.impl.core import Config
 settings, ordinary = pickle.loads(sys.stdin.buffer.read())
-config = Config(settings)
-if ordinary:
-    config.fill("tse_config_uncalibrated")
+config = Config(settings).complete() if ordinary else Config.exact(settings)
 rows = recorded_drive().through_library(config)
 sys.stdout.buffer.write(pickle.dumps([expected_outputs(row, config) for row in rows]))
 """
 
 
 # An ordinary car is computed in the numbers of the format; Python hands on settings of a fixed-point library in single precision.
-@pytest.mark.parametrize(("real", "calibrated"), [("fixed", True), ("float", True), ("float", False)])
-def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, calibrated: bool) -> None:
+@pytest.mark.parametrize(("real", "exact"), [("fixed", True), ("float", True), ("float", False)])
+def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exact: bool) -> None:
     unit, settings = estimator_in(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
     assert f"computes in {real}" in unit.description.description
     done = subprocess.run(
-        [sys.executable, "-c", IN_THE_LIBRARY], input=pickle.dumps((settings, not calibrated)), capture_output=True,
+        [sys.executable, "-c", IN_THE_LIBRARY], input=pickle.dumps((settings, not exact)), capture_output=True,
         cwd=Path(__file__).parent, timeout=300, env={**os.environ, "TSELAB_LIBRARY": str(library_in(real))},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr.decode()
     log = recorded_drive()
     with Instance(unit) as instance:
-        instance.start({**parameters_of(settings, unit), "vehicle.calibrated": calibrated}, time=float(log.time[0]))
+        instance.start({**parameters_of(settings, unit), "vehicle.exact": exact}, time=float(log.time[0]))
         expect_same_rows(log.through_fmu(instance), pickle.loads(done.stdout))
 
 

@@ -27,7 +27,7 @@ from tse.impl.simulate import drive, simulate
 def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = False) -> Log:
     """Square waves; with lost cells, lost rows and, when irregular, rows 3 .. 30 ms apart."""
     random = np.random.default_rng(seed)
-    config = Config()
+    config = Config.exact()
     maneuver = maneuvers.build("square-waves", config, sample_time=0.001 if irregular else 0.01, duration=duration)
     _, outputs = drive(maneuver, config, SimConfig({"seed": seed}))
     keep = np.ones(len(maneuver.time), bool)
@@ -48,7 +48,7 @@ def replay(estimator: Unit, log: Log, settings: dict[str, float], form: str | No
     expected = log.through_library(settings, form)
     with Instance(estimator) as instance:
         instance.start(parameters_of(full, estimator), time=float(log.time[0]))
-        expect_same_rows(log.through_fmu(instance), (expected_outputs(row, Config(full)) for row in expected))
+        expect_same_rows(log.through_fmu(instance), (expected_outputs(row, Config.exact(full)) for row in expected))
 
 
 def test_the_recorded_drive_with_default_settings(estimator: Unit) -> None:
@@ -83,7 +83,7 @@ def test_a_drive_with_gaps_with_other_parameters(estimator: Unit, settings: dict
 
 def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Unit) -> None:
     """Slalom at constant speed: cornering stiffness shows, longitudinal stiffness does not."""
-    config = Config({"particles": 100})
+    config = Config.exact({"particles": 100})
     maneuver = maneuvers.build("sine-sweep", config, sample_time=0.01, duration=8.0)
     _, outputs = drive(maneuver, config, SimConfig())
     log = Log(maneuver.time, np.stack([outputs[n] for n in CHANNELS], axis=1))
@@ -104,7 +104,7 @@ def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> Non
 def test_a_log_that_starts_late_and_a_second_run_after_reset(estimator: Unit) -> None:
     log = simulated_drive(2.0)
     late = Log(log.time + 1e5, log.channels)
-    expected = [expected_outputs(row, Config({"particles": 60})) for row in late.through_library({"particles": 60})]
+    expected = [expected_outputs(row, Config.exact({"particles": 60})) for row in late.through_library({"particles": 60})]
     with Instance(estimator) as instance:
         for _ in range(2):
             instance.start({**KNOWN, "filter.particles": 60}, time=float(late.time[0]))
@@ -130,7 +130,7 @@ def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
         t.join()
     for k, log in enumerate(logs):
         rows = log.through_library({"particles": 200})
-        expect_same_rows(got[k], (expected_outputs(row, Config({"particles": 200})) for row in rows))
+        expect_same_rows(got[k], (expected_outputs(row, Config.exact({"particles": 200})) for row in rows))
 
 
 # ---- The paper's study (Sec. IV-A) with the two FMUs in a loop, against the same study through the library.
@@ -193,7 +193,7 @@ def test_each_run_is_the_run_of_the_library(seed: int) -> None:
     """The vehicle drives as the simulator does, but for the last bit of the time steps; of what it logged the estimator makes what
     the library makes."""
     run, settings = study(seed), {"seed": seed, **START}
-    config = Config(settings)
+    config = Config.exact(settings)
     maneuver = maneuvers.build("square-waves", config, sample_time=STEP, duration=DURATION)
     log = simulate(maneuver, config, SimConfig({"seed": seed})).log
     assert np.abs(log[CHANNELS].to_numpy(float) - run.log.channels).max() < 1e-9
@@ -229,3 +229,13 @@ def test_a_first_row_of_zeros_is_forgotten() -> None:
         for s in STIFFNESS:
             off = rows[k][f"estimate.{s}"] - run.rows[k][f"estimate.{s}"]
             assert abs(off) < 1.96 * run.rows[k][f"estimate.{s}_sd"], (k, s)
+
+
+def test_an_fmu_that_is_told_no_mass_finds_nothing_valid(estimator: Unit) -> None:
+    log = simulated_drive()
+    with Instance(estimator) as instance:
+        instance.start(time=float(log.time[0]))
+        rows = log.through_fmu(instance)
+    reasons = {row[f"estimate.{s}_reason"] for row in rows for s in ("cx_front", "cy_front", "cy_rear")}
+    assert 0 not in reasons and 7 in reasons  # the parameters of the car are too uncertain
+    assert not any(row["estimate.valid"] for row in rows)

@@ -46,13 +46,13 @@ static void any_settings(void)
   uint32_t count;
   const setting *const all = settings_of(&count);
   const uint32_t how = below(4);
-  tse_config_default(&d.c);
-  if (how == 1) tse_config_uncalibrated(&d.c);
+  if (how == 1) tse_config_default(&d.c);
+  else tse_config_exact(&d.c);
   for (uint32_t left = how < 2 ? 0 : 1 + below(how == 2 ? 4 : 20); left > 0; left--) {
     const setting *const s = &all[below(count)];
-    const double share = uniform(), cube = share * share * share, sign = chance(0.5) ? s->hi - s->def : s->lo - s->def;
+    const double share = uniform(), cube = share * share * share, from = get_setting(&d.c, s), sign = chance(0.5) ? s->hi - from : s->lo - from;
     put_setting(&d.c, s, chance(0.2) ? s->hi : chance(0.2) ? s->lo
-                                                           : s->def + sign * cube);
+                                                           : from + sign * cube);
   }
   d.c.form = TSE_LAST_FORM && chance(0.1) ? 1 : 0;
   d.c.particles = 16 + (int32_t)below(48);

@@ -105,7 +105,7 @@ static inline void take_settings(bytes *b, tse_config *c, int hostile)
 {
   uint32_t count;
   const setting *const all = settings_of(&count);
-  tse_config_default(c);
+  tse_config_exact(c);
   for (uint32_t left = take(b, 1) & 15u; left > 0; left--) {
     const setting *const s = &all[take(b, 2) % count];
     switch (take(b, 1) & 7u) {
@@ -115,13 +115,13 @@ static inline void take_settings(bytes *b, tse_config *c, int hostile)
       case 3: put_setting(c, s, hostile ? take_odd(b) : take_between(b, s->lo, s->hi)); break;
       case 4: put_setting(c, s, hostile ? s->hi + (s->hi - s->lo) * 1e-3 * (1 + take_share(b)) : take_between(b, s->lo, s->hi)); break;
       case 5: {
-        const double share = take_share(b);
-        put_setting(c, s, s->def + (s->hi - s->def) * share * share * share);
+        const double share = take_share(b), from = get_setting(c, s);
+        put_setting(c, s, from + (s->hi - from) * share * share * share);
         break;
       }
       case 6: {
-        const double share = take_share(b);
-        put_setting(c, s, s->def - (s->def - s->lo) * share * share * share);
+        const double share = take_share(b), from = get_setting(c, s);
+        put_setting(c, s, from - (from - s->lo) * share * share * share);
         break;
       }
       default: put_setting(c, s, take_between(b, s->lo, s->hi)); break;

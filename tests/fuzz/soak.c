@@ -166,7 +166,7 @@ static void drive_once(uint32_t drive)
   tse_sim_output now = { 0 };
   tse_input hold = { 0 };
   word = 2654435761u * (drive + 1);
-  tse_config_default(&c);
+  tse_config_exact(&c);
   tse_sim_config_default(&s);
   const event e = any_event(drive);
   const double speed = between(8, 40), sideways = between(1, 6), pace[3] = { between(0.3, 1.5), between(1.5, 4), between(4, 9) };

@@ -106,7 +106,7 @@ def size_of(case: dict) -> tuple[float, float, float, float] | None:
     found = next(iter(mine["parameters"].values()))
     true = float(next(iter(e["parameters"].values())))
     if e["id"] == "rear_roll_steer":  # per lateral acceleration: how much the car rolls is not in a log
-        found, true = mine["parameters"]["gain"], e["parameters"]["k_per_mps2"] / Config().rear_roll_steer_roll
+        found, true = mine["parameters"]["gain"], e["parameters"]["k_per_mps2"] / Config.exact().rear_roll_steer_roll
     if e["id"] == "bank":
         true = e["parameters"]["rms_wander"]
     if not true:

@@ -69,7 +69,7 @@ def car(folder: Path) -> Path:
 
 def problem_of(vehicle: Path, *logs: Path) -> Problem:
     """These logs, of a car whose settings the vehicle file has."""
-    config = Config(read_vehicle(vehicle).values)
+    config = Config.exact(read_vehicle(vehicle).values)
     return Problem([prepare(read_log(p), config) for p in logs], config)
 
 
@@ -82,14 +82,14 @@ def write_log(
 ) -> Path:
     """One log of a car with these settings of effects. `drive`: of DRIVES, or a manoeuvre by its full name. `extra`: optional
     channels with the noise they have."""
-    config = Config(read_vehicle(vehicle).values)
+    config = Config.exact(read_vehicle(vehicle).values)
     log = prepared(candidate(config, DRIVES.get(drive, drive)), config)[0]
     n = int(seconds / 0.01)
     rng = np.random.default_rng(seed)
     inputs = {k: x[:n] for k, x in log.inputs.items()}
     names = {"vehicle_speed": "vel_x"}
     replay = Replay((*MEASURES, *(names.get(e, e) for e in extra)), dt=np.full(n, 0.01), **inputs)
-    out = replay.run(Config(config.as_dict() | effects), **STIFFNESS)
+    out = replay.run(Config.exact(config.as_dict() | effects), **STIFFNESS)
     columns = {"time": log.time[:n]}
     columns |= {k: x + {"steer_angle": 2e-4}.get(k, 0.02) * rng.standard_normal(n) for k, x in inputs.items()}
     for c in MEASURES:

@@ -35,7 +35,7 @@ def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
     from tse.impl.simulate import simulate
     from tse.impl.vehicle import read_vehicle
 
-    config = Config(read_vehicle(car).values)
+    config = Config.exact(read_vehicle(car).values)
     plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=seconds)
     foot = np.hanning(51)
     plan.wheel_torque_front = np.convolve(plan.wheel_torque_front, foot / foot.sum(), "same")

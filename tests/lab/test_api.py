@@ -240,7 +240,7 @@ def test_row_by_row_gives_the_bits_of_the_whole(frame, result):
 def test_row_by_row_gives_the_golden_drive():
     drive = pd.read_csv(REPLAY / "drive.csv", comment="#")
     golden = pd.read_csv(REPLAY / "golden_double.csv", comment="#", index_col="row")
-    f = tse.Filter()
+    f = tse.Filter({**tse.simulated_car(), "driven_axle": "both"})
     nominal = {s: float(f.settings[NOMINAL[s]]) for s in tse.STIFFNESS}
     compared = 0
     for i, row in enumerate(drive.to_dict("records")):
@@ -349,11 +349,31 @@ def test_what_a_stream_has_learnt_is_what_the_log_has(frame, result):
         tse.Filter(CAR).load_learnt(result.learnt)
 
 
+def test_a_filter_that_is_told_no_mass_finds_nothing_valid_and_one_that_is_told_one_is_of_an_ordinary_car():
+    nothing, mass, car = tse.Filter(), tse.Filter(settings={**CAR, "driven_axle": 1}), tse.Filter(CAR)
+    reasons = set()
+    for row in tse.simulate("double-lane-change", duration=40).log.to_dict("records"):
+        said = {str(k): v for k, v in row.items()}
+        reasons.add(nothing.step(said).cy_front_reason)
+        told, same = mass.step(said), car.step(said)
+    assert reasons >= {"parameters uncertain"} and "valid" not in reasons
+    assert told == same and told.cy_front > 0
+    assert nothing.settings["mass_sd"] == 0.3
+
+
+def test_the_simulated_car_is_that_of_the_command(tmp_path):
+    (tmp_path / "car.toml").write_text(tselab("vehicle", "--simulated").out)
+    file, here = tse.Filter(tmp_path / "car.toml"), tse.Filter(tse.simulated_car())
+    assert file.settings == here.settings and here.settings["model_sd"] == 0 and here.settings["mass"] == 1900
+    with pytest.raises(tse.Error, match=r"mass = 0 is outside its range 50 .. 50000 kg; leave out what is not known"):
+        tse.read_vehicle({**tse.simulated_car(), "mass": 0})
+
+
 def test_settings_of_a_filter_are_checked_and_win():
     assert tse.Filter(CAR, settings={"mass": 1700.0}).settings["mass"] == 1700.0
     assert tse.Filter(CAR, sample_time=0.04).settings["max_gap"] >= 0.2
-    assert tse.Filter(form="paper").settings["form"] == Config(Config.settings_of("paper")).form
-    with pytest.raises(tse.SettingError, match=r"mass = 1 is outside its range 50 .. 50000 kg \(vehicle mass\)"):
+    assert tse.Filter(form="paper").settings["form"] == Config.exact(Config.settings_of("paper")).form
+    with pytest.raises(tse.SettingError, match=r"mass = 1 is outside its range 50 .. 50000 kg \(vehicle mass; 0"):
         tse.Filter(CAR, settings={"mass": 1})
     with pytest.raises(tse.SettingError, match="did you mean mass"):
         tse.Filter(CAR, settings={"mas": 1})
@@ -384,10 +404,11 @@ def test_every_public_name_says_what_it_is():
     for name in (n for n in tse.__all__ if inspect.isfunction(getattr(tse, n)) or n == "Filter"):
         thing = getattr(tse, name)
         text = inspect.getdoc(thing)
-        for section in ("Parameters",) if name == "Filter" else ("Parameters", "Returns"):
+        takes = inspect.signature(thing).parameters
+        for section in [*(["Parameters"] if takes else []), *(["Returns"] if name != "Filter" else [])]:
             assert f"\n{section}\n{'-' * len(section)}\n" in text, f"{name}: {section}"
         said = re.findall(r"^[\w, ]+$", text.partition("Parameters\n----------\n")[2], re.M)
-        assert set(inspect.signature(thing).parameters) <= {p for line in said for p in line.split(", ")}, name
+        assert set(takes) <= {p for line in said for p in line.split(", ")}, name
     for array in ("stiffness", "valid", "reason", "time", "status"):
         assert re.match(r"\(n(, 3)?,?\)", getattr(tse.Result, array).__doc__), array
 

@@ -12,7 +12,7 @@ from conftest import RAN, tselab, tselab_here
 from tse.impl.core import Config
 from tse.impl.logs import log
 
-FORGETTING = Config().fields["forgetting"].range_text
+FORGETTING = Config.exact().fields["forgetting"].range_text
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 

@@ -96,7 +96,7 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrate
     for a, b in zip(first, second, strict=True):
         assert b["prior_sd"] == pytest.approx(a["sd"], rel=1e-6), a["name"]
         assert b["prior"] == pytest.approx(a["value"], rel=1e-6, abs=1e-9), a["name"]
-    start = prior_of(vehicle, Config(vehicle.values))
+    start = prior_of(vehicle, Config.exact(vehicle.values))
     stiffness = [start.mean[start.names.index(k)] for k in NOMINAL]  # over the file's, which has what was found
     np.testing.assert_allclose(stiffness, 0.0, atol=1e-12)
 
@@ -153,7 +153,7 @@ def test_noise_of_accel_x_is_that_of_the_rows(sd: float) -> None:
     t = log.time
     loud = log.data.assign(accel_x=np.sin(t) + sd * rng.standard_normal(len(t)))
     other = log.data.assign(accel_x=np.sin(t) + 0.5 * sd * rng.standard_normal(len(t)))
-    found = workflow.row_noise([replace(log, data=other), replace(log, data=loud)], Config())
+    found = workflow.row_noise([replace(log, data=other), replace(log, data=loud)], Config.exact())
     assert found["accel_x_sd"] == pytest.approx(sd, rel=0.1)
     assert found.keys() == {"accel_x_sd", "accel_y_sd", "yaw_rate_sd"}
 
@@ -290,7 +290,7 @@ def test_bad_arguments_end_in_a_sentence(case: Path, arguments: list[str], said:
 DT, SECONDS, DRAG, ROLLING, PITCH, HEIGHT = 0.01, 240.0, 0.4, 0.01, 0.004, 0.55
 NAMES = ["wheel_speed_front_latency", "wheel_speed_rear_latency", "rolling_resistance_coefficient", "aero_drag_coefficient",
          "pitch_leak_gain", "cx_front", "wheel_radius_front", "wheel_radius_rear"]  # fmt: skip
-RADIUS = Config().wheel_radius_front
+RADIUS = Config.exact().wheel_radius_front
 PRIOR_SD = 0.5
 LATE_SD = 0.025
 
@@ -316,7 +316,7 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
     the file's times the factor.
 
     faster: times 5 .. 13 m/s, by which it speeds up"""
-    config, rng = Config(), np.random.default_rng(seed)
+    config, rng = Config.exact(), np.random.default_rng(seed)
     t = DT * np.arange(round(SECONDS / DT))
     knots = np.arange(0.0, SECONDS + 8.0, 8.0)
     v = PchipInterpolator(knots, np.where(np.arange(len(knots)) % 2, faster, 0.0) * rng.uniform(5, 13, len(knots)) + 6.0)(t)
@@ -373,7 +373,7 @@ def searched() -> tuple[Any, Fit]:
     prior = np.array([LATE_SD] * 2 + [0.0] * 3 + [PRIOR_SD] + [0.003 * RADIUS] * 2)
     covariance = np.diag(prior**2)
     covariance[0, 1] = covariance[1, 0] = 0.9 * LATE_SD**2  # of one unit
-    problem = SimpleNamespace(config=Config(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance)
+    problem = SimpleNamespace(config=Config.exact(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance)
     return problem, Fit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
 
 

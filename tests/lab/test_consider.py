@@ -32,7 +32,7 @@ def driven() -> np.ndarray:
 
 def logged(driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None) -> np.ndarray:
     """The log, with columns changed by functions of time and column."""
-    rows = np.zeros(ROWS, Filter(Config()).inputs(1).dtype)
+    rows = np.zeros(ROWS, Filter(Config.exact()).inputs(1).dtype)
     t = DT * np.arange(ROWS)
     for name in rows.dtype.names:
         if name in driven.dtype.names:
@@ -47,7 +47,7 @@ def rms(x: np.ndarray) -> float:
 
 def estimated(rows: np.ndarray, **settings: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Estimates of all rows, and Filter.uncertainty_sd() at the end."""
-    filter_ = Filter(Config(BASE | settings))
+    filter_ = Filter(Config.exact(BASE | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     return out, filter_.uncertainty_sd()
@@ -65,7 +65,7 @@ def plus(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return lambda _, x: x + by
 
 
-CAR = Config()
+CAR = Config.exact()
 Run = Callable[[np.ndarray, float, dict[str, float]], tuple[np.ndarray, dict[str, np.ndarray]]]
 
 
@@ -144,7 +144,7 @@ def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.nda
         speed[i], force[i] = v, wish[i] - 0.1 * (v - 12.0)
         v += fine * (force[i] - 9.81 * np.sin(slope[i]))
     front = np.where(force > 0, 1.0, 0.65)
-    rows = np.zeros(len(t) // every, Filter(Config()).inputs(1).dtype)
+    rows = np.zeros(len(t) // every, Filter(Config.exact()).inputs(1).dtype)
     for axle, share in (("front", front), ("rear", 1.0 - front)):
         slip = share * mass * force / stiffness
         turned = np.where(slip > 0, speed / (1 - slip), speed * (1 + slip)) / radius
@@ -165,7 +165,7 @@ def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
         "driven_axle": 1.0,
         "grade_sd": 0.03,
     }
-    filter_ = Filter(Config(settings))
+    filter_ = Filter(Config.exact(settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     valid, off = out["cx_front_valid"][2000:] == 0, np.abs(out["cx_front"][2000:] - 1.0) > 0.1
@@ -197,16 +197,16 @@ def test_the_parts_of_an_interval_add_up_to_it(driven: np.ndarray) -> None:
         assert together == pytest.approx(added, rel=0.2), key
     table = pd.DataFrame({k: out[k] * getattr(CAR, NOMINAL[s]) for s in STIFFNESS for k in (s, f"{s}_sd")})
     alone = {name: sd for name, sd in parts.items() if name in told}
-    words = of_uncertainty(table, Config(BASE | told), alone)
+    words = of_uncertainty(table, Config.exact(BASE | told), alone)
     assert [w.split(":")[0] for w in words][-2:] == ["front cornering stiffness", "rear cornering stiffness"]
     assert "is parameter uncertainty: " in words[-1] and "mass_sd 8 %" in words[-1]
-    assert of_uncertainty(table, Config(BASE), {name: 0 * sd for name, sd in parts.items()}) == []
-    assert of_uncertainty(table[:0], Config(BASE), parts) == [] == of_uncertainty(table, Config(BASE), {})
+    assert of_uncertainty(table, Config.exact(BASE), {name: 0 * sd for name, sd in parts.items()}) == []
+    assert of_uncertainty(table[:0], Config.exact(BASE), parts) == [] == of_uncertainty(table, Config.exact(BASE), {})
 
 
 def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -> None:
     """Two frames that are stamped within a microsecond: what differs between them is noise, and no rate of anything."""
-    config = Config({"model_sd": 0.03, "relaxation_sd": 0.3, "mass_sd": 0.02, "accel_y_scale_sd": 0.02})
+    config = Config.exact({"model_sd": 0.03, "relaxation_sd": 0.3, "mass_sd": 0.02, "accel_y_scale_sd": 0.02})
     largest = []
     for dt in (DT, 1e-5, 1e-6):
         rows = logged(driven)

@@ -15,6 +15,7 @@ from tse.impl.files import read_toml
 
 HEADERS = Path(__file__).parents[2] / "include" / "tse"
 TABLES = Path(__file__).parents[2] / "src" / "tables"
+WAYS, AXLES = ("longitudinal", "cornering"), ("front", "rear")
 
 
 def row(**values):
@@ -36,7 +37,7 @@ def test_settings_are_the_rows_of_the_table():
         if file == "sensors":  # in four parts
             table = [name for part in table.values() for name in part]
         names += effect_settings() if file == "effects" else table["setting"] if file == "formula" else table
-    assert list(Config().fields) == names
+    assert list(Config.exact().fields) == names
 
 
 def effect_settings():
@@ -44,9 +45,29 @@ def effect_settings():
 
 
 def test_defaults_lie_inside_their_ranges():
-    for name, f in Config().fields.items():
-        assert f.low <= f.default <= f.high, name
-        assert getattr(Config(), name) == pytest.approx(f.default)
+    ordinary, exact = Config(), Config.exact()
+    for name, f in ordinary.fields.items():
+        assert getattr(ordinary, name) == pytest.approx(f.default)
+        assert f.low <= getattr(exact, name) <= f.high, name
+    outside = {name for name, f in ordinary.fields.items() if not f.low <= f.default <= f.high}
+    assert outside == {"mass", "yaw_inertia", *(f"{way}_stiffness_{axle}" for way in WAYS for axle in AXLES)}  # not set
+
+
+def test_what_is_not_set_is_of_the_class_by_the_mass_and_no_mass_is_uncertain():
+    told = Config({"mass": 1650.0})
+    assert told.cornering_stiffness_front == 0 and told.complete().cornering_stiffness_front > 5e4
+    told.mass = 3300.0  # in any order
+    assert told.complete().cornering_stiffness_front == pytest.approx(
+        2 * Config({"mass": 1650.0}).complete().cornering_stiffness_front
+    )
+    assert (told.complete().mass_sd, Config().complete().mass_sd) == (0.05, 0.3)
+    told.mass = 0  # as by default
+    with pytest.raises(SettingError, match=r"mass = 1.65 is outside its range 50 .. 50000 kg"):
+        told.mass = 1.65
+    exact = Config.exact()
+    assert (exact.mass, exact.mass_sd, exact.model_sd) == (1900, 0, 0) and exact.complete().as_dict() == exact.as_dict()
+    with pytest.raises(SettingError, match=r"longitudinal_stiffness_rear follows from mass, lf and lr, and is outside"):
+        Filter(Config({"mass": 50.0, "lf": 0.1, "lr": 10.0}))
 
 
 def test_setting_outside_its_range_is_refused_with_name_value_and_range():
@@ -61,7 +82,7 @@ def test_setting_outside_its_range_is_refused_with_name_value_and_range():
 
 
 def test_snapshot_restores_the_filter_bit_for_bit():
-    filter_ = Filter(Config({"particles": 50}))
+    filter_ = Filter(Config.exact({"particles": 50}))
     rng = np.random.default_rng(1)
     rows = np.concatenate([row(steer_angle=0.02 * rng.standard_normal(), accel_y=rng.standard_normal()) for _ in range(60)])
     filter_.over(rows[:30])
@@ -74,7 +95,7 @@ def test_snapshot_restores_the_filter_bit_for_bit():
 
 
 def test_refused_row_leaves_the_filter_as_it_was():
-    filter_ = Filter(Config({"particles": 50}))
+    filter_ = Filter(Config.exact({"particles": 50}))
     filter_.over(row())
     before = filter_.snapshot()
     out = filter_.outputs(1)
@@ -85,12 +106,12 @@ def test_refused_row_leaves_the_filter_as_it_was():
 
 
 def test_table_converts_to_newton_as_the_library_does():
-    config = Config({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
+    config = Config.exact({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
     output = Filter(config).over(row())[0]
     mean, sd, spread = stiffness_si(config, output)
     table = block_of(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
     for i, s in enumerate(STIFFNESS):
-        assert NOMINAL[s] in Config()
+        assert NOMINAL[s] in Config.exact()
         assert table[s][0] == pytest.approx(float(mean[i]), rel=1e-6)
         assert table[f"{s}_sd"][0] == pytest.approx(float(sd[i]), rel=1e-6)
         assert table[f"{s}_spread"][0] == pytest.approx(float(spread[i]), rel=1e-6)
@@ -179,4 +200,4 @@ def test_robust_and_paper_are_settings_of_one_form_and_the_defaults_are_as_print
 
 def test_form_2_is_refused_and_the_message_says_what_there_is_instead():
     with pytest.raises(SettingError, match=r"form = 2 is outside its range 0 .. 1 .*tse_config_robust"):
-        Config({"form": 2})
+        Config.exact({"form": 2})

@@ -36,7 +36,7 @@ def straight(rows=300, speed=20.0, **more):
 
 
 def test_every_effect_has_strengths_that_are_settings_and_off_but_the_kinematics():
-    config = Config()
+    config = Config.exact()
     catalogue = library().effects
     assert len(catalogue) == 33
     for effect in catalogue.values():
@@ -68,7 +68,7 @@ def test_effects_of_a_vehicle_file_are_settings(tmp_path):
 
 def test_an_effect_is_set_by_its_strength_and_not_by_a_shape():
     def effects(**values):
-        config = Config(values)
+        config = Config.exact(values)
         return [e.id for e in library().effects.values() if is_set(config, e)]
 
     assert effects(body_roll_gain=0.0123, conicity_rear=-77.0, body_roll_frequency=1.3) == ["conicity", "body_roll"]
@@ -108,7 +108,7 @@ def test_simulate_and_estimate_take_effects_from_the_vehicle_file(tmp_path):
 
 
 def test_replay_reads_what_the_simulator_simulates():
-    config = Config({"body_roll_gain": 0.01, "relaxation_length": 0.5, "steering_delay_time": 0.02})
+    config = Config.exact({"body_roll_gain": 0.01, "relaxation_length": 0.5, "steering_delay_time": 0.02})
     quiet = {"noise": 0, "spread_cx_front": 0, "spread_cy_front": 0, "spread_cy_rear": 0}
     sim = Simulator(config, SimConfig(quiet))
     n = 1000
@@ -120,7 +120,7 @@ def test_replay_reads_what_the_simulator_simulates():
         sim.step_into(inputs, outputs, i)
     replay = Replay(dt=inputs["dt"], **{c: outputs[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear")})
     told = {k: v.copy() for k, v in replay.run(config).items()}
-    untold = replay.run(Config())
+    untold = replay.run(Config.exact())
     for channel in ("accel_x", "accel_y", "yaw_rate"):
         residual = np.std(told[channel] - outputs[channel])
         assert residual < 0.01 * np.std(outputs[channel])
@@ -130,27 +130,27 @@ def test_replay_reads_what_the_simulator_simulates():
 
 def test_replay_takes_profiles_and_gives_optional_channels():
     replay = Replay(("accel_x", "vel_x", "wheel_torque_front", "wheel_torque_rear"), **straight())
-    flat = {k: v.copy() for k, v in replay.run(Config()).items()}
+    flat = {k: v.copy() for k, v in replay.run(Config.exact()).items()}
     replay.set("grade", np.full(300, 0.03))
-    hill = {k: v.copy() for k, v in replay.run(Config()).items()}
+    hill = {k: v.copy() for k, v in replay.run(Config.exact()).items()}
     assert hill["accel_x"][-1] - flat["accel_x"][-1] == pytest.approx(9.81 * np.sin(0.03), rel=1e-4)
     total = hill["wheel_torque_front"][-1] + hill["wheel_torque_rear"][-1]
     assert total == pytest.approx(1900 * 9.81 * np.sin(0.03) * 0.33, rel=1e-3)
     replay.set("grade", None)
-    assert np.array_equal(replay.run(Config())["vel_x"], flat["vel_x"])
+    assert np.array_equal(replay.run(Config.exact())["vel_x"], flat["vel_x"])
 
 
 def test_replay_starts_as_told_and_refuses_what_makes_no_sense():
     replay = Replay(("vel_y", "yaw_rate", "accel_y"), **straight(5))
-    out = replay.run(Config(), vel_y=0.5, bias_yaw_rate=0.25)
+    out = replay.run(Config.exact(), vel_y=0.5, bias_yaw_rate=0.25)
     assert (out["vel_y"][0], out["yaw_rate"][0]) == (0.5, 0.25)
     with pytest.raises(ValueError, match="wheel_speed_rear is needed"):
         Replay(dt=np.ones(3), steer_angle=np.zeros(3), wheel_speed_front=np.zeros(3))
     with pytest.raises(ValueError, match="shape"):
         replay.set("bank", np.zeros(4))
     with pytest.raises(UserError, match="refused row 3"):
-        Replay(**straight(5, steer_angle=np.array([0, 0, 3.0, 0, 0]))).run(Config())
-    config = Config()
+        Replay(**straight(5, steer_angle=np.array([0, 0, 3.0, 0, 0]))).run(Config.exact())
+    config = Config.exact()
     with pytest.raises(SettingError):
         config.relaxation_length = -1
     assert {f.name for f in library().fields(REPLAY_LOG) if f.kind == "p"} == {
@@ -182,7 +182,7 @@ def test_friction_of_each_axle_is_found_again_by_least_squares(at_the_limit):
     """Forces of the axles by the balances of force and moment, slip angles by kinematics, a brush
     tyre for each axle. Its four numbers come out within 0.2 %: the yaw acceleration is a difference
     over two rows."""
-    rows, car = at_the_limit, Config(UNLIKE)
+    rows, car = at_the_limit, Config.exact(UNLIKE)
     vx, vy, r, steer = (rows[name] for name in ("true_vel_x", "true_vel_y", "true_yaw_rate", "steer_angle"))
     side, turn = car.mass * rows["accel_y"], car.yaw_inertia * np.gradient(r, DT)
     base = car.lf + car.lr
@@ -219,7 +219,7 @@ def test_replay_finds_friction_and_balance_of_a_log_with_noise(at_the_limit):
     replay = Replay(tuple(sd), dt=np.full(len(rows), DT), **drive)
 
     def misfit(u: np.ndarray) -> np.ndarray:
-        out = replay.run(Config(dict(zip(UNLIKE, u, strict=True))), vel_x=25.0)
+        out = replay.run(Config.exact(dict(zip(UNLIKE, u, strict=True))), vel_x=25.0)
         return np.concatenate([(out[name] - log[name]) / s for name, s in sd.items()])
 
     fit = least_squares(misfit, [0.8, 0.0], x_scale=0.1, diff_step=1e-4)
@@ -256,7 +256,7 @@ def driven() -> np.ndarray:
 
 
 def estimated(rows: np.ndarray, **settings: float) -> np.void:
-    filter_ = Filter(Config({"driven_axle": 1.0} | settings))
+    filter_ = Filter(Config.exact({"driven_axle": 1.0} | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     return out[-1]

@@ -38,7 +38,7 @@ DAYS = 3
 
 def write_drive(path: Path, car: Path, seed: int, level: float, seconds: float = 20.0) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    config = Config(read_vehicle(car).values)
+    config = Config.exact(read_vehicle(car).values)
     plan = maneuvers.build("double-lane-change", config, sample_time=0.02, duration=seconds, road=[(0.0, level)])
     write_table(simulate(plan, config, SimConfig({"seed": seed})).log, path)
 

@@ -527,7 +527,7 @@ int main(void)
   tse_replay_out out = { 0 };
   int32_t wrong;
   unsigned random = 1;
-  tse_config_default(&c);
+  tse_config_exact(&c);
   SETTINGS
   if (tse_prepare(&c, &p, NULL) < 0) return 1;
   for (int i = 0; i < ROWS; i++) {

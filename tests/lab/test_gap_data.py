@@ -87,7 +87,7 @@ def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     table = pd.read_csv(whole)
     table.drop(columns="accel_x").to_csv(tmp_path / "without.csv", index=False, float_format="%.9g")
     table.assign(accel_x="").to_csv(tmp_path / "empty.csv", index=False, float_format="%.9g")
-    config = Config(read_vehicle(vehicle).values)
+    config = Config.exact(read_vehicle(vehicle).values)
     paths = [whole, tmp_path / "without.csv", tmp_path / "empty.csv"]
     logs = [prepare(x, config) for x in read_agreeing(paths, [], Reading())]
     assert [log.channels for log in logs] == [["accel_x", "accel_y", "yaw_rate"], ["accel_y", "yaw_rate"], ["accel_y", "yaw_rate"]]
@@ -154,7 +154,7 @@ def test_what_was_shown_once_adds_less_than_what_was_not():
 @pytest.fixture(scope="module")
 def long_log(tmp_path_factory):
     """Four minutes straight on, one of which is a slalom."""
-    rng, n, config = np.random.default_rng(1), 24000, Config()
+    rng, n, config = np.random.default_rng(1), 24000, Config.exact()
     time = 0.01 * np.arange(n)
     steer = np.where((time > 100) & (time < 160), 0.02 * np.sin(1.5 * time), 0.0)
     wheel = np.full(n, 20.0 / config.wheel_radius_front)
@@ -172,7 +172,7 @@ def long_log(tmp_path_factory):
 
 
 def test_the_part_with_the_bends_is_chosen(long_log):
-    problem = Problem([prepare(long_log, Config())], Config())
+    problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     baseline = fit(problem, STIFFNESS, {})
     with changed("gap.infer.excerpt.MOST_SECONDS", 60.0):
         assert ex.is_long(problem)
@@ -187,7 +187,7 @@ def test_the_part_with_the_bends_is_chosen(long_log):
 
 
 def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
-    problem = Problem([prepare(long_log, Config())], Config())
+    problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     with changed("gap.infer.excerpt.MOST_SECONDS", 200.0):
         assert not ex.is_long(problem)
         assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem

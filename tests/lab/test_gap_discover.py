@@ -62,7 +62,7 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
 
 def test_a_constant_force_is_felt_until_the_wheels_hold_the_speed():
     """accel_x of m dv/dt = m u - along/v (v - v0), from u = 1 at once: an exponential, from the first block on."""
-    c, v, dt = Config(), 20.0, 0.1
+    c, v, dt = Config.exact(), 20.0, 0.1
     along = c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear
     at = {"vel_x": np.full(30, v), "dt": np.full(30, dt)}
     found = _moved(c, {"cx_front": 1.0}, at, "force_x", np.ones((30, 1)))["accel_x"][:, 0]

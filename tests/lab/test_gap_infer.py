@@ -228,7 +228,7 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
             assert moved == pytest.approx({"steer_angle_latency": 0.02, "wheel_speed_front_latency": 0.02,
                                            "wheel_speed_rear_latency": 0.02, "accel_y_latency": 0.01})  # fmt: skip
             continue
-        other = Problem(late.logs, Config(late.config.as_dict() | told))
+        other = Problem(late.logs, Config.exact(late.config.as_dict() | told))
         assert np.std(other.predict({}) - shifted) < 0.02 * np.std(shifted - plain)
 
 

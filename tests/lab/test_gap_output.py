@@ -125,7 +125,7 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(case, tmp
          tmp_path / "set.so"], capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0 and not done.stderr, done.stderr
-    theirs, mine = Config(), Config(filter_values(read_vehicle(case.out / "vehicle_improved.toml")))
+    theirs, mine = Config.exact(), Config.exact(filter_values(read_vehicle(case.out / "vehicle_improved.toml")))
     assert theirs.as_dict() != mine.as_dict()
     ctypes.CDLL(str(tmp_path / "set.so")).set(ctypes.c_void_p(theirs.address))
     assert theirs.as_dict() == mine.as_dict()

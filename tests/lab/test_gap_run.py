@@ -77,7 +77,7 @@ def test_plan_does_not_depend_on_the_jobs(few, vehicle):
 
 
 def test_manoeuvres_ask_of_the_car_what_their_names_say(vehicle):
-    config = Config(read_vehicle(vehicle).values)
+    config = Config.exact(read_vehicle(vehicle).values)
     candidates = library(config)
     assert len({c.name for c in candidates}) == len(candidates) > 30
     for c in candidates:
@@ -93,7 +93,7 @@ def test_manoeuvres_ask_of_the_car_what_their_names_say(vehicle):
 def test_axles_do_not_brace_in_bends(vehicle):
     """The nominal car goes at the speed of the manoeuvre, and neither axle brakes against the other one: 46 N at most, in turns of
     0.3 rad. One wheel speed for both axles would be 1.9 % of speed and 2.9 kN."""
-    c = Config()
+    c = Config.exact()
     assert c.exact_kinematics_share == 1.0
     for candidate in library(c):
         for log, (_, speed) in zip(prepared(candidate, c), candidate.pieces, strict=True):
@@ -206,7 +206,7 @@ def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
         assert wide.sd(key) > narrow.sd(key)
         assert abs(found.values[key] - true) < 3 * wide.sd(key)
     written = read_vehicle(improved)
-    start = prior_of(written, Config(written.values))
+    start = prior_of(written, Config.exact(written.values))
     for key in NOMINAL:
         k = start.names.index(key)
         assert start.mean[k] == 0.0 and start.sd[k] == pytest.approx(wide.sd(key) / found.values[key], rel=1e-6)
@@ -249,14 +249,14 @@ def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
 def test_an_exactly_known_car_stays_so(case):
     _, vehicle, problem, found, _ = case
     exact = read_vehicle(vehicle)
-    exact.values |= dict.fromkeys((k for k in exact.values if k in Config().fields and k.endswith("_sd")), 0.0)
+    exact.values |= dict.fromkeys((k for k in exact.values if k in Config.exact().fields and k.endswith("_sd")), 0.0)
     assert set(posterior(problem, found, exact, {}).uncertainty(exact).values()) == {0.0}
 
 
 def test_the_estimator_is_better_and_valid_on_a_drive_that_nobody_fitted(case):
     folder, vehicle, _, _, improved = case
     log = read_log(write_log(folder / "unseen.csv", vehicle, "steps", {}, 9, 24.0))
-    config = Config(read_vehicle(vehicle).values)
+    config = Config.exact(read_vehicle(vehicle).values)
     error, valid = [], []
     for path in (vehicle, improved):
         table = estimate(log, make_config(read_vehicle(path), log)[0]).table

@@ -59,7 +59,7 @@ def made(
     speed."""
     n = round(seconds / DT)
     settings = {f"true_{k}": v for k, v in STIFF.items()} | {f"spread_{k}": 0.0 for k in STIFF}
-    simulator = Simulator(Config(QUIET | (hidden or {})), SimConfig({"seed": seed, "speed": 18.0} | settings))
+    simulator = Simulator(Config.exact(QUIET | (hidden or {})), SimConfig({"seed": seed, "speed": 18.0} | settings))
     inputs, outputs = simulator.inputs(n), simulator.outputs(n)
     t = DT * np.arange(n)
     inputs["dt"], inputs["road_level"] = DT, 1.0
@@ -91,7 +91,7 @@ def ready(folder: Path, config: Config, count: int = 2, **how: dict[str, float])
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Fit]:
     """The whole search on two logs of 40 s."""
-    config = Config(QUIET)
+    config = Config.exact(QUIET)
     problem = Problem(ready(tmp_path_factory.mktemp("logs"), config, late=LATE, hidden=HIDDEN), config,
                       prior_of(default_vehicle(), config), 2)  # fmt: skip
     return problem, fit(problem)
@@ -144,7 +144,7 @@ def test_nothing_is_counted_over_a_gap() -> None:
 
 
 def test_every_unknown_is_a_setting_within_its_range_and_has_a_prior_inside() -> None:
-    fields = Config().fields
+    fields = Config.exact().fields
     for u in UNKNOWNS:
         if u.name in fields and not u.relative:
             assert fields[u.name].low <= u.low <= u.mean <= u.high <= fields[u.name].high, u.name
@@ -154,7 +154,7 @@ def test_every_unknown_is_a_setting_within_its_range_and_has_a_prior_inside() ->
 def test_the_prior_is_around_what_the_vehicle_file_tells_and_messages_are_late_together() -> None:
     vehicle = default_vehicle()
     vehicle.values["relaxation_length"] = 0.9
-    config = Config(vehicle.values)
+    config = Config.exact(vehicle.values)
     prior = prior_of(vehicle, config)
     at = prior.names.index
     assert prior.mean[at("relaxation_length")] == 0.9
@@ -169,10 +169,10 @@ def test_the_prior_is_around_what_the_vehicle_file_tells_and_messages_are_late_t
 
 def test_what_the_file_says_of_an_uncertainty_is_the_prior_of_that_number() -> None:
     vehicle = default_vehicle()
-    prior = prior_of(vehicle, Config(vehicle.values))
+    prior = prior_of(vehicle, Config.exact(vehicle.values))
     vehicle.values |= {"cg_sd": 0.05, "yaw_inertia_sd": 0.02, "steer_ratio_sd": 0.0, "relaxation_sd": 0.3}
     vehicle.given_uncertainty = ["cg_sd", "yaw_inertia_sd", "steer_ratio_sd"]
-    config = Config(vehicle.values)
+    config = Config.exact(vehicle.values)
     stated = prior_of(vehicle, config)
     at = prior.names.index
     assert stated.sd[at("cg_shift_distance")] == pytest.approx(0.05)
@@ -190,7 +190,7 @@ def test_an_earlier_calibration_is_the_prior_of_the_next(found: tuple[Problem, F
         "mean": first.x[:n].tolist(),
         "covariance": first.covariance[:n, :n].tolist(),
     }
-    prior = prior_of(vehicle, Config())
+    prior = prior_of(vehicle, Config.exact())
     np.testing.assert_allclose(prior.mean, first.x[:n])
     np.testing.assert_allclose(prior.covariance, first.covariance[:n, :n])
 
@@ -261,9 +261,9 @@ def test_stiffness_is_searched_as_compliance_and_its_prior_goes_with_it(found: t
 
 
 def test_the_lean_of_roads_that_the_file_tells_is_where_each_log_starts_and_does_not_count_twice(tmp_path: Path) -> None:
-    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
-    told = Config(QUIET | {"bank_superelevation": 0.2})
-    other, plain = (Problem([log], c, prior_of(default_vehicle(), c)) for c in (told, Config(QUIET)))
+    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
+    told = Config.exact(QUIET | {"bank_superelevation": 0.2})
+    other, plain = (Problem([log], c, prior_of(default_vehicle(), c)) for c in (told, Config.exact(QUIET)))
     at = plain.names.index("superelevation@0")
     assert other.mean[at] == 0.2 and plain.mean[at] == pytest.approx(0.12)
     x = plain.mean.copy()
@@ -287,7 +287,7 @@ def test_late_wheels_are_asked_of_accel_x_alone(found: tuple[Problem, Fit]) -> N
 def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
     """A car that follows its wheels with the lag m v/C at constant C and v: what is compared is how far the wheels are from those
     that its acceleration needs at the stiffness of the simulation. By the differential equation, to second order of the blocks."""
-    config = Config()
+    config = Config.exact()
     t = 0.04 * np.arange(500)
     wheels = 0.3 * np.sin(0.7 * t)  # m/s about 20 m/s
     problem = Problem.__new__(Problem)
@@ -326,12 +326,12 @@ def test_noise_of_what_is_compared_is_that_of_the_sensor_through_the_comparison(
 
 def test_a_measured_velocity_is_that_of_its_place_in_its_axes(tmp_path: Path) -> None:
     """A rigid body: velocity of a point by the cross product, turned by a rotation matrix, two rows late."""
-    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
+    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
     nothing = np.zeros(len(log.time))
     log.measured |= {"ins_vel_x": nothing, "ins_vel_y": nothing, "gnss_speed": nothing}
     place, turn = (1.2, -0.4), 0.03
     lever = {"velocity_lever_x": place[0], "velocity_lever_y": place[1]}
-    config = Config(lever | {"velocity_heading": turn, "velocity_latency": 0.02})
+    config = Config.exact(lever | {"velocity_heading": turn, "velocity_latency": 0.02})
     rows = np.arange(len(log.time))
     motion = {"vel_x": 15 + 0.01 * rows, "vel_y": 0.002 * rows, "true_yaw_rate": 1e-4 * rows}
     got = as_measured(motion, config, log)
@@ -349,7 +349,7 @@ def test_held_values_are_as_old_as_they_are_on_average(tmp_path: Path) -> None:
     at = np.arange(len(rows)) // 4 * 4
     for name in ("wheel_speed_front", "wheel_speed_rear"):
         rows[name] = rows[name][at]
-    log = prepare(read_log(written(tmp_path / "held.csv", rows)), Config(QUIET))
+    log = prepare(read_log(written(tmp_path / "held.csv", rows)), Config.exact(QUIET))
     assert log.held == pytest.approx({"wheel_speed_front": 0.015, "wheel_speed_rear": 0.015}, abs=1e-4)
 
 
@@ -363,7 +363,7 @@ def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp
         own = x[::2] + noise * np.random.default_rng(k).standard_normal(len(time))
         log.data[name] = CubicSpline(time, own)(log.time)
         log.slower[name] = Slower(time, own, 2.0)
-    ready = prepare(log, Config(QUIET))
+    ready = prepare(log, Config.exact(QUIET))
     for name, x in true.items():
         own = smoothed(time, log.slower[name].value)
         left, least = (float(np.std((a - b)[50:-50])) for a, b in ((ready.inputs[name], x), (own, x[::2])))
@@ -375,10 +375,10 @@ def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp
 
 def test_the_curvature_of_the_road_is_that_of_the_path_at_any_speed(tmp_path: Path) -> None:
     """A clothoid: curvature by distance, whose smoothing by a symmetric kernel leaves it, driven at a changing speed."""
-    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
-    v = speed(log.inputs, Config())
+    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
+    v = speed(log.inputs, Config.exact())
     log.measured["yaw_rate"] = 1e-4 * log.distance * v
-    found = curves(log, Config())
+    found = curves(log, Config.exact())
     inner = (log.distance > 60) & (log.distance < log.distance[-1] - 60)
     np.testing.assert_allclose(found[inner], (1e-4 * log.distance * v**2)[inner], rtol=2e-3)
 
@@ -498,7 +498,7 @@ def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
     """Stiffness alone on level roads, with the scales that it has left:
     scipy.optimize.least_squares of the same residuals and the prior. No residual is
     beyond the end of the loss's square."""
-    config = Config(QUIET)
+    config = Config.exact(QUIET)
     prior = prior_of(default_vehicle(), config).only(STIFFNESS)
     problem = Problem(ready(tmp_path, config, 1, hidden={"relaxation_length": 0.3}), config, prior, road=False)
     ended = fit(problem)
@@ -539,7 +539,7 @@ def test_noise_counts_in_every_value_and_an_error_of_the_model_once_in_model_tim
 def test_the_bank_of_a_road_is_found_and_the_car_with_it(tmp_path: Path) -> None:
     """A road whose bank no lean into curves has, by the model itself: rms 1.4 degrees.
     Without it the stiffness is off."""
-    config, rows = Config(QUIET), made(1, 80.0)
+    config, rows = Config.exact(QUIET), made(1, 80.0)
     log = prepare(read_log(written(tmp_path / "log.csv", rows)), config)
     bank = 0.035 * np.sin(2 * np.pi * log.distance / 350)
     inputs = {n: log.inputs[n] for n in ("steer_angle", "wheel_speed_front", "wheel_speed_rear")}

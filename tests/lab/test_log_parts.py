@@ -154,7 +154,7 @@ def test_a_wheel_out_of_range_is_missing_and_named_with_its_side(tmp_path):
 
 def test_of_a_very_long_log_a_part_of_the_rows_is_kept_for_the_verdict_and_all_are_counted(drive, monkeypatch):
     log = read_log(drive.log)
-    config = Config(read_vehicle(drive.vehicle).values)
+    config = Config.exact(read_vehicle(drive.vehicle).values)
     whole = estimate.estimate_to(None, log, config)
     monkeypatch.setattr(estimate, "MOST_KEPT", 700)
     part = estimate.estimate_to(None, log, config)

@@ -108,7 +108,7 @@ def at_rest(rows: int, names: np.dtype, event: float) -> tuple[Drive, Case, scor
         estimate[f"{key}_sd"] = 0.008
     inputs = np.zeros(rows, library().dtype(INPUT))
     inputs["dt"] = STEP
-    config, no = Config({"sample_time": STEP}), np.zeros(rows, bool)
+    config, no = Config.exact({"sample_time": STEP}), np.zeros(rows, bool)
     d = Drive(time_, inputs, truth, np.ones(rows), no, {}, config, config, SimConfig())
     known = scores.Knowable(np.full((rows, 3), 0.01), d.stiffness, no.copy(), no.copy(), time_ >= 10, config.valid_sd)
     return d, Case("still", "", None, events=(event,)), known, estimate
@@ -264,7 +264,7 @@ def test_outliers_hit_one_in_a_hundred():
     for name in ("accel_x", "accel_y", "yaw_rate"):
         hit = rows[name] != 0
         assert hit.sum() == pytest.approx(200, abs=60)
-        assert np.abs(rows[name][hit]) == pytest.approx(10 * getattr(Config(), f"{name}_sd"))
+        assert np.abs(rows[name][hit]) == pytest.approx(10 * getattr(Config.exact(), f"{name}_sd"))
         assert abs((rows[name][hit] > 0).mean() - 0.5) < 0.15
 
 

@@ -48,7 +48,7 @@ def drive(
     forgetting: float = 0.99,
 ) -> Drive:  # fmt: skip
     """A simulated drive. low: slip of half a per cent, steering of 0.005 rad."""
-    config = Config({**START, "sample_time": dt, **(settings or {})})
+    config = Config.exact({**START, "sample_time": dt, **(settings or {})})
     maneuver = maneuvers.build(name, config, sample_time=dt, duration=duration, road=road)
     if low:
         maneuver.wheel_torque_front = maneuver.wheel_torque_front * 250 / 700
@@ -128,17 +128,17 @@ class Window:
     def __init__(self, scale: float):
         """scale: of every doubt and noise. A small one makes the problem linear, whatever its functions are."""
         n = self.ROWS
-        self.config = config = Config(
+        self.config = config = Config.exact(
             {
                 **{f"initial_{s}": v for s, v in zip(STIFFNESS, (0.9, 1.1, 1.05), strict=True)},
                 "initial_mean_sd": 0.3 * scale,
                 **{f"initial_{k}_sd": v * scale for k, v in (("vel_x", 0.1), ("vel_y", 0.1), ("yaw_rate", 0.01))},
-                **{f"{m}_bias_sd": getattr(Config(), f"{m}_bias_sd") * scale for m in MEASURES},
-                **{f"{m}_bias_walk": 5 * getattr(Config(), f"{m}_bias_walk") * scale for m in MEASURES},
+                **{f"{m}_bias_sd": getattr(Config.exact(), f"{m}_bias_sd") * scale for m in MEASURES},
+                **{f"{m}_bias_walk": 5 * getattr(Config.exact(), f"{m}_bias_walk") * scale for m in MEASURES},
             }
         )
         self.car = config.as_dict()
-        sensors = np.array([getattr(Config(), s) for s in SENSORS]) * scale
+        sensors = np.array([getattr(Config.exact(), s) for s in SENSORS]) * scale
         self.spread = np.array([0.05, 0.1, 0.03]) * scale
         self.known = peers.Known(tuple(self.spread), tuple(sensors), 1.0)
         t = self.DT * np.arange(n)
@@ -232,7 +232,7 @@ def test_a_sample_moves_the_stiffness_by_a_sensible_amount():
 
 @pytest.mark.parametrize(("dt", "speed"), [(0.04, 20.0), (0.01, 2.5), (0.04, 2.5)])
 def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
-    config = Config({"sample_time": dt})
+    config = Config.exact({"sample_time": dt})
     rows = Filter(config).inputs(2)
     rows["dt"], rows["steer_angle"] = dt, [0.02, 0.03]
     rows["wheel_speed_front"], rows["wheel_speed_rear"] = [speed / 0.33, (speed + 0.05) / 0.33], (speed - 0.02) / 0.33
@@ -264,7 +264,7 @@ def test_errors_are_half_of_what_the_filter_believes_of_them():
     shares = []
     for seed in range(1, 9):
         bias = np.random.default_rng(seed).standard_normal(3)
-        start = {f"true_bias_{m}": b * getattr(Config(), f"{m}_bias_sd") for m, b in zip(MEASURES, bias, strict=True)}
+        start = {f"true_bias_{m}": b * getattr(Config.exact(), f"{m}_bias_sd") for m, b in zip(MEASURES, bias, strict=True)}
         d = drive(duration=20.0, seed=seed, sim={**start, "bias_walk": 1.0})
         mean, sd = estimates(d.run("ekf"))
         at = np.searchsorted(d.time, np.array((8.0, 12.0, 16.0, 20.0)) - 1e-6)

@@ -174,7 +174,7 @@ def test_held_cases_hold_and_the_others_do_not():
 def test_ordinary_driving_is_ordinary():
     ends, speeds = [], []
     for seed in range(1, 6):
-        car, sim = Config(), SimConfig()
+        car, sim = Config.exact(), SimConfig()
         m = studies.ordinary(car, sim, np.random.default_rng(seed), duration=600.0)
         assert np.abs(m.steer_angle).max() < 0.2 and (m.road_level == 1).all()
         jumps = np.abs(np.diff(m.target_speed))

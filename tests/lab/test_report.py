@@ -87,7 +87,7 @@ def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, n
 
 
 def verdict_of(*args, **more):
-    return verdicts(table_of(*args, **more), Config())
+    return verdicts(table_of(*args, **more), Config.exact())
 
 
 def test_verdict_gives_value_band_share_and_distance_to_nominal():
@@ -107,11 +107,11 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
     table = table_of([1] * 90 + [0] * 10, "uncertain")
     table["cy_front"] = 98e3 + 100.0 * np.arange(100)
     table["cy_front_sd"] = 3e3 - 10.0 * np.arange(100)
-    end, median = (verdicts(table, Config({"form": form}))[1] for form in (0, 1))
+    end, median = (verdicts(table, Config.exact({"form": form}))[1] for form in (0, 1))
     assert end.value == pytest.approx(98 + 8.9) and end.band == pytest.approx(1.96 * (3 - 0.89))
     assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (end.value - end.band, end.value + end.band)
     table["cy_front"] = np.where(np.arange(100) < 60, 98e3, 70e3)  # another road: no number is that of both
-    assert verdicts(table, Config({"form": 1}))[1].value == pytest.approx(70)
+    assert verdicts(table, Config.exact({"form": 1}))[1].value == pytest.approx(70)
 
 
 @pytest.mark.parametrize(("reason", "level"), [("uncertain", "good"), ("implausible", "partly"), ("sensor fault", "partly")])
@@ -122,16 +122,16 @@ def test_a_log_that_ends_with_a_channel_at_fault_is_good_in_part(reason: str, le
 
 def test_grip_and_sideslip_have_their_intervals():
     table = table_of([1] * 100, "")
-    assert others(table, Config({"grip_sd": 0.2})) == []  # a table without them
+    assert others(table, Config.exact({"grip_sd": 0.2})) == []  # a table without them
     angle = np.where(np.arange(100) == 40, -0.05, 0.01)
     table = table.assign(grip=0.9, grip_sd=0.1, grip_valid=0, grip_reason="uncertain", sideslip=angle, sideslip_sd=0.002)
     table.loc[70, ["sideslip", "status"]] = [0.5, 4]  # held
-    grip, slip = others(table, Config({"grip_sd": 0.2}))
+    grip, slip = others(table, Config.exact({"grip_sd": 0.2}))
     assert grip.line() == "Grip: 0.90 ± 0.20 (95 %), not valid: uncertain, the tyres were not driven near their limit"
     assert slip.line() == "Sideslip angle: -2.86 ± 0.22 deg (95 %), the largest, at 40.0 s; median interval ± 0.22"
-    assert [q.key for q in others(table, Config())] == ["sideslip"]  # a grip that is assumed exact is no estimate
-    assert others(table, Config({"grip_sd": 0.2, "form": 1})) == []
-    known = others(table.assign(grip_valid=1, grip_reason="valid"), Config({"grip_sd": 0.2}))[0]
+    assert [q.key for q in others(table, Config.exact())] == ["sideslip"]  # a grip that is assumed exact is no estimate
+    assert others(table, Config.exact({"grip_sd": 0.2, "form": 1})) == []
+    known = others(table.assign(grip_valid=1, grip_reason="valid"), Config.exact({"grip_sd": 0.2}))[0]
     assert known.line() == "Grip: 0.90 ± 0.20 (95 %), valid 100 % of the time"
 
 
@@ -147,10 +147,10 @@ def test_remarks_name_noise_and_contradictions():
 @pytest.mark.parametrize(("late", "said"), [(0.023, ""), (-0.023, ""), (-0.025, "25 ms later"), (0.025, "25 ms earlier")])
 def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
     table = table_of([1] * 100, "")
-    assert late_steering(table, Config({"steer_lag_sd": 0.008})) == []  # a table without it
-    found = late_steering(table.assign(lag_steer=late), Config({"steer_lag_sd": 0.008}))
+    assert late_steering(table, Config.exact({"steer_lag_sd": 0.008})) == []  # a table without it
+    found = late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.008}))
     assert [said in text for text in found] == ([True] if said else [])
-    assert late_steering(table.assign(lag_steer=late), Config({"steer_lag_sd": 0.0})) == []  # known exactly: no state
+    assert late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.0})) == []  # known exactly: no state
 
 
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
@@ -186,7 +186,7 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
     assert "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car" in front.text
 
     refused = table_of([0] * 5, "row refused").assign(status=-3)
-    assert [(v.level, v.text) for v in verdicts(refused, Config())] == [
+    assert [(v.level, v.text) for v in verdicts(refused, Config.exact())] == [
         ("none", "no value: row refused, the rows were refused")
     ] * 3
 
@@ -227,7 +227,7 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
 
 
 def figures(data: plots.Data, table: pd.DataFrame) -> list[plots.Figure]:
-    made = [plots.stiffness_figure(data, table, Config()), plots.states_figure(data), plots.inputs_figure(data),
+    made = [plots.stiffness_figure(data, table, Config.exact()), plots.states_figure(data), plots.inputs_figure(data),
             plots.health_figure(data), plots.others_figure(data)]  # fmt: skip
     return [f for f in made if f is not None]
 
@@ -360,7 +360,7 @@ def test_the_plot_names_what_happened_and_plotly_takes_it():
     table.loc[2000:2200, ["p_steady", "p_fault", "fault_channel"]] = [0.05, 0.95, 6]
     data = plots.Data(log)
     data.add(table)
-    figure = plots.stiffness_figure(data, table, Config(), changes(table), spells(table))
+    figure = plots.stiffness_figure(data, table, Config.exact(), changes(table), spells(table))
     go.Figure(figure.as_dict())
     texts = [a["text"] for a in figure.layout["annotations"]]
     assert "road changed at 36.03 s, 97 %" in texts and "yaw_rate at fault 20.00 .. 22.00 s, 95 %" in texts
@@ -374,14 +374,14 @@ def test_the_plot_names_what_happened_and_plotly_takes_it():
 
 def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
     log, table = drive([(0, 36.1, None), (36.1, 120, (36.03, 1, 0.97, 0.7)), (120, 200, (119.9, 2, 0.93, 1.2))])
-    write_report(tmp_path / "r.html", Estimate(table, False), log, default_vehicle(), Config(), [])
+    write_report(tmp_path / "r.html", Estimate(table, False), log, default_vehicle(), Config.exact(), [])
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     for text in ("What happened", "<td>road changed</td>", "36.03 s", "97 %", "front cornering x 0.70", "From 0.0 .. 36.0 s",
                  "From 36.0 .. 119.9 s", "From 119.9 .. 200.0 s", "<td>front axle changed</td>"):  # fmt: skip
         assert text in page, text
     assert "<h3>Grip</h3>" not in page  # a setting, no estimate
     calm = drive(CALM)[1]
-    write_report(tmp_path / "calm.html", Estimate(calm, False), log, default_vehicle(), Config({"grip_sd": 0.2}), [])
+    write_report(tmp_path / "calm.html", Estimate(calm, False), log, default_vehicle(), Config.exact({"grip_sd": 0.2}), [])
     page = (tmp_path / "calm.html").read_text(encoding="utf-8")
     assert "<h3>Grip</h3>" in page and "<h3>Sideslip angle</h3>" in page
     assert "What happened</h2>" not in page and "<th>Stretch</th>" not in page

@@ -20,7 +20,7 @@ from tse.impl.vehicle import vehicle_settings
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 RADIUS = 0.3  # m, of the wheels of these logs
-CAR = Config({"wheel_radius_front": RADIUS, "wheel_radius_rear": RADIUS})
+CAR = Config.exact({"wheel_radius_front": RADIUS, "wheel_radius_rear": RADIUS})
 TEXT = """distance,bank,grade,bank_sd,grade_sd,x,y
 0,0.02,0.01,0.004,0.005,0,0
 10,0.04,,0.004,,10,0
@@ -334,7 +334,7 @@ def test_the_path_of_a_real_lap_leads_where_its_positions_are(radius):
     """Road: the positions of the INS alone, smoothed. Log: wheel speeds and gyro alone.
     3.6 km; straights show no place, so 95 %."""
     log = genesis("genesis_cpg_fast")
-    car = Config({"wheel_radius_front": 0.34 * radius, "wheel_radius_rear": 0.34 * radius})
+    car = Config.exact({"wheel_radius_front": 0.34 * radius, "wheel_radius_rear": 0.34 * radius})
     track = track_of(log, car)
     (by_gnss,), way = common([log], car)
     road = make_road(way.distance, x=way.x, y=way.y)
@@ -346,7 +346,7 @@ def test_the_path_of_a_real_lap_leads_where_its_positions_are(radius):
 
 
 def test_a_lap_of_another_place_is_refused():
-    car = Config({"wheel_radius_front": 0.34, "wheel_radius_rear": 0.34})
+    car = Config.exact({"wheel_radius_front": 0.34, "wheel_radius_rear": 0.34})
     _, way = common([genesis("genesis_cpg_fast")], car)
     rfs = genesis("genesis_rfs")
     with pytest.raises(UserError, match="cannot be aligned"):
@@ -356,7 +356,7 @@ def test_a_lap_of_another_place_is_refused():
 # ---- what a known road is good for
 
 
-KNOWN = Config({})
+KNOWN = Config.exact({})
 ROAD_CAR = {"name": "its car", **{n: float(getattr(KNOWN, n)) for n in vehicle_settings()}}
 TRUE = {"true_cy_front": 0.8, "true_cy_rear": 0.85, "spread_cx_front": 0.0, "spread_cy_front": 0.0, "spread_cy_rear": 0.0}
 ORDINARY = {"lean_sd": 0.05, "bank_superelevation": 0.1, "grade_sd": 0.03}  # settings of an uncalibrated car

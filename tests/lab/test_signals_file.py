@@ -300,7 +300,7 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
     v = 18.0 + 2.0 * np.sin(0.6 * time)
     r = 0.15 * np.sin(0.3 * time)
     car = default_vehicle()
-    config = Config(car.values)
+    config = Config.exact(car.values)
     base, radius = config.lf + config.lr, config.wheel_radius_front
     rows = {"time": time, "steer_angle": 0.6 * base * r / v, "yaw_rate": r, "accel_x": np.gradient(v, time), "accel_y": v * r,
             "wheel_speed_front": v / radius, "wheel_speed_rear": v / radius}  # fmt: skip
@@ -321,7 +321,7 @@ def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
     car = read_vehicle(folder)
     rows = pd.read_csv(folder.parent / "data.csv")
     rows.iloc[int(first * len(rows)) : int(last * len(rows))].to_csv(tmp_path / "log.csv", index=False)
-    assert sure(check_car(read_log(tmp_path / "log.csv"), car, Config(car.values))) == []
+    assert sure(check_car(read_log(tmp_path / "log.csv"), car, Config.exact(car.values))) == []
 
 
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():

@@ -61,7 +61,7 @@ def test_a_table_without_the_columns_has_no_events_and_is_one_stretch():
     assert changes(table) == [] and spells(table) == [] and words([], []) == []
     (stretch,) = stretches(table, [])
     assert stretch.rows == slice(0, 6000) and (stretch.start, stretch.end) == (0.0, pytest.approx(59.99))
-    (finding,) = findings(table, Config(), [])
+    (finding,) = findings(table, Config.exact(), [])
     assert finding.title == "" and finding.lines()[1].startswith("Front cornering stiffness: 120 kN/rad")
     empty = table_of(CALM).iloc[:0]
     assert changes(empty) == [] and spells(empty) == [] and stretches(empty, []) == []
@@ -160,7 +160,7 @@ def test_stretches_lie_between_changes_and_short_ones_join_a_neighbour():
 def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
     table = table_of(ROAD, valid=lambda t: (t < 30) | (t > 48))
     found = changes(table)
-    one, two = findings(table, Config(), found)
+    one, two = findings(table, Config.exact(), found)
     assert one.title == "From 0.0 .. 36.0 s"
     front = one.verdicts[1]
     assert front.value == pytest.approx(120) and front.band == pytest.approx(1.96 * 1.2)
@@ -174,7 +174,7 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
 
 def test_a_stretch_on_which_nothing_is_valid_says_so():
     table = table_of(ROAD, valid=lambda t: t < 30)
-    _, two = findings(table, Config(), changes(table))
+    _, two = findings(table, Config.exact(), changes(table))
     title, *lines = two.lines()
     assert title == "From 36.0 .. 60.0 s: no stiffness is valid, mostly not excited"
     assert lines[1].startswith("  Front cornering stiffness: 84 kN/rad ± 2 (95 %), not valid: not excited: ")
@@ -281,7 +281,7 @@ def test_it_is_batch_least_squares_of_the_random_walk(seed):
 
 def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
     n, part, step = 100, 0.05, 0.1
-    config = Config({"steady_walk": 0.05, **{setting: NOMINAL[key] for key, setting in SETTING.items()}})
+    config = Config.exact({"steady_walk": 0.05, **{setting: NOMINAL[key] for key, setting in SETTING.items()}})
     walk, noise = np.full(n - 1, config.steady_walk**2 * step), np.full(n, 0.04)
     z, mean, var = random_walk(np.random.default_rng(7), walk, noise)
     table = pd.DataFrame({"time": (np.arange(n) + 0.5) * step, "status": np.zeros(n, int)})
@@ -310,7 +310,7 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
         table.loc[doubt, key] *= np.linspace(1, 0.75, doubt.sum())
         table.loc[doubt, f"{key}_sd"] = table.loc[doubt, key] * np.linspace(0.01, 0.15, doubt.sum())
     found = [Change(36.03, 1, 0.97, {})]
-    one, two = findings(table, Config(), found)
+    one, two = findings(table, Config.exact(), found)
     assert one.verdicts[1].value < 95  # of the last row
     for f, level in ((one, 1.0), (two, 0.7)):
         for v in f.verdicts:
@@ -372,18 +372,18 @@ def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason
     table = table_of([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
     for key in STIFFNESS:
         table[f"{key}_sd"], table[f"{key}_reason"] = sd * table[key], rows
-    (found,) = findings(table, Config(), [])
+    (found,) = findings(table, Config.exact(), [])
     assert [v.smoothed_reason for v in found.verdicts] == [reason] * 3
     assert all(v.smoothed_band == pytest.approx(1.96 * sd * v.smoothed, rel=0.1) for v in found.verdicts)
 
 
 def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_nothing():
     table = table_of(ROAD)
-    (found,) = findings(table, Config(), changes(table), ["a sign"])
+    (found,) = findings(table, Config.exact(), changes(table), ["a sign"])
     assert all(v.smoothed_reason == "contradicted" and np.isnan(v.smoothed) for v in found.verdicts)
-    (found,) = findings(table.assign(status=-1), Config(), [])
+    (found,) = findings(table.assign(status=-1), Config.exact(), [])
     assert all(v.smoothed_reason == "" and np.isnan(v.smoothed) for v in found.verdicts)
-    (found,) = findings(table_of([(0.0, 60.0, None)]), Config(Config.settings_of("paper")), [])
+    (found,) = findings(table_of([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
     assert all(v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts)  # particles forget
 
 

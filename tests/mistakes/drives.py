@@ -34,17 +34,15 @@ class Drive:
     known: bool  # the settings are exactly those of the simulated car; else all but mass and axles is an ordinary car's
 
     def settings(self) -> Config:
-        """As tse_config_default(), or tse_config_uncalibrated(), makes them."""
-        config = Config({**self.car, "driven_axle": AXLES[self.driven]})
-        if not self.known:
-            config.fill("tse_config_uncalibrated")
-        return config
+        """As tse_config_exact(), or tse_config_default(), makes them."""
+        car = {**self.car, "driven_axle": AXLES[self.driven]}
+        return Config.exact(car) if self.known else Config(car)
 
 
 def drives() -> list[Drive]:
     """A single track that is known exactly, so that much is valid soon; a car of 14 degrees of freedom on a mountain road."""
     car = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
-    config = Config({**car, "driven_axle": AXLES["front"]})
+    config = Config.exact({**car, "driven_axle": AXLES["front"]})
     plan = maneuvers.build("double-lane-change", config, sample_time=STEP, duration=SECONDS, seed=1)
     made = simulate(plan, config, SimConfig({"seed": 1})).log
     single = {c: made[c].to_numpy(float) for c in ("time", *CHANNELS)}

@@ -106,7 +106,7 @@ def _through_fmu(drive: Drive, log: LogOf, fmi: str) -> Said:
     from test_fmi3 import Instance3
 
     parameters = {f"vehicle.{k}": drive.car[k] for k in CAR} | {"filter.driven_axle": AXLES[drive.driven]}
-    parameters["vehicle.calibrated"] = drive.known
+    parameters["vehicle.exact"] = drive.known
     wanted = [f"estimate.{c}" for c in COLUMNS]
     time, values = log["time"], np.column_stack([log[c] for c in CHANNELS])
     rows = np.empty((len(time), len(wanted)))

@@ -7,9 +7,9 @@ const job = JSON.parse(fs.readFileSync(process.argv[2], "utf8"));
 const code = ["core.js", "text.js", "map.js", "check.js", "run.js"].map((name) => fs.readFileSync(`${job.scripts}/${name}`, "utf8")).join("\n");
 const work = `
 const lib = await Library.load(Uint8Array.from(atob(job.wasm), (c) => c.charCodeAt(0))), desk = lib.desk(0);
-desk.defaults();
+if (job.known) desk.exact();
+else desk.defaults();
 for (const [name, value] of Object.entries(job.car)) desk.set(name, value);
-if (!job.known) desk.uncalibrated();
 const rows = { name: "log", time: Float64Array.from(job.time), data: {}, notes: [], sampleTime: 0.01 };
 for (const f of lib.channels) rows.data[f.name] = Float64Array.from(job.channels[f.name]);
 setSampling(desk, rows.sampleTime);

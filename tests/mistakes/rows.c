@@ -13,10 +13,10 @@ int main(int argc, char **argv)
   tse_input u;
   tse_output y = { 0 };
   if (argc != 8) return 2;
-  tse_config_default(&c);
+  if (atoi(argv[1])) tse_config_exact(&c);
+  else tse_config_default(&c);
   c.mass = atof(argv[2]), c.lf = atof(argv[3]), c.lr = atof(argv[4]);
   c.wheel_radius_front = atof(argv[5]), c.wheel_radius_rear = atof(argv[6]), c.driven_axle = atoi(argv[7]);
-  if (!atoi(argv[1])) tse_config_uncalibrated(&c);
   tse_input_default(&u);
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || scanf("%*[^\n]") < 0) return 1;
   while (scanf("%*f,%lf,%lf,%lf,%lf,%lf,%lf", &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear,

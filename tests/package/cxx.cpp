@@ -9,7 +9,7 @@ int main()
   static tse_filter filter;
   tse_config config;
   tse_params params;
-  tse_config_default(&config);
+  tse_config_exact(&config);
   if (tse_prepare(&config, &params, nullptr) < 0 || tse_reset(&params, &filter, sizeof filter) < 0) return 1;
 
   tse_build build;

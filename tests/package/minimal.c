@@ -13,7 +13,7 @@ int main(void)
   tse_sim_output log;
   tse_sim_input drive = { .dt = TSE_R(0.01), .road_level = TSE_R(1) };
 
-  tse_config_default(&c);
+  tse_config_exact(&c);         /* the simulator's car; a real one: tse_config_default(), and its mass */
   c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = 0.7;                /* start 30 % too low */
   tse_sim_config_default(&truth);
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || tse_sim_reset(&car, &c, &truth, NULL) < 0) return 1;

@@ -18,7 +18,7 @@ DRIVE = Path(__file__).resolve().parents[1] / "replay" / "drive.csv"
 
 
 def main() -> None:
-    f, seen, rows = tse.Filter(), hashlib.sha256(), 0
+    f, seen, rows = tse.Filter({**tse.simulated_car(), "driven_axle": "both"}), hashlib.sha256(), 0
     with DRIVE.open(encoding="utf-8") as file:
         for row in csv.DictReader(line for line in file if not line.startswith("#")):
             e = f.step({name: float(text) if text else None for name, text in row.items()})

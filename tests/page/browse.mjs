@@ -88,7 +88,15 @@ await settle(page);
 seen.zoomed = await page.evaluate(() => window.tse.log.chart.to - window.tse.log.chart.from);
 await page.keyboard.press("0");
 
-// ---- other logs
+// ---- other logs: a log says no mass, and without one nothing is valid
+await drop(page, "plain");
+await page.click("#run");
+await finished(page);
+seen.noMass = { ...(await files(page)), notes: await text(page, "log-notes"), mass: await page.$eval("#set-mass", (e) => [e.value, e.placeholder]) };
+const stiff = () => page.$eval("#set-cornering_stiffness_front", (e) => [e.value, Number(e.placeholder)]);
+seen.noMass.before = await stiff();
+await page.$eval("#set-mass", (e) => { e.value = "1900"; e.dispatchEvent(new Event("change")); });
+seen.noMass.after = await stiff();
 for (const name of Object.keys(logs)) {
   await drop(page, name);
   const at = { wrong: await text(page, "log-wrong"), notes: await text(page, "log-notes"), state: await text(page, "state"), hint: await text(page, "map-hint") };

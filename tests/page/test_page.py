@@ -57,7 +57,7 @@ def browser():
 @pytest.fixture(scope="module")
 def drive():
     """A drive of 20 s with noise."""
-    config = Config()
+    config = Config.exact()
     plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=20.0, seed=3)
     return simulate(plan, config, SimConfig({"seed": 3, "wheel_speed_sd": 0.02, "steer_angle_sd": 2e-4})).log
 
@@ -65,7 +65,7 @@ def drive():
 @pytest.fixture(scope="module")
 def slow():
     """One of 30 s at about 40 km/h."""
-    config = Config()
+    config = Config.exact()
     plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4)
     return simulate(plan, config, SimConfig({"seed": 4})).log
 
@@ -125,7 +125,7 @@ def wrong_ones():
         return lambda log: log.assign(**{name: log[name] * factor for name, factor in factors.items()})
 
     wheels = lambda factor: of(wheel_speed_front=factor, wheel_speed_rear=factor)  # noqa: E731
-    radius = Config().wheel_radius_front
+    radius = Config.exact().wheel_radius_front
     return {
         "right": lambda log: log,
         "yaw sign": of(yaw_rate=-1),
@@ -251,7 +251,7 @@ def test_a_file_is_the_same_rows_here_and_there(seen, logs, name, tmp_path):
 
 
 def test_the_built_in_example_is_a_drive_of_tselab(seen, tmp_path):
-    config = Config()
+    config = Config.exact()
     plan = maneuvers.build(page.DRIVE, config, sample_time=config.sample_time, duration=page.SECONDS, road=[page.ROAD])
     done = simulate(plan, config, SimConfig({"seed": page.SEED}))
     write_table(done.log, tmp_path / "log.csv")
@@ -290,6 +290,18 @@ def test_a_parquet_file_has_the_rows_of_its_frame(seen, drive, tmp_path):
         assert np.array_equal(rows[name], drive[name]), name
 
 
+def test_without_a_mass_nothing_is_valid_and_stiffness_follows_one_that_is_said_later(seen):
+    given = seen["noMass"]
+    rows = pd.read_csv(io.StringIO(given["est"]))
+    for s in ("cx_front", "cy_front", "cy_rear"):
+        assert not rows[f"{s}_valid"].any()
+    assert (rows["cy_front_reason"] == "parameters uncertain").mean() > 0.5
+    assert given["mass"] == ["", "not known"] and "The mass is not known" in given["notes"]
+    assert "\nmass = " not in given["car"]  # the command asks for it
+    (empty, before), (still, after) = given["before"], given["after"]
+    assert empty == still == "" and after == pytest.approx(before * 1900 / 1500, rel=1e-3)
+
+
 def test_what_nobody_said_is_that_of_the_class(seen, tmp_path):
     """Of a log alone: the car and the sensors that the command takes for a file with these masses and lengths."""
     (tmp_path / "page.toml").write_text(seen["logs"]["plain"]["car"])
@@ -306,7 +318,7 @@ def test_what_nobody_said_is_that_of_the_class(seen, tmp_path):
 def test_a_vehicle_file_is_filled_in_as_tselab_fills_it_in(seen, cars):
     vehicle, page_says = read_vehicle(Path(cars["little"])), seen["cars"]["little"]
     assert page_says["wrong"] == ""
-    assert vehicle.values["cornering_stiffness_front"] != Config().cornering_stiffness_front
+    assert vehicle.values["cornering_stiffness_front"] != Config.exact().cornering_stiffness_front
     for key, value in vehicle.values.items():
         assert page_says["settings"][key] == pytest.approx(value, rel=1e-12), key
 
@@ -344,7 +356,7 @@ def test_every_control_has_a_name(seen):
 @pytest.mark.parametrize("name", wrong_ones())
 def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(seen, checks, name, tmp_path):
     """The check stands in two languages, on rasters that are made in two ways: the same causes, figures within some per cent."""
-    car = Config()
+    car = Config.exact()
     (tmp_path / "car.toml").write_text(
         "\n".join(f"{key} = {getattr(car, key)}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear"))
     )

@@ -109,9 +109,9 @@ static void still_so(void)
   //@ assert whole: \forall integer i; 0 <= i < TSE_EVENTS ==> EVENT_NONE <= f->k.event[i].kind < EVENT_KINDS;
 }
 
-#define WITHIN(fmu, name, def, lo, hi, unit, text) c.name = in(lo, hi);
+#define WITHIN(fmu, name, def, exact, lo, hi, unit, text) c.name = in(lo, hi);
 #if defined(TSE_REAL_FIXED) /* a sum of numbers of any size says nothing when it overflows */
-#define REAL_WITHIN(fmu, name, def, lo, hi, unit, text) c.name = Frama_C_long_long_interval(TSE_S(lo), TSE_S(hi));
+#define REAL_WITHIN(fmu, name, def, exact, lo, hi, unit, text) c.name = Frama_C_long_long_interval(TSE_S(lo), TSE_S(hi));
 #else
 #define REAL_WITHIN NO_ROW
 #endif

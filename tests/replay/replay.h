@@ -62,7 +62,7 @@ static inline void replay_columns(const tse_output *y, double column[])
 static inline void replay_uncalibrated(tse_config *c)
 {
   tse_config_default(c);
-  tse_config_uncalibrated(c);
+  c->mass = TSE_S(1900);
 }
 
 typedef struct replay_form {
@@ -70,7 +70,7 @@ typedef struct replay_form {
   void (*settings)(tse_config *c);
 } replay_form;
 static const replay_form replay_forms[] = {
-  { "default", tse_config_default },
+  { "default", tse_config_exact },
   { "robust", tse_config_robust },
   { "paper", tse_config_paper },
   { "uncalibrated", replay_uncalibrated }, /* the default form, of a car that nobody has calibrated: all that is uncertain is considered */

@@ -34,7 +34,7 @@ static int write_drive(void)
   static tse_sim sim;
   tse_config config;
   tse_sim_config truth;
-  tse_config_default(&config);
+  tse_config_exact(&config);
   tse_sim_config_default(&truth);
   truth.speed = tse_setting_of(0), truth.true_cx_front = tse_setting_of(0.9);
   truth.true_cy_front = tse_setting_of(1.15), truth.true_cy_rear = tse_setting_of(0.85);

@@ -17,7 +17,7 @@ static const double car_table[3][9] = {
 static inline tse_config config_of_table(int k)
 {
   const double *const t = car_table[k];
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.mass = setting(t[0]), c.yaw_inertia = setting(t[1]), c.lf = setting(t[2]), c.lr = setting(t[3]);
   c.longitudinal_stiffness_front = setting(t[4]), c.longitudinal_stiffness_rear = setting(t[5]);
   c.cornering_stiffness_front = setting(t[6]), c.cornering_stiffness_rear = setting(t[7]);

@@ -20,7 +20,7 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
   dense_kalman d = { car_table[0], { 0 }, { { 0 } }, { 0.15, 0.15, 0.0035 }, { 0.002, 0.002, 0.0001 }, spread, 0 };
   double truth[9] = { 0 };
   uint32_t seed = 27;
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   ekf f; /* of whom the car is */
   c.accel_x_sd = c.accel_y_sd = setting(0.15), c.yaw_rate_sd = setting(0.0035);
   c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05), c.yaw_rate_bias_sd = setting(0.002);

@@ -306,7 +306,7 @@ static inline void fit_together(tse_config *c)
   *codes[0] = 1 | 16 << 8 | 34 << 16; /* a steer_angle mul */
 }
 
-/* The settings that tse_config_default(), tse_config_paper() and so on make. */
+/* The settings that tse_config_exact(), tse_config_paper() and so on make. */
 static inline tse_config config_by(void (*make)(tse_config *))
 {
   tse_config c;
@@ -317,7 +317,7 @@ static inline tse_config config_by(void (*make)(tse_config *))
 /* The default car with the kinematics of (1)-(4), the oracle of most tests, to which a test adds its effects. */
 static inline tse_config default_car(void)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.exact_kinematics_share = setting(0);
   return c;
 }

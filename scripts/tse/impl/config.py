@@ -75,7 +75,7 @@ def make_config(
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
     asked = {key for key, x in config.as_dict().items() if x != values.get(key)}
     _check_optional(config, log, asked)
-    return config, notes
+    return config.complete(), notes
 
 
 def check_effect(names: Collection[str], config: Config) -> None:

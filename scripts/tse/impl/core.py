@@ -417,7 +417,7 @@ class Settings:
         number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or (field.is_integer and value != int(value)):
             raise SettingError(f"{where}{name} = {value!r} is not {kind}; allowed: {field.range_text}")
-        if not field.low <= value <= field.high:
+        if not field.low <= value <= field.high and value != field.default:
             raise SettingError(f"{where}{name} = {value:g} is outside its range {field.range_text} ({field.text})")
         self._record[name] = value
 
@@ -431,7 +431,22 @@ class Settings:
 
 
 class Config(Settings):
-    """tse_config: vehicle, sensors, filter."""
+    """tse_config: vehicle, sensors, filter. An ordinary car, whose mass at least is to be set."""
+
+    @classmethod
+    def exact(cls, values: Mapping[str, float] | None = None, lib: Library | None = None) -> Config:
+        """A car that is known exactly, as the simulator's, but for `values`."""
+        config = cls(lib=lib)
+        config.fill("tse_config_exact")
+        for name, value in (values or {}).items():
+            config.set(name, value)
+        return config
+
+    def complete(self) -> Config:
+        """A copy, with what the filter takes for mass, yaw inertia and stiffness that are not set."""
+        config = type(self)(self.as_dict(), lib=self._lib)
+        config.fill("tse_config_complete")
+        return config
 
     @classmethod
     def settings_of(cls, name: str) -> dict[str, float | int]:
@@ -454,8 +469,10 @@ def _refuse(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...])
     name = wrong.value.decode() if wrong.value else ""
     for group in settings:
         if name in group:
-            f = group.fields[name]
-            raise SettingError(f"{name} = {getattr(group, name):g} is refused; allowed: {f.range_text} ({f.text})")
+            f, value = group.fields[name], getattr(group, name)
+            if value == f.default:
+                raise SettingError(f"{name} follows from mass, lf and lr, and is outside its range {f.range_text} ({f.text})")
+            raise SettingError(f"{name} = {value:g} is refused; allowed: {f.range_text} ({f.text})")
     row = settings[0].lib.codes(STATUS).get(status)
     raise SettingError(f"settings refused: {row.text if row else status}{f' ({name})' if name else ''}")
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from tse.impl.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
+from tse.impl.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Config, Field, library
 from tse.impl.estimate import est_columns, est_fields
 from tse.impl.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, unknown_car, vehicle_settings
 
@@ -68,32 +68,33 @@ def example_vehicle() -> str:
     """A commented vehicle file to edit: what a file must say, with the built-in car's values; the rest commented out. Who knows no
     more of a car than its measures must not say more: sensors and stiffness that are another car's, or a car that is known exactly,
     make an estimate sure of what is wrong."""
-    fields = {f.name: f for f in library().fields(CONFIG)}
+    car = Config.exact()
+    fields = car.fields
     required = [n for n in vehicle_settings() if n in REQUIRED]
     others = [n for n in vehicle_settings() if n not in REQUIRED]
     lines = [
         "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size car's.",
         'name = "my car"',
-        *(_toml_line(fields[name]) for name in required),
+        *(_toml_line(fields[name], getattr(car, name)) for name in required),
         "",
         "# All below is optional: take the # away where you know it. What is left out is that of an ordinary car of its mass and",
         "# axles, and the run says so.",
         f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other axle rolls freely',
         "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
-        *(f"# {_toml_line(fields[name])}" for name in others),
+        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in others),
         "",
         "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. 0: known exactly.",
         "# [uncertainty]",
-        *(f"# {_toml_line(fields[name], value=unknown_car()[name])}" for name in uncertainty_settings()),
+        *(f"# {_toml_line(fields[name], unknown_car()[name])}" for name in uncertainty_settings()),
         "",
         "# Noise and bias of the sensors. Left out: of ordinary ones at first, then found while driving.",
         "# [sensors]",
-        *(f"# {_toml_line(fields[name])}" for name in sensor_settings()),
+        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in sensor_settings()),
         "",
         "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
         "# [latency]",
-        *(f"# {_toml_line(fields[name], key)}" for key, name in latency_settings().items()),
+        *(f"# {_toml_line(fields[name], getattr(car, name), key)}" for key, name in latency_settings().items()),
         *_EFFECTS,
     ]
     return "\n".join(lines) + "\n"
@@ -101,7 +102,8 @@ def example_vehicle() -> str:
 
 def simulated_vehicle() -> str:
     """The car of `tselab simulate`, known exactly: for logs whose truth is known, and for nothing else."""
-    fields = {f.name: f for f in library().fields(CONFIG)}
+    car = Config.exact()
+    fields = car.fields
     lines = [
         "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is 'tselab vehicle --example'.",
         "# SI units; stiffness per axle (both wheels).",
@@ -109,17 +111,17 @@ def simulated_vehicle() -> str:
         f"wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         'driven_axle = "front"  # front, rear or both; used by tselab simulate',
         "",
-        *(_toml_line(fields[name]) for name in vehicle_settings()),
+        *(_toml_line(fields[name], getattr(car, name)) for name in vehicle_settings()),
         "",
         "# How uncertain that is: sd of each, 0 for what is known exactly, as here.",
         "[uncertainty]",
-        *(_toml_line(fields[name]) for name in uncertainty_settings()),
+        *(_toml_line(fields[name], getattr(car, name)) for name in uncertainty_settings()),
         "",
         "[sensors]",
-        *(_toml_line(fields[name]) for name in sensor_settings()),
+        *(_toml_line(fields[name], getattr(car, name)) for name in sensor_settings()),
         "",
         "[latency]",
-        *(_toml_line(fields[name], key) for key, name in latency_settings().items()),
+        *(_toml_line(fields[name], getattr(car, name), key) for key, name in latency_settings().items()),
         *_EFFECTS,
     ]
     return "\n".join(lines) + "\n"
@@ -134,8 +136,9 @@ _EFFECTS = (
 )
 
 
-def _toml_line(f: Field, key: str = "", value: float | None = None) -> str:
-    return f"{key or f.name} = {float(f.default if value is None else value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {f.text}"
+def _toml_line(f: Field, value: float, key: str = "") -> str:
+    about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text  # a file leaves out what is not known
+    return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
 
 
 def _si(f: Field) -> str:

@@ -81,16 +81,16 @@ def unknown_car() -> dict[str, float]:
 
 @functools.cache
 def _class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
-    """Return what tse_config_uncalibrated() sets for a car of this mass and these axles."""
+    """Return what an ordinary car of this mass and these axles has, where it is not what a car has that is known exactly."""
     about = {"mass": mass, "lf": lf, "lr": lr}
-    plain, car = Config(about), Config(about)
-    car.fill("tse_config_uncalibrated")
-    before = plain.as_dict()
+    before = Config.exact(about).as_dict()
+    car = Config(about)
+    car.fill("tse_config_complete")
     return {name: float(value) for name, value in car.as_dict().items() if value != before[name]}
 
 
 def filter_values(vehicle: Vehicle) -> dict[str, float]:
-    """Return the settings of the car's filter: what the vehicle file says, and the prior of what it does not.
+    """Return the settings of the car's filter, beside the defaults: what the vehicle file says, and the prior of what it does not.
 
     Nobody has calibrated it: an ordinary car of its class (src/tables/uncalibrated.toml), the same as in C and FMU. Calibrated: the
     posterior of the calibration is the prior. [uncertainty] all 0: known exactly, nothing is added."""
@@ -99,14 +99,14 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     if "cg_height" in vehicle.facts:
         v["cg_height"] = float(vehicle.facts["cg_height"])
     if all(v.get(key) == 0 for key in uncertainty_settings()):
-        return v
+        return {**Config.settings_of("exact"), **v}
     ordinary = _class_values(v["mass"], v["lf"], v["lr"])
     if not vehicle.calibration:
         return {**ordinary, **v}
     c = vehicle.calibration
     mean = dict(zip(c["names"], c["mean"], strict=True))
     sd = {name: float(np.sqrt(c["covariance"][i][i])) for i, name in enumerate(c["names"])}
-    found, plain = {"grip_sd": ordinary["grip_sd"]}, Config()
+    found, plain = {"grip_sd": ordinary["grip_sd"]}, Config.exact()
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
         found[setting] = float(min(sd.get(key, np.inf), ordinary.get(setting, getattr(plain, setting))))
@@ -116,7 +116,8 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     stated = {name: x for name, x in v.items() if name not in FOUND_SENSORS}
     sensors = {name: stated.get(name, ordinary.get(name, float(getattr(plain, name)))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
-    return {"cg_height": ordinary["cg_height"], "grade_sd": ordinary["grade_sd"], **v, **sensors, **found}
+    of_class = {name: ordinary[name] for name in ("cg_height", "grade_sd")}
+    return {**Config.settings_of("exact"), **of_class, **v, **sensors, **found}
 
 
 def ordinary_car(config: Config) -> dict[str, float]:
@@ -244,7 +245,7 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     _fill_vehicle(vehicle)
     vehicle.given_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
     if all(uncertainty.get(key) == 0 for key in uncertainty_settings()) and any(
-        values.get(key, check.fields[key].default) != check.fields[key].default for key in vehicle_settings()
+        key in values and values[key] != getattr(Config.exact(), key) for key in vehicle_settings()
     ):
         vehicle.notes.append(
             f"{path.name}: [uncertainty] is 0 throughout: the car is taken as known exactly, and bands are of the sensors alone; "
@@ -420,6 +421,9 @@ def _set(config: Config, key: str, value: Any, source: str) -> None:
         config.set(key, value)
     except SettingError as error:
         raise UserError(f"{source}: {error}") from None
+    f = config.fields[key]
+    if not f.low <= value <= f.high:  # 0, not set: a file leaves that out
+        raise UserError(f"{source}: {key} = {value:g} is outside its range {f.range_text}; leave out what is not known")
 
 
 def _check_facts(path: Path, vehicle: Vehicle) -> None:

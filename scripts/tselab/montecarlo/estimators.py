@@ -64,7 +64,7 @@ def configure(name: str, form: str, settings: Mapping[str, float], about: Mappin
     """Settings of an estimator: start and form, then the user's, then what the case is about, then its own."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORMS.get(family, form))
-    return Config({**START, **forms, **settings, **about, **overrides(name)})
+    return Config.exact({**START, **forms, **settings, **about, **overrides(name)})
 
 
 def is_yours(name: str) -> bool:

@@ -225,7 +225,7 @@ def stuck(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel:
 
 def outliers(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float) -> np.ndarray:
     """Single samples of the inertial channels are far off. An estimator has to live with them: no row is unusable."""
-    default = Config()
+    default = Config.exact()
     for channel in MEASURES:
         hit = rng.random(len(time)) < share
         sign = rng.choice([-1.0, 1.0], len(time))

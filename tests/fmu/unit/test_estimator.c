@@ -127,17 +127,17 @@ static void drive_beside(fmi2Component c, const tse_config *config) { drive_meas
 static tse_config small_config(void) /* as initialized() has it */
 {
   tse_config config;
-  tse_config_default(&config);
+  tse_config_exact(&config);
   config.particles = 60;
   return config;
 }
 
-static void test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step(void)
+static void test_a_recorded_drive_of_a_car_known_exactly_gives_the_bits_of_tse_step(void)
 {
   tse_config config = small_config();
   config.mass = 1800, config.seed = 5;
   fmi2Component const c = instantiated();
-  SET(c, { "vehicle.calibrated", 1 }, { "vehicle.mass", 1800 }, { "filter.seed", 5 });
+  SET(c, { "vehicle.exact", 1 }, { "vehicle.mass", 1800 }, { "filter.seed", 5 });
   drive_beside(c, &config);
 }
 
@@ -147,18 +147,18 @@ static void test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step(v
   config.mass = 1800, config.velocity_latency = TSE_S(0.05), config.velocity_lever_x = TSE_S(-0.5);
   config.driven_axle = 1, config.wheel_torque_least = TSE_S(50);
   fmi2Component const c = instantiated();
-  SET(c, { "vehicle.calibrated", 1 }, { "vehicle.mass", 1800 }, { "velocity.velocity_latency", 0.05 },
+  SET(c, { "vehicle.exact", 1 }, { "vehicle.mass", 1800 }, { "velocity.velocity_latency", 0.05 },
       { "velocity.velocity_lever_x", -0.5 }, { "filter.driven_axle", 1 }, { "pedals.wheel_torque_least", 50 });
   drive_measured(c, &config, 1);
 }
 
 static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(void)
 {
-  tse_config config = small_config();
-  config.mass = 1650, config.lf = 1.2;
-  tse_config_uncalibrated(&config);
-  config.cornering_stiffness_rear = 140000; /* its start value, and set all the same */
-  config.cg_sd = 0, config.initial_cy_front = 0.9;
+  tse_config config;
+  tse_config_default(&config);
+  config.particles = 60;
+  config.mass = 1650, config.lf = 1.2, config.cornering_stiffness_rear = 140000, config.cg_sd = 0, config.initial_cy_front = 0.9;
+  tse_config_complete(&config); /* for what is said of it */
   fmi2Component const c = instantiated();
   OK(put_real(c, "uncertainty.cg_sd", 0.0)); /* in any order */
   SET(c, { "vehicle.cornering_stiffness_rear", 140000 }, { "vehicle.lf", 1.2 }, { "vehicle.mass", 1650 },
@@ -195,40 +195,43 @@ static void set_every_parameter_to_its_start(fmi2Component c)
 
 static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins(void)
 {
-  tse_config plain, ordinary, got;
-  tse_config_default(&plain);
-  ordinary = plain;
-  tse_config_uncalibrated(&ordinary);
-  TEST_ASSERT_TRUE(ordinary.mass_sd > 0 && plain.mass_sd == 0 && ordinary.cornering_stiffness_front != plain.cornering_stiffness_front);
+  tse_config known, ordinary, got;
+  tse_config_exact(&known);
+  tse_config_default(&ordinary);
+  tse_config_complete(&ordinary);
+  TEST_ASSERT_TRUE(ordinary.mass_sd > 0.2 && known.mass_sd == 0 && ordinary.cornering_stiffness_front != known.cornering_stiffness_front);
 
   fmi2Component const c = instantiated();
   OK(fmi2EnterInitializationMode(c));
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   expect_config(&ordinary, &got);
-  TEST_ASSERT_TRUE(real_of(c, "vehicle.cornering_stiffness_front") == 1.2e5); /* a parameter reads as it was set */
+  TEST_ASSERT_TRUE(real_of(c, "vehicle.cornering_stiffness_front") == 0); /* a parameter reads as it was set */
   TEST_ASSERT_TRUE(real_of(c, "estimate.nominal.cy_front") == (double)ordinary.cornering_stiffness_front);
 
-  OK(put_boolean(c, "vehicle.calibrated", fmi2True)); /* and back: nothing is lost on the way */
+  OK(put_boolean(c, "vehicle.exact", fmi2True)); /* and back: nothing is lost on the way */
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
-  expect_config(&plain, &got);
-  SET(c, { "vehicle.calibrated", 0 }, { "uncertainty.mass_sd", 0.0 }, { "vehicle.cornering_stiffness_front", 9e4 },
-      { "filter.driven_axle", 2 });
+  expect_config(&known, &got);
+  SET(c, { "vehicle.mass", 1650 }, { "vehicle.cornering_stiffness_front", 9e4 }, { "uncertainty.mass_sd", 0.02 });
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
-  ordinary = plain;
-  ordinary.driven_axle = 2;
-  tse_config_uncalibrated(&ordinary);
-  ordinary.mass_sd = 0, ordinary.cornering_stiffness_front = 9e4;
+  known.mass = 1650, known.cornering_stiffness_front = 9e4, known.mass_sd = TSE_S(0.02);
+  expect_config(&known, &got);
+  SET(c, { "vehicle.exact", 0 }, { "filter.driven_axle", 2 });
+  (void)real_of(c, "estimate.cy_front");
+  got = used_by(c);
+  tse_config_default(&ordinary);
+  ordinary.driven_axle = 2, ordinary.mass = 1650, ordinary.cornering_stiffness_front = 9e4, ordinary.mass_sd = TSE_S(0.02);
+  tse_config_complete(&ordinary);
   expect_config(&ordinary, &got);
 
   OK(fmi2ExitInitializationMode(c));
   OK(fmi2Terminate(c));
   OK(fmi2Reset(c)); /* forgets what was set */
   begin(c);
-  ordinary = plain;
-  tse_config_uncalibrated(&ordinary);
+  tse_config_default(&ordinary);
+  tse_config_complete(&ordinary);
   got = used_by(c);
   expect_config(&ordinary, &got);
 }
@@ -238,9 +241,8 @@ static void test_an_importer_that_sets_every_parameter_to_its_start_has_set_none
 {
   tse_config ordinary, got;
   tse_config_default(&ordinary);
-  ordinary.mass = 1650;
-  tse_config_uncalibrated(&ordinary);
-  ordinary.yaw_inertia = 2500, ordinary.cg_sd = TSE_S(0.01);
+  ordinary.mass = 1650, ordinary.yaw_inertia = 2500, ordinary.cg_sd = TSE_S(0.01);
+  tse_config_complete(&ordinary);
   fmi2Component const c = instantiated();
   set_every_parameter_to_its_start(c);
   SET(c, { "vehicle.mass", 1650 }, { "vehicle.yaw_inertia", 2500 }, { "uncertainty.cg_sd", 0.01 });
@@ -256,17 +258,19 @@ static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
   SET(c, { "vehicle.mass", 50.0 }, { "vehicle.lf", 0.1 }, { "vehicle.lr", 10.0 });
   OK(fmi2EnterInitializationMode(c));
   saved_bytes before = bytes_of(c);
-  REFUSED(fmi2ExitInitializationMode(c), "vehicle.longitudinal_stiffness_rear", "vehicle.calibrated is false");
+  REFUSED(fmi2ExitInitializationMode(c), "vehicle.longitudinal_stiffness_rear", "what is 0 follows from vehicle.mass, lf and lr");
   expect_unchanged_and_free(c, &before, "after a refused start");
-  OK(put_boolean(c, "vehicle.calibrated", fmi2True));
+  OK(put_boolean(c, "vehicle.exact", fmi2True));
   OK(fmi2ExitInitializationMode(c));
+  OK(fmi2Reset(c));
+  REFUSED(put_real(c, "vehicle.mass", 1.65), "vehicle.mass", "50 .. 50000 kg"); /* tonnes: 0 is not set, nothing near it */
 }
 
 /* The prior: the start of each, as uncertain as it is told at the least. */
 static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
 {
   fmi2Component const c = instantiated();
-  SET(c, { "vehicle.calibrated", 1 }, { "filter.initial_cx_front", 0.8 }, { "filter.initial_cy_front", 0.9 },
+  SET(c, { "vehicle.exact", 1 }, { "filter.initial_cx_front", 0.8 }, { "filter.initial_cy_front", 0.9 },
       { "filter.initial_cy_rear", 1.1 }, { "filter.initial_cy_rear_sd", 0.25 }, { "filter.grip", 0.9 },
       { "filter.grip_sd", 0.2 });
   OK(fmi2EnterInitializationMode(c));

@@ -283,8 +283,8 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
     { MODEL + offsetof(model, config.particles), 4, (const int32_t[]){ 100000 } },
     { MODEL + offsetof(model, params.particles), 4, (const int32_t[]){ 100000 } },
     { MODEL + offsetof(model, set), 1, (const uint8_t[]){ SET_TO_ANOTHER + 1 } },
-    { MODEL + offsetof(model, calibrated), 4, (const int32_t[]){ 2 } },
-    { MODEL + offsetof(model, calibrated), 4, (const int32_t[]){ 1 } }, /* what is used follows from it */
+    { MODEL + offsetof(model, exact), 4, (const int32_t[]){ 2 } },
+    { MODEL + offsetof(model, exact), 4, (const int32_t[]){ 1 } }, /* what is used follows from it */
     { MODEL + offsetof(model, used.mass), 8, (const double[]){ 1234.5 } },
     { MODEL + offsetof(model, params.fingerprint), 4, (const int32_t[]){ 1 } },
     { MODEL + offsetof(model, memory.filter.fingerprint), 4, (const int32_t[]){ 1 } },

@@ -68,7 +68,7 @@ static fmi2Component start_both(tse_sim_output *y)
 {
   const tse_sim_input u = input_of(0);
   fmi2Component const c = instantiated();
-  tse_config_default(&config);
+  tse_config_exact(&config);
   tse_sim_config_default(&sim_config);
   config.mass = 1700, config.accel_x_sd = 0.2;
   config.rear_longitudinal_follows_front = 0.4; /* else the road under the rear axle does not show */

@@ -17,7 +17,7 @@ static tse_config settings(int32_t form)
   tse_config c;
   if (form == 2) tse_config_robust(&c); /* form 1, too */
   else if (form == 1) tse_config_paper(&c);
-  else tse_config_default(&c);
+  else tse_config_exact(&c);
   c.particles = 60;
   return c;
 }

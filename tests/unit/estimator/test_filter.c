@@ -10,7 +10,7 @@ static const struct {
   const char *name;
   void (*settings)(tse_config *c);
 } forms[] = {
-  { "default", tse_config_default },
+  { "default", tse_config_exact },
   { "robust", tse_config_robust },
   { "paper", tse_config_paper },
 };
@@ -21,7 +21,7 @@ static int again(void) { return ++form < ROWS(forms) && printf("%s:\n", forms[fo
 /* The shortest that a format knows: what a row of it has taught each second is no number, and is not kept. */
 static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   tse_input u = blank_row();
   const tse_params p = prepared(c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f.filter));

@@ -6,7 +6,7 @@ static tse_filter filter; /* supplies what is held */
 
 static tse_params params(void)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.wheel_radius_front = setting(0.25), c.wheel_radius_rear = setting(0.5), c.accel_x_sd = setting(0.125);
   c.accel_y_sd = setting(0.25), c.yaw_rate_sd = setting(0.0078125);
   return prepared(c);

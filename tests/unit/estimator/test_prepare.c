@@ -8,7 +8,7 @@
 #include <float.h>
 #include <stddef.h>
 
-static tse_config defaults(void) { return config_by(tse_config_default); }
+static tse_config defaults(void) { return config_by(tse_config_exact); }
 
 /* None of the defaults, all different, inside the ranges. No effects. */
 static tse_config other_car(void)
@@ -20,7 +20,7 @@ static tse_config other_car(void)
   c.cornering_stiffness_front = setting(70000), c.cornering_stiffness_rear = setting(85000);
   c.rear_longitudinal_follows_front = setting(0.25), c.accel_x_sd = setting(0.11), c.accel_y_sd = setting(0.23);
   c.yaw_rate_sd = setting(0.007), c.wheel_noise_sd = setting(0.06), c.steer_lag_sd = setting(0.05);
-  c.mass_sd = setting(0.03), c.grade_sd = setting(0.03), c.model_sd = setting(0.04);
+  c.mass_sd = setting(0.03), c.grade_sd = setting(0.025), c.model_sd = setting(0.04);
   int considered = 0;
   const tse_field *const first = field_of(TSE_STRUCT_CONFIG, "yaw_inertia_sd");
   for (; considered < TSE_CONSIDER_MODEL - TSE_CONSIDER_INERTIA; considered++) put_field(&c, first + considered, first[considered].hi / (4 + considered));
@@ -36,7 +36,7 @@ static tse_config other_car(void)
   c.yaw_rate_bias_walk = setting(0.0007), c.sample_time = setting(0.02), c.forgetting = setting(0.995);
   c.resample_threshold = setting(0.75), c.initial_cx_front = setting(0.7), c.initial_cy_front = setting(0.8);
   c.initial_cy_rear = setting(1.3), c.initial_mean_sd = setting(0.4), c.initial_cx_sd = setting(0.35);
-  c.initial_cy_front_sd = setting(0.15), c.initial_cy_rear_sd = setting(0.25), c.grip = setting(0.9);
+  c.initial_cy_front_sd = setting(0.15), c.initial_cy_rear_sd = setting(0.22), c.grip = setting(0.9);
   c.grip_sd = setting(0.2), c.cg_height = setting(0.6), c.initial_spread = setting(0.2);
   c.spread_max = setting(0.7), c.initial_dof = setting(12), c.learnt_floor = setting(0.08);
   c.learnt_walk_day = setting(0.04), c.initial_vel_x = setting(17), c.initial_vel_x_sd = setting(0.3);
@@ -190,30 +190,77 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
   }
 }
 
-static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_else_changes(void)
+static void test_a_car_known_exactly_differs_from_an_ordinary_one_as_the_table_says_and_no_further(void)
 {
-  tse_config c = defaults(), as_told = defaults();
-  c.mass = as_told.mass = setting(1234), c.lf = as_told.lf = setting(1.125), c.lr = as_told.lr = setting(1.375);
+  tse_config c = config_by(tse_config_default);
+  for (size_t k = 0; k < sizeof exact / sizeof exact[0]; k++) {
+    tse_setting x;
+    memcpy(&x, (uint8_t *)&c + exact[k].at, sizeof x);
+    TEST_ASSERT_TRUE_MESSAGE(x != exact[k].value, "a row that changes nothing");
+    memcpy((uint8_t *)&c + exact[k].at, &exact[k].value, sizeof x);
+  }
+  const tse_config known = defaults();
+  TEST_ASSERT_EQUAL_MEMORY(&known, &c, sizeof c);
+  TEST_ASSERT_TRUE(known.mass == setting(1900) && known.cornering_stiffness_front == setting(120000) && known.form == 0);
   EACH_SETTING(row)
-  for (size_t k = 0; k < sizeof ordinary / sizeof ordinary[0]; k++)
-    if ((int32_t)ordinary[k].at == row->offset) put_setting(&as_told, row, ordinary[k].value);
-  tse_config_uncalibrated(&c);
-  /* stiffness and inertia follow from mass and axles */
+  if (strlen(row->name) > 3 && strcmp(row->name + strlen(row->name) - 3, "_sd") == 0 && row->offset <= (int32_t)offsetof(tse_config, grade_sd))
+    TEST_ASSERT_TRUE_MESSAGE(setting_field(&known, row) == 0, row->name);
+  tse_config_exact(NULL);
+}
+
+/* Stiffness and inertia follow from mass and axles, whenever these are set. */
+static void test_what_is_not_set_is_of_the_class_under_the_mass_and_axles_that_are_set(void)
+{
   const double g = 9.81, one = BY_FORMAT(1e-12, 1e-6);
   const double front = g * 1234 * 1.375 / 2.5, rear = g * 1234 * 1.125 / 2.5; /* loads of the axles */
   const double of_class[5] = { 1234 * 1.125 * 1.375, CLASS_CORNERING_FRONT * front, CLASS_CORNERING_REAR * rear, CLASS_LONGITUDINAL * front, CLASS_LONGITUDINAL * rear };
-  const tse_setting actual[5] = { c.yaw_inertia, c.cornering_stiffness_front, c.cornering_stiffness_rear, c.longitudinal_stiffness_front, c.longitudinal_stiffness_rear };
+  tse_config c = config_by(tse_config_default);
+  c.mass = setting(1234), c.lf = setting(1.125), c.lr = setting(1.375);
+  tse_config whole = c;
+  tse_config_complete(&whole);
+  const tse_setting actual[5] = { whole.yaw_inertia, whole.cornering_stiffness_front, whole.cornering_stiffness_rear, whole.longitudinal_stiffness_front, whole.longitudinal_stiffness_rear };
   for (int i = 0; i < 5; i++) expect_near(of_class[i], of_setting(actual[i]), one * of_class[i], "of the class", i);
-  as_told.yaw_inertia = c.yaw_inertia;
-  as_told.cornering_stiffness_front = c.cornering_stiffness_front;
-  as_told.cornering_stiffness_rear = c.cornering_stiffness_rear;
-  as_told.longitudinal_stiffness_front = c.longitudinal_stiffness_front;
-  as_told.longitudinal_stiffness_rear = c.longitudinal_stiffness_rear;
-  EACH_SETTING(row)
-  TEST_ASSERT_TRUE_MESSAGE(same_at(&as_told, &c, row), row->name);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(&c, NULL));
-  tse_config_uncalibrated(NULL);
+  TEST_ASSERT_TRUE(whole.mass_sd == c.mass_sd && c.mass_sd == setting(0.05)); /* a mass that is known */
+  tse_params as_set = prepared(c);
+  const tse_params written_down = prepared(whole);
+  TEST_ASSERT_EQUAL_MEMORY(&written_down, &as_set, sizeof as_set); /* also what tells vehicles apart */
+
+  /* prepared before: another car; what is set stays */
+  c.mass = setting(2468), c.cornering_stiffness_rear = setting(150000);
+  as_set = prepared(c);
+  expect_near(of_class[1] / 1234, number(as_set.car.ky_front), BY_FORMAT(1e-9, 1e-4), "over the mass", 0);
+  expect_near(150000.0 / 2468, number(as_set.car.ky_rear), BY_FORMAT(1e-9, 1e-4), "as set", 0);
+  tse_config_complete(&c);
+  expect_near(150000, of_setting(c.cornering_stiffness_rear), 0, "as set", 1);
+  expect_near(2 * of_class[1], of_setting(c.cornering_stiffness_front), 2 * one * of_class[1], "twice the load", 0);
+  tse_config_complete(NULL);
 }
+
+static void test_a_mass_that_is_not_known_is_the_class_s_and_as_uncertain(void)
+{
+  tse_config c = config_by(tse_config_default);
+  expect_config_accepted(&c, "no mass");
+  const tse_params p = prepared(c);
+  expect_near(CLASS_MASS_SD * CLASS_MASS_SD, number(p.mass_var), BY_FORMAT(1e-12, 1e-6), "sd of the class", 0);
+  TEST_ASSERT_TRUE(CLASS_MASS_SD > 2 * of_setting(c.valid_sd));
+  tse_config same = c;
+  same.mass = setting(CLASS_MASS);
+  TEST_ASSERT_TRUE(prepared(same).mass_var < p.mass_var && prepared(same).car.ky_front == p.car.ky_front);
+  c.mass_sd = setting(0.4); /* never surer than it is told */
+  expect_near(0.16, number(prepared(c).mass_var), BY_FORMAT(1e-12, 1e-6), "as told", 0);
+  c.mass = setting(49);
+  expect_config_refused(&c, "mass"); /* not set is 0, nothing near it */
+}
+
+static void test_a_stiffness_of_the_class_outside_its_range_is_refused(void)
+{
+  tse_config c = config_by(tse_config_default);
+  c.mass = setting(50), c.lf = setting(0.1), c.lr = setting(10);
+  expect_config_refused(&c, "longitudinal_stiffness_rear");
+  c.longitudinal_stiffness_rear = setting(2000);
+  expect_config_refused(&c, "cornering_stiffness_rear");
+}
+
 
 static void test_null_arguments_are_refused_and_change_nothing(void)
 {
@@ -233,9 +280,10 @@ static void test_null_arguments_are_refused_and_change_nothing(void)
 /* A constant that were made of a default, or a setting that these tests forgot, would pass unseen. */
 static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
-  const tse_config c = other_config();
-  EACH_SETTING(row)
-  TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting(row->def) : whole_field(&c, row) != (int32_t)row->def, row->name);
+  const tse_config c = other_config(), usual[2] = { defaults(), config_by(tse_config_default) };
+  for (int k = 0; k < 2; k++)
+    EACH_SETTING(row)
+  TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting_field(&usual[k], row) : whole_field(&c, row) != whole_field(&usual[k], row), row->name);
 }
 #endif
 
@@ -357,7 +405,7 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   c.steering_offset_angle = setting(0.004), c.grade_angle = setting(0.02), c.bank_angle = setting(0.01);
   const tse_params p = prepared(c);
   static const int at[] = { BX, BY, BR, LCX, LCF, LCR, LMU, STEER_OFFSET, GAIN, LATE, RAD, LEAN };
-  const double sd[] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.25, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
+  const double sd[] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.22, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
                         of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
   for (int i = 0; i < (int)(sizeof at / sizeof at[0]); i++) expect_near(sd[i], number(p.prior_sd[at[i]]), 1e-7, "prior_sd", i);
   const double mean[3] = { log(0.7), log(0.8), log(1.3) };
@@ -365,7 +413,7 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   expect_near(0.004, number(p.prior[STEER_OFFSET]), 1e-9, "offset", 0);
   expect_near(9.81 * sin(0.02), number(p.prior[GX]), 1e-6, "along the road", 0);
   expect_near(-9.81 * sin(0.01), number(p.prior[GY]), 1e-6, "across the road", 0);
-  expect_near(9.81 * 0.03, number(p.prior_sd[GX]), 1e-6, "sd of the grade", 0);
+  expect_near(9.81 * 0.025, number(p.prior_sd[GX]), 1e-6, "sd of the grade", 0);
   expect_near(log(0.2), number(p.log_min), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_min", 0);
   expect_near(log(3), number(p.log_max), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_max", 0);
   c.wheel_radius_sd = setting(0); /* of a car that is known exactly: no radius is */
@@ -714,7 +762,7 @@ static void expect_not_fitting(const tse_config *c, const char *name)
 
 static void test_what_does_not_fit_is_refused_by_name(void)
 {
-#define TRY(name, value) { tse_config c; tse_config_default(&c); c.name = setting(value); expect_not_fitting(&c, #name); }
+#define TRY(name, value) { tse_config c; tse_config_exact(&c); c.name = setting(value); expect_not_fitting(&c, #name); }
   TRY(accel_x_sd, 0.001)
   TRY(noise_max, 300)
   TRY(steady_walk, 0.0001)

@@ -38,7 +38,7 @@ static void test_one_speed_shows_no_slip_and_finds_cornering(void)
     double squares = 0;
     int valid = 0;
     memset(&y, 0, sizeof y);
-    truth_start(&w, config_by(tse_config_default), 20, 0.5, 3 + (uint32_t)way);
+    truth_start(&w, config_by(tse_config_exact), 20, 0.5, 3 + (uint32_t)way);
     w.throttle = 0.02;
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
     for (int n = 0; n < 4000; n++) {
@@ -65,7 +65,7 @@ static void test_one_speed_shows_no_slip_and_finds_cornering(void)
 /* Two signals both change to values of their own. One that does so is two signals for 20 s. */
 static void test_two_signals_that_differ_once_are_two_for_20_s(void)
 {
-  truth_start(&w, config_by(tse_config_default), 20, 0, 5);
+  truth_start(&w, config_by(tse_config_exact), 20, 0, 5);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
   for (int n = 0; n < 3000; n++) {
     tse_input u = one_row(EQUAL, n, 0.01);
@@ -82,7 +82,7 @@ static void test_nothing_is_valid_among_gaps(void)
 {
   for (int every = 10; every <= 100; every += 90) {
     int valid = 0;
-    truth_start(&w, config_by(tse_config_default), 20, 0.5, 7);
+    truth_start(&w, config_by(tse_config_exact), 20, 0.5, 7);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
     for (int n = 0; n < 3000; n++) {
       tse_output y;

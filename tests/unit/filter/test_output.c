@@ -6,7 +6,7 @@
 static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_backwards_as_forwards(void)
 {
   static const double along[] = { 20, 3, 0.5, 0.02, 0.01, 0.005 }, across[] = { 2, 0.4, 0.02, 0.004 };
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.mass_sd = setting(0.03);
   tse_params p = prepared(c);
   p.model_sd = real(0.02);
@@ -35,7 +35,7 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
  * mixture of both: by hand, from amplitude s/(1 + i) and variance 1/(1 + i) of score s and information i. */
 static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
 {
-  const tse_params p = prepared(config_by(tse_config_default));
+  const tse_params p = prepared(config_by(tse_config_exact));
   static const int at[] = { VX, VY, YAW, BX, BY, BR, LATE };
   const double w = 0.3, amplitude = 12.0 / 7, spread = 1 / 7.0, close = BY_NUMBER(1e-9, 2e-5, 2e-5);
   for (int n = 0; n < ROWS(at); n++) {
@@ -72,7 +72,7 @@ static void test_cornering_by_another_steering_than_the_settings_is_not_valid(vo
     static tse_kalman k;
     tse_output y = blank_output();
     row_class w;
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     c.driven_axle = 1, c.steer_lag_sd = setting(cases[n].sd);
     const tse_params p = prepared(c);
     memset(&k, 0, sizeof k);
@@ -100,7 +100,7 @@ static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
     static tse_kalman k;
     tse_output y = blank_output();
     row_class w;
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     c.driven_axle = 1, c.wheel_radius_sd = setting(cases[n].sd);
     const tse_params p = prepared(c);
     memset(&k, 0, sizeof k);
@@ -110,5 +110,41 @@ static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
     judge_row(&p, &k, &w, &y);
     TEST_ASSERT_EQUAL_INT_MESSAGE(cases[n].valid ? TSE_VALID : TSE_MISFIT, y.reason[TSE_CX_FRONT], "along");
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_VALID, y.reason[TSE_CY_FRONT], "front");
+  }
+}
+
+/* A sound drive of a car of the class, to a filter that is told the mass, or not. */
+static void count_reasons(const tse_config *told, int rows[(TSE_IMPLAUSIBLE + 1)])
+{
+  static tse_filter_paper f;
+  truth w;
+  tse_output y = blank_output();
+  tse_config c = config_by(tse_config_default);
+  c.mass = setting(1500);
+  truth_start(&w, c, 25, 0, 4);
+  w.amplitude = 0.02;
+  const tse_params p = prepared(*told);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  memset(rows, 0, (TSE_IMPLAUSIBLE + 1) * sizeof *rows);
+  for (int n = 0; n < 6000; n++) {
+    const tse_input u = truth_row(&w, 0.01);
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, tse_step(&p, &f.filter, &u, &y));
+    for (int a = 0; a < 3; a++) rows[y.reason[a]]++;
+  }
+}
+
+static void test_without_a_mass_no_stiffness_is_valid_and_the_parameters_are_the_reason(void)
+{
+  int rows[(TSE_IMPLAUSIBLE + 1)];
+  for (int form = 0; form <= TSE_LAST_FORM; form++) {
+    tse_config c = config_by(tse_config_default);
+    c.form = form, c.valid_sd = setting(0.2); /* twice what is usual: a sine says little of an ordinary car */
+    count_reasons(&c, rows);
+    TEST_ASSERT_EQUAL_INT(0, rows[TSE_VALID]);
+    TEST_ASSERT_GREATER_THAN_INT(9000, rows[TSE_PARAMETERS_UNCERTAIN]);
+    TEST_ASSERT_LESS_THAN_INT(20, rows[TSE_UNCERTAIN]);
+    c.mass = setting(1500);
+    count_reasons(&c, rows);
+    TEST_ASSERT_GREATER_THAN_INT(form ? 1000 : 6000, rows[TSE_VALID]);
   }
 }

@@ -5,7 +5,7 @@ static tse_filter f, other;
 
 static tse_config a_car(int driven, double grade_sd)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.driven_axle = driven, c.grade_sd = setting(grade_sd), c.initial_cx_sd = setting(0.05);
   return c;
 }

@@ -24,7 +24,7 @@ static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, i
   tse_params p;
   tse_output y = { 0 };
   uint32_t seed = 5;
-  tse_config_default(&c);
+  tse_config_exact(&c);
   c.driven_axle = driven_axle;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
@@ -159,7 +159,7 @@ static void test_a_hill_at_constant_speed_contradicts_nobody(void)
   tse_output y = { 0 };
   uint32_t seed = 7;
   int32_t implausible = 0;
-  tse_config_default(&c);
+  tse_config_exact(&c);
   c.grade_sd = setting(0.03);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
@@ -186,7 +186,7 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
 {
 #if !defined(TSE_REAL_FIXED)
   static tse_filter f;
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   tse_params p;
   tse_input u;
   tse_output y;
@@ -212,7 +212,7 @@ static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
   static const struct {
     double front, rear, r; /* m/s, m/s, rad/s */
   } turn[] = { { 10.1, 9.9, 0.5 }, { 9.9, 10.1, -0.5 }, { 5.2, 5, 0.7 }, { 30, 30, 0.2 }, { 4, 4, 5 }, { 4, 4, -5 }, { 16, -6, 0.2 }, { -6, 16, 0.2 } };
-  const tse_params p = prepared(config_by(tse_config_default));
+  const tse_params p = prepared(config_by(tse_config_exact));
   const double lf = number(p.car.lf), lr = number(p.car.lr), length = lf + lr, kf = number(p.car.ky_front), kr = number(p.car.ky_rear);
   const double understeer = (lr * kr - lf * kf) / (length * kf * kr), close = BY_NUMBER(1e-12, 1e-5, 1e-5);
   for (int n = 0; n < ROWS(turn); n++) {
@@ -240,7 +240,7 @@ static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
 static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
 {
   static tse_kalman k;
-  const tse_params p = prepared(config_by(tse_config_default));
+  const tse_params p = prepared(config_by(tse_config_exact));
   const double gained = 1.5, dt = 0.01, smooth = number(SMOOTH_TIME), left = smooth / (dt + smooth), keep = 1 - dt / number(USUAL_TIME);
   double v = 5, sum = 0, weights = 0, speed = 0;
   memset(&k, 0, sizeof k);
@@ -265,7 +265,7 @@ static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
 {
   for (int exchanged = 0; exchanged < 2; exchanged++) {
     static tse_kalman k;
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     tse_real factor = broken();
     c.driven_axle = 0;
     const tse_params p = prepared(c);

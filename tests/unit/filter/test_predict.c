@@ -4,7 +4,7 @@
 
 static tse_params a_car(void)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.grade_sd = setting(0.03), c.grip = setting(1), c.grip_sd = setting(0.2), c.steer_offset_sd = setting(0.004);
   c.steer_ratio_sd = setting(0.03), c.relaxation_length = setting(0.4), c.relaxation_sd = setting(0.2);
   c.yaw_inertia_sd = setting(0.1), c.cg_sd = setting(0.03);
@@ -123,7 +123,7 @@ static void expect_road(const tse_kalman *k, int at, double mean, double sd, int
 static void test_a_given_road_is_where_gravity_is(void)
 {
   static tse_filter f;
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.grade_sd = setting(0.03), c.road_sd = setting(0.004), c.bank_angle = setting(0.01);
   const tse_params p = prepared(c);
   tse_kalman *const k = &f.k;
@@ -153,7 +153,7 @@ static void test_a_given_road_is_where_gravity_is(void)
 static void test_a_given_road_is_no_less_sure_than_one_that_is_not(void)
 {
   static tse_filter f;
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.road_sd = setting(0.1);
   const tse_params p = prepared(c);
   const decoded z = on_road(0.01, TSE_GIVEN_bank, 0.05, 0);
@@ -168,7 +168,7 @@ static void test_a_given_road_is_no_less_sure_than_one_that_is_not(void)
 static void test_a_given_bank_is_all_of_it(void)
 {
   static tse_filter given, same;
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.bank_superelevation = setting(0.1), c.lean_sd = setting(0.05), c.road_sd = setting(0.02); /* more than BANK_SD: as sure as without */
   const tse_params p = prepared(c);
   c.bank_superelevation = setting(0), c.lean_sd = setting(0), c.bank_angle = setting(0.04);
@@ -264,7 +264,7 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
   const double close = BY_NUMBER(1e-9, 2e-5, 2e-5);
   uint32_t seed = 5;
   for (int drive = 0; drive < 50; drive++) {
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     c.initial_cx_sd = setting(next_between(&seed, 0.04, 0.3));
     c.model_sd = setting(next_between(&seed, 0, 0.2));
     const tse_params p = prepared(c);

@@ -11,7 +11,7 @@ static truth w; /* the car that is driven */
 /* A car of which much is uncertain. */
 static tse_config a_car(void)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.grip = setting(1), c.grip_sd = setting(0.15), c.relaxation_length = setting(0.4);
   c.body_roll_gain = setting(0.005), c.aero_drag_coefficient = setting(0.4), c.steer_offset_sd = setting(0.003);
   c.steer_ratio_sd = setting(0.02), c.wheel_radius_sd = setting(0.003), c.lean_sd = setting(0.02);
@@ -505,7 +505,7 @@ static void test_a_refused_row_changes_nothing(void)
 static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
 {
   tse_output y;
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.mass = setting(50), c.yaw_inertia = setting(10), c.steering_compliance_angle_per_moment = setting(0.0008);
   start(c, 6, 0, 1);
   int placed = 0;

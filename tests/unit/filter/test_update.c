@@ -54,7 +54,7 @@ static void use_one(schmidt *s, const double h[ALL], double e, double r)
 /* A car of which much is uncertain, in a turn. */
 static tse_params a_car(int told)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.grip = setting(1), c.grip_sd = setting(0.2), c.relaxation_length = setting(0.4);
   c.body_roll_gain = setting(0.005), c.steer_offset_sd = setting(0.004), c.steer_ratio_sd = setting(0.03);
   c.wheel_radius_sd = setting(0.004), c.lean_sd = setting(0.05);

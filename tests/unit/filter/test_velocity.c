@@ -162,7 +162,7 @@ static void test_sums_fading_ties_and_what_is_forgotten_are_those_of_the_matrix(
 static tse_config a_config(void)
 {
   tse_config c = config_by(tse_config_default);
-  tse_config_uncalibrated(&c);
+  c.mass = TSE_S(1900);
   return c;
 }
 
@@ -550,7 +550,7 @@ static void begin_with(const tse_config *config, int every)
 
 static tse_config a_drive(void)
 {
-  tse_config config = config_by(tse_config_default);
+  tse_config config = config_by(tse_config_exact);
   config.grip = setting(1), config.grip_sd = setting(0.15), config.relaxation_length = setting(0.4);
   config.initial_cx_sd = config.initial_cy_front_sd = config.initial_cy_rear_sd = setting(0.2);
   config.accel_x_sd = config.accel_y_sd = setting(0.1), config.model_sd = setting(0.05);

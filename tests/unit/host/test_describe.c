@@ -335,6 +335,7 @@ static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(v
   int32_t count, effects;
   const tse_effect_parameter *const p = tse_describe_effect_parameters(&count);
   const tse_effect_row *const e = tse_describe_effects(&effects);
+  const tse_config known = config_by(tse_config_exact);
   TEST_ASSERT_TRUE(tse_describe_effect_parameters(NULL) == p);
   for (int32_t i = 0; i < count; i++) {
     char name[80];
@@ -343,7 +344,8 @@ static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(v
     TEST_ASSERT_EQUAL_STRING(name, p[i].setting);
     TEST_ASSERT_EQUAL_STRING(f->unit, p[i].unit);
     TEST_ASSERT_EQUAL_STRING(f->text, p[i].text);
-    TEST_ASSERT_TRUE(!(f->def < p[i].def) && !(f->def > p[i].def) && !(f->lo < p[i].lo) && !(f->lo > p[i].lo) && !(f->hi < p[i].hi) && !(f->hi > p[i].hi));
+    TEST_ASSERT_TRUE_MESSAGE(setting_field(&known, f) == setting(p[i].def), name);
+    TEST_ASSERT_TRUE(!(f->lo < p[i].lo) && !(f->lo > p[i].lo) && !(f->hi < p[i].hi) && !(f->hi > p[i].hi));
     TEST_ASSERT_TRUE_MESSAGE(p[i].lo <= p[i].typical_lo && p[i].typical_lo <= p[i].typical_hi && p[i].typical_hi <= p[i].hi, name);
     const double usual = strcmp(name, "exact_kinematics_share") ? 0 : 1;
     if (p[i].strength > 0) TEST_ASSERT_TRUE_MESSAGE(!(p[i].def < usual) && !(p[i].def > usual) && p[i].negligible > 0 && p[i].negligible < p[i].typical_lo, name);
@@ -363,7 +365,7 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
   const tse_effect_parameter *const p = tse_describe_effect_parameters(&count);
   const tse_effect_row *const e = tse_describe_effects(&effects);
   for (int32_t i = 0; i < count; i++) {
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     int32_t bit = -1;
     c.exact_kinematics_share = setting(0);
     const tse_setting value = setting(0.5 * (p[i].def + p[i].hi));

@@ -39,7 +39,7 @@ static tse_config settings(int32_t form) /* 0, where there is such a form, or 1 
 {
   tse_config c;
   if (form) tse_config_robust(&c);
-  else tse_config_default(&c);
+  else tse_config_exact(&c);
   c.initial_spread = setting(0.3), c.spread_max = setting(0.4), c.particles = 64;
   return c;
 }
@@ -791,7 +791,7 @@ static uint32_t known_of(const uint8_t *bytes) { return word(bytes + 12); }
 static void forms(int32_t form, tse_config *c)
 {
   if (form) tse_config_robust(c);
-  else tse_config_default(c);
+  else tse_config_exact(c);
   c->particles = 200;
 }
 

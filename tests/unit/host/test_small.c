@@ -17,7 +17,7 @@ static truth w;
 
 static tse_config settings(void)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.grip = setting(1), c.grip_sd = setting(0.2), c.body_roll_gain = setting(0.005), c.relaxation_length = setting(0.4);
   c.initial_cx_sd = setting(0.05), c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2), c.steer_offset_sd = setting(0.004), c.steer_ratio_sd = setting(0.02);
   c.accel_y_bias_sd = setting(0.1), c.yaw_rate_bias_sd = setting(0.005);

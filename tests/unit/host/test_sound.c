@@ -19,7 +19,7 @@ static size_t bytes_of_form(int32_t form) { return form ? sizeof f : sizeof f.fi
 /* A filter of a form after some rows; late: its channels wait for the steering angle. */
 static void drive(int32_t form, int late)
 {
-  tse_config_default(&c);
+  tse_config_exact(&c);
   c.form = form, c.particles = 60;
   if (late) c.steer_angle_latency = setting(0.123);
   p = prepared(c);
@@ -85,7 +85,7 @@ static void go_through_wild_rows(const char *what, int rows, uint32_t *seed)
 static void test_a_filter_is_sound_whatever_the_rows_were(void)
 {
   uint32_t seed = 3;
-  tse_config_default(&c);
+  tse_config_exact(&c);
   for (int i = 0; i < 500; i++) go_through_wild_rows("defaults", 100, &seed);
 }
 
@@ -94,7 +94,7 @@ static void test_a_filter_is_sound_at_both_ends_of_every_setting(void)
   uint32_t seed = 4;
   EACH_SETTING(row)
   for (int end = 0; end < 2; end++) {
-    tse_config_default(&c);
+    tse_config_exact(&c);
     put_field(&c, row, end ? row->hi : row->lo);
     if (tse_config_check(&c, NULL) == TSE_OK && prepared_if_held(&c, &p)) go_through_wild_rows(row->name, 100, &seed);
   }
@@ -430,7 +430,7 @@ static void simulated(void)
 {
   tse_sim_input u = blank_sim_input();
   tse_sim_output y;
-  tse_config_default(&c);
+  tse_config_exact(&c);
   tse_sim_config_default(&s);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
   u.dt = real(0.01), u.road_level = real(1);

@@ -13,7 +13,7 @@ static const double pi = 3.14159265358979323846;
 /* A car with everything that has exact slopes; load: with load transfer, compliance and pitch, whose slopes are neglected. */
 static tse_car some_car(int load)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.mass = setting(1600), c.lf = setting(1.2), c.lr = setting(1.5), c.yaw_inertia = setting(2700);
   c.cornering_stiffness_front = setting(1e5), c.cornering_stiffness_rear = setting(1.3e5);
   c.grip = setting(1.1), c.tyre_saturation_shape = setting(0.4), c.relaxation_length = setting(0.4);
@@ -33,7 +33,7 @@ static tse_car some_car(int load)
 /* Tyres that know no end, no load transfer, no roll: what textbooks write of. */
 static tse_car plain_car(void)
 {
-  return prepared(config_by(tse_config_default)).car;
+  return prepared(config_by(tse_config_exact)).car;
 }
 
 static void any_state(tse_real x[TSE_VALUES], uint32_t *seed)
@@ -219,7 +219,7 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
  * estimated scales both. */
 static void test_each_axle_ends_at_its_own_friction(void)
 {
-  tse_config s = config_by(tse_config_default);
+  tse_config s = config_by(tse_config_exact);
   s.tyre_saturation_inverse_friction = setting(0.8846154), s.tyre_saturation_balance = setting(0.1304348);
   const tse_car c = prepared(s).car;
   for (int halved = 0; halved < 2; halved++) {

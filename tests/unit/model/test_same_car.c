@@ -166,7 +166,7 @@ static void put(tse_config *c, const set *s)
 /* Exact kinematics and a relaxation length, which the filter always has; shapes of what may be switched on. */
 static tse_config basic(void)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.exact_kinematics_share = setting(1), c.relaxation_length = setting(0.4);
   c.tyre_saturation_shape = setting(1); /* tyres without an end have one at 50 loads in the filter: a root is straight up to there */
   c.steering_lag_second = setting(0.5), c.lateral_load_transfer_balance = setting(0.2), c.longitudinal_load_transfer_balance = setting(-0.3);

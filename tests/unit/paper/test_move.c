@@ -12,7 +12,7 @@ static tse_filter_paper filter, other;
 
 static tse_params params(double sample_time)
 {
-  tse_config c = config_by(tse_config_default);
+  tse_config c = config_by(tse_config_exact);
   c.particles = COUNT, c.sample_time = setting(sample_time), c.max_gap = setting(1), c.integration = 1;
   return prepared(c);
 }
@@ -144,7 +144,7 @@ static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
     { 20, 20, 0.01, 0.01, 10, 4 },
   };
   for (int j = 0; j < ROWS(row); j++) {
-    tse_config c = config_by(tse_config_default);
+    tse_config c = config_by(tse_config_exact);
     c.sample_time = setting(row[j].sample_time), c.hold_speed = setting(2);
     c.longitudinal_stiffness_front = setting(of_setting(c.longitudinal_stiffness_front) * row[j].stiffer);
     c.longitudinal_stiffness_rear = setting(of_setting(c.longitudinal_stiffness_rear) * row[j].stiffer);

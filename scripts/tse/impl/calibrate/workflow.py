@@ -62,7 +62,7 @@ def on_known(road: Road | None, logs: Sequence[Log], vehicle: Vehicle) -> list[L
     """Return logs with the bank and grade of a road. UserError: one is on another."""
     if road is None:
         return list(logs)
-    config = Config(vehicle.values)
+    config = Config.exact(vehicle.values)
     return [on_road(log, road, config)[0] for log in logs]
 
 
@@ -83,7 +83,7 @@ def _problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str],
     """Return what is fitted."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
-    config = Config(vehicle.values)
+    config = Config.exact(vehicle.values)
     vehicle.values = stated
     if SHAPE not in stated:
         setattr(config, SHAPE, ordinary_car(config)[SHAPE])

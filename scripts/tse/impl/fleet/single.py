@@ -95,7 +95,7 @@ def assemble(
             raise UserError(f"{road.path}: only the default filter uses a road, not form {form}")
         from tse.impl.road_match import on_road  # scipy: for those who have a road
 
-        log, profile = on_road(log, road, Config(vehicle.values))
+        log, profile = on_road(log, road, Config.exact(vehicle.values))
     lively = liveliest(log, MOST_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving

@@ -150,7 +150,7 @@ class Problem:
     def model(self, values: Mapping[Key, float]) -> Config:
         """Settings of the effects."""
         values = of_the_car(self.fixed | dict(values))
-        return Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
+        return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
 
     def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
         """Over the vehicle file's."""

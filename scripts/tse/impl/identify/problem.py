@@ -230,7 +230,7 @@ class Problem:
         at = dict(zip(self.prior.names, map(float, self.to_ln(x)[: self.car]), strict=True))
         values = self.nominal | {k: v for k, v in at.items() if k in self.nominal}
         stiffness = {s: float(np.exp(at.get(s, 0.0))) for s in NOMINAL}
-        config = Config(values)
+        config = Config.exact(values)
         return config, lateness(values | at), stiffness
 
     def simulate(self, i: int, x: np.ndarray, z: np.ndarray) -> dict[str, np.ndarray]:

@@ -78,7 +78,7 @@ def toml(
     formula
         File of the formula beside it.
     """
-    config, fields, late = Config(values), Config().fields, latency_settings()
+    config, fields, late = Config.exact(values), Config().fields, latency_settings()
 
     def rows(names: Mapping[str, str]) -> list[str]:
         return [f"{key} = {float(values[k])!r}  # {fields[k].unit}{bands.get(k, '')}" for key, k in names.items()]

@@ -120,7 +120,7 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
         path = given.path if isinstance(given, Log) else given
         try:
             log = given if isinstance(given, Log) else read_log(given, reading=reading)
-            against = check_car(liveliest(log, MOST_ROWS), car, Config(car.values))
+            against = check_car(liveliest(log, MOST_ROWS), car, Config.exact(car.values))
             if surely := sure(against):
                 raise UserError(f"{path}: nothing is learnt from it: {'; '.join(surely)}")
             notes += [f"{path}: {text}" for text in against]

@@ -92,7 +92,7 @@ class Plan:
 def plan(separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None) -> Plan:
     """Every manoeuvre of the library for two effects, "A,B"."""
     first, second = pair(separate)
-    config = Config(read_vehicle(vehicle_path).values)
+    config = Config.exact(read_vehicle(vehicle_path).values)
     candidates = library(config)
 
     def one(candidate: Candidate) -> Option:

@@ -147,7 +147,7 @@ def read(
         raise UserError("no logs to fit: at least one is needed")
     logs = read_agreeing(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
     fill_sensors(vehicle, logs[0])
-    return logs, Config(vehicle.values)
+    return logs, Config.exact(vehicle.values)
 
 
 def run(
