@@ -28,7 +28,7 @@ CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
     "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR),
     "degrees": (lambda log, _: log.assign(steer_angle=57.3 * 15 * log["steer_angle"]), ESTIMATE, ERROR),
     "cell": (lambda log, _: log.assign(accel_y=log["accel_y"].astype(object).where(log.index != 9, "n.b.")), ESTIMATE, ""),
-    "clock": (lambda log, _: pd.concat([log.iloc[:300], log.iloc[200:]]), ESTIMATE, "note: time"),
+    "clock": (lambda log, _: pd.concat([log.iloc[:300], log.iloc[200:]]), f"{ESTIMATE} --verbose", "note: time"),
     "format": (lambda _, folder: (folder / "log.mf4").write_bytes(b"hello\n"), ESTIMATE.replace("csv", "mf4"), ERROR),
     "range": (car("mass = 1900.0", "mass = 1900000.0"), ESTIMATE, ERROR),
     "key": (car("mass = 1900.0", "masse = 1900.0"), ESTIMATE, ERROR),
