@@ -120,7 +120,7 @@ def test_an_effect_is_a_row_and_its_function_word_for_word_as_contributing_says(
 def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
     edit(copy / "src" / "tables" / "constants.toml", '["process noise"]\n',
          '["process noise"]\nNEWS = { value = 0.25, unit = "1", why = "a share", test = "-" }\n')  # fmt: skip
-    edit(copy / "src" / "filter" / "output.c", "out->nis = ", "out->n_eff = NEWS;\n  out->nis = ")
+    edit(copy / "src" / "filter" / "output.c", "out->log_evidence = ", "out->n_eff = NEWS;\n  out->log_evidence = ")
     assert written(copy) == ["src/tables/constants.h"]
     subprocess.run(["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
                    cwd=copy, check=True)  # fmt: skip
@@ -129,8 +129,8 @@ def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
 def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     table = copy / "src" / "tables" / "output.toml"
     edit(table, "[column]\n", '[column]\nspeed_of_news = { unit = "m/s", text = "twice vel_x" }\n')
-    edit(table, "nis = { unit", 'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nnis = { unit')
-    edit(copy / "src" / "filter" / "output.c", "out->nis = ", "out->speed_of_news = out->vel_x + out->vel_x;\n  out->nis = ")
+    edit(table, "fault_factor = { unit", 'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nfault_factor = { unit')
+    edit(copy / "src" / "filter" / "output.c", "out->log_evidence = ", "out->speed_of_news = out->vel_x + out->vel_x;\n  out->log_evidence = ")
     assert "include/tse/output.h" in written(copy)
     unit, x, half = said(copy, ROW)
     assert unit == "m/s" and float(x) == 2 * float(half) > 0

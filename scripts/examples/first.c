@@ -10,7 +10,7 @@ int main(void) /* stdin: a log, a row each 10 ms, SI units, ISO 8855 */
   tse_setting k[3], sd[3];
   double time;
   int cells, row = 2; /* the first is the header */
-  tse_config_default(&c); /* ordinary: 132 +- 25 kN/rad. Python calibrates it on the log: 113 +- 14; true: 120 */
+  tse_config_default(&c); /* ordinary: 132 +- 25 kN/rad. Python calibrates it on the log: 114 +- 14; true: 120 */
   c.mass = 1900, c.lf = 1.25, c.lr = 1.5, c.wheel_radius_front = c.wheel_radius_rear = 0.33;
   tse_input_default(&u);
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || scanf("%*[^\n]") < 0) return 1; /* header */

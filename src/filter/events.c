@@ -494,8 +494,8 @@ static int likeliest_of_kind(const tse_kalman *k, int32_t which, tse_real *weigh
   return best;
 }
 
-/* Mix in event n, which has happened, and with their weights the other changes of tyres that the
- * samples do not exclude: an axle that has changed may have been the road. */
+/* Mix in event n, which has happened, and with their weights the other changes of tyres that are not
+ * excluded with BELIEVED: an axle that has changed may have been the road. */
 static void mix_in_believed(const tse_params *p, tse_kalman *k, int n)
 {
   static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE, HAS_SLIP ? EVENT_REAR : EVENT_NONE };
@@ -510,7 +510,7 @@ static void mix_in_believed(const tse_params *p, tse_kalman *k, int n)
   }
   for (int i = 0; known && i < 3; i++) {
     const tse_real share = r_div(weight[i], sum);
-    if (tyres[i] == which || at[i] < 0 || share < LEAST_WEIGHT) continue;
+    if (tyres[i] == which || at[i] < 0 || share < TSE_R(1) - BELIEVED) continue;
     mix_in(p, k, at[i], share);
     rest -= share;
   }

@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 import tables
 from tests.cars import SCENARIOS, make_cars, make_logs
+from tests.cars.road import LASTS
 from tests.cars.study import PRIOR, RESULTS, driven, estimated
 from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, Library
 from tse.impl.rows import Log
@@ -57,6 +58,18 @@ def shown_after(log: Log, config: Config, stiffness: dict[str, float], moved: di
     return float(min(rest.time[sure[0]] - rest.time[0], AFTER)) if len(sure) else AFTER
 
 
+def without_slip(about: dict[str, Any], road: str, key: str, of: np.ndarray, before: float) -> np.ndarray:
+    """Return the true stiffness at no slip, a value per row: that of the dry road times what the event leaves of it. Along the car
+    that of the dry road is what the filter has found, `before`: rolling radii and pitch make it another than the tyres'."""
+    event, linear = about["logs"][road]["event"], about["linear_stiffness"]
+    axle = {"cy_front": [0], "cy_rear": [1]}.get(key, {"front": [0], "rear": [1]}.get(about["driven_axle"], [0, 1]))
+    left = float(np.mean(np.array(event["along" if key == "cx_front" else "across"])[axle]))
+    since = of - event["time"]
+    there = (since > 0) & (since <= LASTS.get(about["logs"][road]["scenario"], np.inf))
+    share = np.clip(since / event["takes"], 0.0, 1.0) if event["takes"] else there.astype(float)
+    return (before if key == "cx_front" else linear.get(f"{key}_effective", linear[key])) * (1 + (left - 1) * share)
+
+
 def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> list[dict[str, Any]]:
     """A car on a road with an event; `lib`: another build of the filter."""
     folder, road, scenario, car, began = job
@@ -65,6 +78,7 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
     time = log.time - log.time[0]
     of = time - out["estimate_age"]  # the time of which the estimates are
     told = (out["p_changed"] + out["p_axle"] + out["p_sliding"]) > 0.5
+    about = json.loads((folder / f"{scenario}_{road}" / f"car{car}" / "truth.json").read_text(encoding="utf-8"))
     rows = []
     before, after = (of > began - AFTER / 2) & (of <= began), (of > began) & (of <= began + AFTER)
     true_of = {key: np.interp(of, time, truth[key]) for key in STIFFNESS}
@@ -76,7 +90,10 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
         error = out[f"{key}_secant"] * getattr(config, NOMINAL[key]) / true - 1
         valid, known = out[f"{key}_valid"] == 0, np.isfinite(true)
         wrong = known & valid & (np.abs(error) > OFF)
+        value = out[key] * getattr(config, NOMINAL[key])
+        at_no_slip = value / without_slip(about, road, key, of, float(np.median(value[before]))) - 1
         rows.append({"scenario": scenario, "road": road, "car": car, "stiffness": key, "wrong": ROW * float(wrong[after].sum()),
+                     "no slip": ROW * float((valid & (np.abs(at_no_slip) > OFF))[after].sum()),
                      "valid before": share(valid, before & known), "valid after": share(valid, after & known),
                      "told": float(told[after & (of < began + 5)].any()),
                      "moved": moved[key], "shown": shown})  # fmt: skip
@@ -109,7 +126,8 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
 def table(found: pd.DataFrame) -> list[str]:
     """A line per scenario."""
     wrong = "valid and 20 % off, of the next 60 s: median, 90 %, most [s]"
-    heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong, "reported within 5 s [%]",
+    heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong,
+             "the same at no slip", "reported within 5 s [%]",
              "shows after: median, 90 % [s]")  # fmt: skip
     rows = []
     for scenario, group in found.groupby("scenario", sort=False):
@@ -118,11 +136,14 @@ def table(found: pd.DataFrame) -> list[str]:
         def three(what: str, scale: float = 100.0, by: list[pd.DataFrame] = by) -> str:
             return " / ".join(f"{scale * float(g[what].mean()):.0f}" for g in by)
 
-        seconds = "; ".join(" / ".join(f"{float(g['wrong'].quantile(q)):.1f}" for g in by) for q in (0.5, 0.9, 1.0))
+        def seconds(what: str, by: list[pd.DataFrame] = by) -> str:
+            return "; ".join(" / ".join(f"{float(g[what].quantile(q)):.1f}" for g in by) for q in (0.5, 0.9, 1.0))
+
         moved = " / ".join(f"{float(g['moved'].median()):.2f}" for g in by)
         told = f"{100 * float(by[0]['told'].mean()):.0f}"
         shown = ", ".join(f"{float(by[0]['shown'].quantile(q)):.1f}" for q in (0.5, 0.9))
-        rows.append([scenario, f"{len(by[0])}", moved, three("valid before"), three("valid after"), seconds, told, shown])
+        valid = (three("valid before"), three("valid after"))
+        rows.append([scenario, f"{len(by[0])}", moved, *valid, seconds("wrong"), seconds("no slip"), told, shown])
     return markdown_table(heads, rows)
 
 
@@ -143,7 +164,8 @@ def main(arguments: list[str]) -> int:
 `python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after
 `python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`: {cars} cars with 14 degrees of freedom on
 {" and ".join(ON)}, the event at a third of each drive or as soon as the car is calm. Front longitudinal / front cornering / rear
-cornering. *reported*: a change or sliding has more than half of the probability. *Shows after*: the same filter, started at the
+cornering, as secants at the slip of each row, and at no slip.
+*reported*: a change or sliding has more than half of the probability. *Shows after*: the same filter, started at the
 change with an sd of {CHANGE_SD:g} of each stiffness, knows one so well that by the true change, median of the minute, it is
 not that of before, with 95 %; {AFTER:g} s: it never does.
 

@@ -30,6 +30,8 @@ SCENARIOS = {
     "pressure": "one tyre loses pressure over 1 .. 3 min: stiffness across 0.6 .. 0.8, along 1.0 .. 1.1, radius -0.5 .. -1 %",
 }  # fmt: skip
 
+LASTS = {"aquaplaning": 3.0}  # s; all others stay
+
 
 @dataclass
 class Road:
@@ -248,7 +250,7 @@ class Surface:
         # factors of friction, stiffness along and across, radius: at the end
         self.end = np.ones((4, 2, 2, n))
         self.takes = np.zeros(n)  # s, of a slow change; 0: at a place of the road
-        self.lasts = 3.0 if scenario == "aquaplaning" else np.inf
+        self.lasts = LASTS.get(scenario, np.inf)
         for i, rng in enumerate(streams):
             self._draw(i, rng, duration, event_time)
         self.now = np.ones((4, 2, 2, n))

@@ -27,7 +27,7 @@ int main(void)
   tse_config c;
   const char *wrong = "";
   tse_config_default(&c);
-  c.mass = 1900;
+  c.mass = TSE_S(1900);
   printf("start %d\n", (int)loop_start(&loop, &c, &wrong));
   for (int k = 0; k < 500; k++) {
     send(&loop, CAN_STEERING, k == 200 ? 400000 : k % 100 < 50 ? 1000 : -1000, 0); /* once far out of range: that row is refused */

@@ -407,7 +407,7 @@ def test_every_public_name_says_what_it_is():
         takes = inspect.signature(thing).parameters
         for section in [*(["Parameters"] if takes else []), *(["Returns"] if name != "Filter" else [])]:
             assert f"\n{section}\n{'-' * len(section)}\n" in text, f"{name}: {section}"
-        said = re.findall(r"^[\w, ]+$", text.partition("Parameters\n----------\n")[2], re.M)
+        said = re.findall(r"^\*{0,2}([\w, ]+)$", text.partition("Parameters\n----------\n")[2], re.M)
         assert set(takes) <= {p for line in said for p in line.split(", ")}, name
     for array in ("stiffness", "valid", "reason", "time", "status"):
         assert re.match(r"\(n(, 3)?,?\)", getattr(tse.Result, array).__doc__), array

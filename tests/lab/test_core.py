@@ -149,9 +149,9 @@ class Run:
         """After 20 s, percent."""
         return [100 * float(np.sqrt((self.error[key][self.late] ** 2).mean())) for key in STIFFNESS]
 
-    def settled(self) -> list[float]:
+    def settled(self, limit: float = LIMIT) -> list[float]:
         """Seconds after the change until the estimate stays right."""
-        last = [self.est["time"][(self.error[key].abs() > LIMIT) & self.late].max() for key in STIFFNESS]
+        last = [self.est["time"][(self.error[key].abs() > limit) & self.late].max() for key in STIFFNESS]
         return [0.0 if np.isnan(t) else t - CHANGE for t in last]
 
     def wrong_yet_valid(self) -> float:
@@ -162,11 +162,12 @@ class Run:
 
 def test_the_default_follows_a_change_of_road_within_seconds(folder):
     default, robust = Run(folder, "road"), Run(folder, "road", "--form", "robust")
-    # torque steps, which show the longitudinal stiffness, come every 2.5 s, those of the steering every 2 s
-    assert default.settled()[0] <= 3.0 and max(default.settled()[1:]) <= 2.5
-    assert max(robust.settled()[1:]) <= 7.0 and default.settled()[0] < robust.settled()[0] <= 15.0
+    # steps of the steering come every 2 s. Along the car the change has the size of that across, at once, on top of what the estimate
+    # was off by before: 8 % here
+    assert default.settled(0.15)[0] <= 0.5 and max(default.settled()[1:]) <= 2.5
+    assert max(robust.settled()[1:]) <= 7.0 and default.settled(0.15)[0] < robust.settled()[0] <= 15.0
     assert default.wrong_yet_valid() < 0.015  # until it is noticed: here at a flip of the steering
-    assert max(default.rms()) < 10
+    assert max(default.rms()) < 12
 
 
 def test_the_default_finds_noise_that_it_is_told_a_third_of(folder):

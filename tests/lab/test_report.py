@@ -220,7 +220,7 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
     table = pd.concat([table.drop(columns=[c for c in table if c in told]), told], axis=1)
     table.loc[table.index[-20:], ["cy_front", "cy_front_sd"]] = [100e3, 30e3]
     sd = {"model_sd": np.full(3, 0.009)}
-    write_report(tmp_path / "r.html", Estimate(table, False, uncertainty_sd=sd), log, default_vehicle(), Config(), [])
+    write_report(tmp_path / "r.html", Estimate(table, False, uncertainty_sd=sd), log, default_vehicle(), Config.exact(), [])
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     card = page.split("<h3>Front cornering stiffness</h3>")[1].split("</p>")[0]
     assert re.search(r"120 <small>± \d kN/rad", card) and "; at the end 100 ± 59" in card and "smoothed" not in card

@@ -338,7 +338,7 @@ def test_a_change_began_where_the_estimates_began_to_move(keys):
     found = changes(table)
     assert [c.time for c in found] == [pytest.approx(33.0, abs=0.5)] and found[0].believed == pytest.approx(36.03)
     assert all(ratio == pytest.approx(0.7, abs=0.02) for ratio, _ in found[0].ratio.values())  # over that of before it began
-    one, two = findings(table, Config(), found)
+    one, two = findings(table, Config.exact(), found)
     assert one.stretch.end == two.stretch.start == found[0].time
     assert table["time"].iloc[two.stretch.rows.start] == pytest.approx(36.03)  # until then estimates are of no road
     for v, true in zip((*one.verdicts, *two.verdicts), (160, 120, 140, 112, 84, 98), strict=True):
