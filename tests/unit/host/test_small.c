@@ -101,7 +101,7 @@ static void test_another_road_is_found(void)
 }
 
 /* No event names a channel at fault: what does not fit is not valid. Of the rows from 4 s on few are valid and off by more than a fifth; an
- * offset of accel_y is a bank and another road for some of them. */
+ * offset of accel_y is a bank and another road for some of them, one of the steering angle another road. */
 static void test_a_channel_at_fault_leaves_little_valid_that_is_off(void)
 {
   for (int what = 0; what < 3; what++) {
@@ -118,8 +118,11 @@ static void test_a_channel_at_fault_leaves_little_valid_that_is_off(void)
       for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
         valid += n >= 400 && y.reason[a] == TSE_VALID && fabs(number(y.stiffness[a]) - truth_stiffness(&w, a)) > 0.2;
     }
-    TEST_ASSERT_TRUE_MESSAGE(valid < (what == 0 ? 0.25 : 0.02) * 2 * 1600, what == 0 ? "accel_y" : what == 1 ? "yaw_rate"
-                                                                                                             : "steer_angle");
+    TEST_ASSERT_TRUE_MESSAGE(valid < (what == 0 ? 0.25 : what == 2 ? 0.08
+                                                                   : 0.02) *
+                                         2 * 1600,
+                             what == 0 ? "accel_y" : what == 1 ? "yaw_rate"
+                                                               : "steer_angle");
   }
 }
 
