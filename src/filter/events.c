@@ -196,16 +196,22 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
 /* Return whether an event may name a channel that is frozen: one at a time is named. None that is frozen is used. */
 static int names_frozen(const tse_kalman *k, int32_t which) { return which >= EVENT_SENSOR && k->fault == NO_FAULT; }
 
-/* Return the log2 penalty for a cornering stiffness that an event raises above nominal: nominal is of a road with grip, another road
- * lowers it. */
+/* Return the log2 penalty for a cornering stiffness that an event raises. Nominal is of a road with grip, and another road lowers it:
+ * what is above nominal counts, by the prior. What happens to the tyres of one axle lowers theirs, too, else a softer front axle and a
+ * stiffer rear one, which steer alike, are as likely: all that it raises counts, but for what the last change has taken. */
 static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
+  const int axle = is_of_axle(a->kind);
+  const int changed = HAS_SLIP && k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
   tse_real most = TSE_R(0);
   for (int i = LCF; i <= LCR && is_of_tyres(a->kind); i++) {
     const tse_real share = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
-    if (!(share > TSE_R(0)) || !(k->x[i] + share > TSE_R(0))) continue;
-    const tse_real at = k->x[i] + r_div(share, TSE_R(1) + r_mul(TSE_R(0.5), share)); /* log(1 + share), to second order */
-    if (at > TSE_R(0)) most = r_max(most, r_div(r_sqr(at), r_sqr(p->prior_sd[i]) + r_sqr(USUAL_MODEL_SD)));
+    const tse_real fallen = changed ? r_min(k->x[i] - k->change_from[i - LCX], TSE_R(0)) : TSE_R(0);
+    const tse_real from = axle ? fallen : k->x[i];
+    if (!(share > TSE_R(0)) || !(from + share > TSE_R(0))) continue;
+    const tse_real at = from + r_div(share, TSE_R(1) + r_mul(TSE_R(0.5), share)); /* log(1 + share), to second order */
+    const tse_real var = axle ? r_sqr(MODEL_FLOOR) : r_sqr(p->prior_sd[i]) + r_sqr(USUAL_MODEL_SD);
+    if (at > TSE_R(0)) most = r_max(most, r_div(r_sqr(at), var));
   }
   return r_mul(HALF_LOG2_OF_E, most);
 }
@@ -373,9 +379,8 @@ static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_r
   const tse_real moved = is_of_tyres(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle]) : TSE_R(0);
   for (int i = 0; i < 3; i++) {
     const int32_t at = what->own[i].state;
-    const int along = HAS_SLIP && at == LCX;
-    if (at < 0 || (along && !is_along(p, which))) continue;
-    const tse_real var = r_sqr(what->own[i].sd) + (along ? TSE_R(0) : r_sqr(moved));
+    if (at < 0 || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
+    const tse_real var = r_sqr(what->own[i].sd) + r_sqr(moved);
     ud_add_at(&k->ud, at, r_div(r_mul(weight, var), r_sqr(state_unit[at])));
   }
 }

@@ -390,7 +390,7 @@ static void test_another_road_gives_no_more_grip_than_there_is(void)
   const double at[4] = { 0, 0, -2, 0.1 }, score[4] = { -12, 12, 12, 12 }, info = 20, unit = number(state_unit[LCR]);
   double stated[4];
   for (int n = 0; n < 4; n++) {
-    start(&t, EVENT_REAR, 0, 0, &seed);
+    start(&t, EVENT_ROAD, 0, 0, &seed);
     t.p.prior_sd[LCR] = real(0.2), t.k.x[LCR] = real(at[n]), t.k.event[t.n].v[LCR] = short_of(0.4 / unit);
     t.k.event[t.n].score = real(score[n]), t.k.event[t.n].info = real(info);
     stated[n] = log(odds(&t));
@@ -424,7 +424,8 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
    * were opened */
   const double one = number(RATE_ROAD) * number(OPEN_TIME), over = one * exp(0.5 * 12.3 * 12.3 / 7) / sqrt(7), other = number(RATE_FAULT) * number(OPEN_TIME);
   const double axle = number(RATE_ROAD) * number(OPEN_TIME);
-  const double w = pow(over / (1 + over + one + 2 * axle + 3 * other), 2), opened = w * pow(2 * number(USUAL_MODEL_SD), 2);
+  const double w = pow(over / (1 + over + one + 2 * axle + 3 * other), 2), moved = number(OWN_SHARE) * log(1 - w * 12.3 / 7 * number(CHANGE_SD));
+  const double opened = w * (pow(2 * number(USUAL_MODEL_SD), 2) + moved * moved);
   TEST_ASSERT_TRUE(w > 0.05 && w < 0.8);
   expect_near(opened, (number(ud_variance(&k.ud, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
   expect_near(opened, number(k.along.var) - before_all, BY_NUMBER(1e-6, 1e-4, 1e-4), "found before", 0);
@@ -448,7 +449,7 @@ static void test_a_road_that_is_believed_begins_the_slip_stiffness_anew(void)
     expect_near(0, number(t.k.slow[ACCEL_X]), 0, "explained", n);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, t.k.change_kind);
     const double lacks = pow(number(USUAL_MODEL_SD), 2), share = before * before / (before * before + lacks * (before - own));
-    const double opened = pow(2 * number(USUAL_MODEL_SD), 2);
+    const double opened = pow(2 * number(USUAL_MODEL_SD), 2) + pow(number(OWN_SHARE) * (number(t.k.x[LCF]) - was), 2);
     TEST_ASSERT_TRUE(number(t.k.x[LCF]) < was - 0.1);
     expect_near(before - share * (before - own) + opened, number(t.k.along.var), BY_NUMBER(1e-9, 1e-5, 1e-5), "variance", n);
     expect_near(number(t.k.x[LCX]), number(t.k.along.mean), 0, "mean", n);
@@ -688,6 +689,23 @@ static void test_an_axle_that_has_changed_may_have_been_the_road(void)
     expect_near(log(left), number(t.k.x[LCF]), BY_NUMBER(1e-6, 1e-4, 1e-3), "front axle", n);
     expect_near(before + common + own, dense_of(&t.k.ud).p[LCF][LCF] * unit * unit, BY_NUMBER(1e-5, 1e-4, 1e-3), "its variance", n);
     for (int g = 0; g < TSE_GROUPS; g++) expect_near(1, number(t.k.none[g]), 0, "nothing waits", g);
+  }
+}
+
+/* A softer front axle and a stiffer rear one steer alike. Tyres of one axle that change lose stiffness: what raises it is believed no
+ * more than the model allows, and what lowers it as much is. */
+static void test_an_axle_that_changes_gets_softer(void)
+{
+  for (int stiffer = 0; stiffer < 2; stiffer++) {
+    static trio t;
+    uint32_t seed = 14;
+    start(&t, EVENT_NONE, 0, 0, &seed);
+    for (int i = LCX; i <= LMU; i++) t.p.prior_sd[i] = TSE_R(1);
+    t.k.event[6].kind = EVENT_REAR, t.k.event[6].score = real(stiffer ? 13 : -13), t.k.event[6].info = TSE_R(5);
+    t.k.event[6].v[LCR] = short_of(0.3 / number(state_unit[LCR])), t.k.event[6].age = SETTLE_TIME;
+    events_decide(&t.p, &t.k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(stiffer ? TSE_CHANGE_NONE : TSE_CHANGE_REAR, t.k.change_kind);
+    expect_near(stiffer ? 1 : 0, stiffer ? number(t.k.none[0]) : 0, 1e-6, "none", stiffer);
   }
 }
 
