@@ -130,7 +130,11 @@ def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     table = copy / "src" / "tables" / "output.toml"
     edit(table, "[column]\n", '[column]\nspeed_of_news = { unit = "m/s", text = "twice vel_x" }\n')
     edit(table, "fault_factor = { unit", 'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nfault_factor = { unit')
-    edit(copy / "src" / "filter" / "output.c", "out->log_evidence = ", "out->speed_of_news = out->vel_x + out->vel_x;\n  out->log_evidence = ")
+    edit(
+        copy / "src" / "filter" / "output.c",
+        "out->log_evidence = ",
+        "out->speed_of_news = out->vel_x + out->vel_x;\n  out->log_evidence = ",
+    )
     assert "include/tse/output.h" in written(copy)
     unit, x, half = said(copy, ROW)
     assert unit == "m/s" and float(x) == 2 * float(half) > 0

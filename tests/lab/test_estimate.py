@@ -501,7 +501,10 @@ def test_a_bias_is_known_at_once_in_the_next_drive(first, tmp_path):
         (("--load-learnt", "default.tse", "--age", "nan"), "option --age: nan is outside its range"),
         (("--save-learnt", "second.csv"), "--save-learnt is the same file as the log"),
         (("--save-learnt", "car.toml"), "--save-learnt is the same file as --vehicle"),
-        (("--load-learnt", "default.tse", "--out", "default.tse"), "is written as .csv or .parquet or .pq, by its name, not as .tse"),
+        (
+            ("--load-learnt", "default.tse", "--out", "default.tse"),
+            "is written as .csv or .parquet or .pq, by its name, not as .tse",
+        ),
         (("--save-learnt", "no/such/place.tse"), "does not exist"),
     ],
 )
