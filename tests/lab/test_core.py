@@ -162,8 +162,8 @@ class Run:
 
 def test_the_default_follows_a_change_of_road_within_seconds(folder):
     default, robust = Run(folder, "road"), Run(folder, "road", "--form", "robust")
-    # steps of the steering come every 2 s. Along the car the change has the size of that across, at once, on top of what the estimate
-    # was off by before: 8 % here
+    # steps of the steering come every 2 s. Along the car the change has the size of that across, at once, on top of
+    # what the estimate was off by before: 8 % here
     assert default.settled(0.15)[0] <= 0.5 and max(default.settled()[1:]) <= 2.5
     assert max(robust.settled()[1:]) <= 7.0 and default.settled(0.15)[0] < robust.settled()[0] <= 15.0
     assert default.wrong_yet_valid() < 0.015  # until it is noticed: here at a flip of the steering
