@@ -26,7 +26,7 @@ enum { LATERAL,
 
 /* A kind of event. */
 typedef struct kind {
-  opens common[4], own[3]; /* what one amplitude moves; what is uncertain beside it once it is believed */
+  opens common[4], own[4]; /* what one amplitude moves; what is uncertain beside it once it is believed */
   tse_real every;          /* [s] between openings */
   int32_t slots;           /* events that are open at a time */
   tse_real rate;           /* [1/s] how often it happens */
@@ -34,31 +34,40 @@ typedef struct kind {
   int32_t group, regime;
 } kind;
 
-/* One row a kind, in the order of EVENT_NONE ... (filter.h). Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()),
- * a faulty channel is what its measurements say (events_learn()).
- * Along the road tyres change as across, by as much more or less as the model lacks before and after. */
+/* One row a kind, in the order of EVENT_NONE ... (filter.h): common, own, every, slots, rate, least,
+ * group, regime. Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()), a faulty
+ * channel is what its measurements say (events_learn()). Along the road tyres change as across, by as
+ * much more or less as the model lacks before and after. */
+/* clang-format off */
 #define NO { -1, TSE_R(0) }
 #define NONE { NO, NO, NO, NO }
-#define NONE_OWN { NO, NO, NO }
+#define ONE(state, sd) { { state, sd }, NO, NO, NO }
 #define ALONG { HAS_SLIP ? LCX : -1, CHANGE_SD }
 #define ALONG_OWN { HAS_SLIP ? LCX : -1, USUAL_MODEL_SD + USUAL_MODEL_SD }
-#define SENSOR(group) { NONE, NONE_OWN, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
+#define ROAD { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD }, ALONG }
+#define ROAD_OWN { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, ALONG_OWN, NO }
+#define AXLE_DIFF { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO, NO }
+#define AXLE(state) { { state, CHANGE_SD }, ALONG, NO, NO }, { { state, MODEL_FLOOR }, ALONG_OWN, NO, NO }
+#define SLIDES(state) ONE(state, SLIP_OPENS), ONE(state, SLIP_OPENS)
+#define TYRES RATE_ROAD, CHANGE_SD, LATERAL
+#define SENSOR(group) { NONE, NONE, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
 static const kind *kind_of(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    { NONE, NONE_OWN, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
+    { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
     /* another road, and by how much it is not the same for both axles; back on the one before */
-    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD }, ALONG }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, ALONG_OWN }, OPEN_TIME, ROADS, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
-    { { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO, NO }, NONE_OWN, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
+    { ROAD, ROAD_OWN, OPEN_TIME, ROADS, TYRES, TSE_REGIME_CHANGED },
+    { AXLE_DIFF, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
 #if !defined(TSE_SMALL)
-    { NONE, NONE_OWN, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_CHANGED },
+    { NONE, NONE, OPEN_TIME, 1, TYRES, TSE_REGIME_CHANGED },
     /* tyres of the front axle, of the rear axle; wheels of it that slide */
-    { { { LCF, CHANGE_SD }, ALONG, NO, NO }, { { LCF, MODEL_FLOOR }, ALONG_OWN, NO }, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
-    { { { LCR, CHANGE_SD }, ALONG, NO, NO }, { { LCR, MODEL_FLOOR }, ALONG_OWN, NO }, OPEN_TIME, 1, RATE_ROAD, CHANGE_SD, LATERAL, TSE_REGIME_AXLE },
-    { { { SF, SLIP_OPENS }, NO, NO, NO }, { { SF, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
-    { { { SR, SLIP_OPENS }, NO, NO, NO }, { { SR, SLIP_OPENS }, NO, NO }, OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
+    { AXLE(LCF), OPEN_TIME, 1, TYRES, TSE_REGIME_AXLE },
+    { AXLE(LCR), OPEN_TIME, 1, TYRES, TSE_REGIME_AXLE },
+    { SLIDES(SF), OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
+    { SLIDES(SR), OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
     /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
-    { { { STEER_OFFSET, STEER_OPENS }, NO, NO, NO }, { { STEER_OFFSET, STEER_OWN }, NO, NO }, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, LATERAL, TSE_REGIME_FAULT },
+    { ONE(STEER_OFFSET, STEER_OPENS), ONE(STEER_OFFSET, STEER_OWN), OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE,
+      LATERAL, TSE_REGIME_FAULT },
     SENSOR(LONGITUDINAL),
     SENSOR(LATERAL),
     SENSOR(LATERAL),
@@ -68,6 +77,7 @@ static const kind *kind_of(int32_t which)
   };
   return &kinds[which];
 }
+/* clang-format on */
 
 int32_t event_regime(int32_t which) { return kind_of(which)->regime; }
 
@@ -95,8 +105,7 @@ static int is_along(const tse_params *p, int32_t which)
 static int speaks_of(int32_t which, int channel, int32_t along)
 {
   const int32_t of = group_of_channel(channel);
-  if (which == EVENT_ROAD_RETURN || of == group_of(which)) return 1;
-  return is_of_tyres(which) && of == LONGITUDINAL && channel >= 0 && along;
+  return which == EVENT_ROAD_RETURN || of == group_of(which) || (is_of_tyres(which) && along);
 }
 
 /* Return whether a slot holds an event that may have happened by itself. */
@@ -173,7 +182,8 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
   }
 }
 
-void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd)
+void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e,
+                  tse_real s, tse_real sd)
 {
   const tse_real over = r_div(TSE_R(1), s);
   const int all = STATES + k->ud.extras;
@@ -196,9 +206,10 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
 /* Return whether an event may name a channel that is frozen: one at a time is named. None that is frozen is used. */
 static int names_frozen(const tse_kalman *k, int32_t which) { return which >= EVENT_SENSOR && k->fault == NO_FAULT; }
 
-/* Return the log2 penalty for a cornering stiffness that an event raises. Nominal is of a road with grip, and another road lowers it:
- * what is above nominal counts, by the prior. What happens to the tyres of one axle lowers theirs, too, else a softer front axle and a
- * stiffer rear one, which steer alike, are as likely: all that it raises counts, but for what the last change has taken. */
+/* Return the log2 penalty for a cornering stiffness that an event raises. Nominal is of a road with
+ * grip, and another road lowers it: what is above nominal counts, by the prior. Of one axle all that
+ * is raised counts, but for what the last change has taken: else a stiffer rear axle would be as
+ * likely as a softer front one, which steers alike. */
 static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
   const int axle = is_of_axle(a->kind);
@@ -320,9 +331,10 @@ int may_be_back(const tse_kalman *k)
   return !(k->change_from_var[1] > ud_variance(&k->ud, LCF)) || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
-/* Find a slot for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its slot for
- * ROAD_TIME, since a driver who hardly turns shows little in a second: what is still not believed then is a model that does not fit,
- * or drift. So does the one of an axle while it is likelier than none.
+/* Find a slot for the next event of a kind: a free one, else that of the oldest. Of several the
+ * likeliest keeps its slot for ROAD_TIME, since a driver who hardly turns shows little in a second:
+ * what is still not believed then is a model that does not fit, or drift. That of an axle does, too,
+ * while it is likelier than none.
  *   Given:     first  slot of the kind      due  age of the youngest from which another is opened
  *   Returned:  -1 if none is to be opened now */
 static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
@@ -377,7 +389,7 @@ static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_r
   const kind *const what = kind_of(which);
   const int axle = which == EVENT_REAR;
   const tse_real moved = is_of_tyres(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle]) : TSE_R(0);
-  for (int i = 0; i < 3; i++) {
+  for (int i = 0; i < (int)(sizeof what->own / sizeof what->own[0]); i++) {
     const int32_t at = what->own[i].state;
     if (at < 0 || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
     const tse_real var = r_sqr(what->own[i].sd) + r_sqr(moved);
@@ -413,8 +425,8 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
   widen(p, k, which, was, weight);
 }
 
-/* Give event n up. What was found of the slip stiffness before is as much less known, and not another: how far it has moved with
- * cornering is for an event that is believed. */
+/* Give event n up. The slip stiffness is as much less known, and stays: it moves with cornering where
+ * an event is believed. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
@@ -472,7 +484,8 @@ static void close_events(tse_kalman *k, int group)
   k->none[group] = TSE_R(1);
 }
 
-/* Find what the slip stiffness itself is on another road, or of other tyres: where LCX is, what the model lacks there is not known; and as much less sure.
+/* Find what the slip stiffness itself is on another road, or of other tyres: where LCX is, what the
+ * model lacks there is not known; and as much less sure.
  * Tyres that are back are as they were.
  *   Given: own  variance of LCX before [unit2] */
 static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real own)

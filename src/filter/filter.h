@@ -131,7 +131,7 @@ int works(const tse_kalman *k, int channel);
 
 /* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
 typedef struct scalar {
-  int32_t along; /* 1: it shows how the car slips along the road, since an axle rolls freely */
+  int32_t along; /* of a sensor, 1: it shows how the tyres grip along the road, since the car drives */
   tse_real h[TSE_ALL], consider[TSE_CONSIDERED], e, r, white, dt;
 } scalar;
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
@@ -170,7 +170,8 @@ enum { NO_SENSOR_LONGITUDINAL = -1,
 void sensitivities_clear(tse_kalman *k, int count);
 void sensitivities_fade(tse_kalman *k, int i, tse_real left);
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
-void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd);
+void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e,
+                  tse_real s, tse_real sd);
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 /* What the samples say of an event. A second amplitude is integrated out: of the first times v - part times its own v, and beside it. */
 typedef struct event_says {

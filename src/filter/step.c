@@ -74,7 +74,8 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
  *                     Updated: f->way */
 static row_class classify(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
-  const int reverse = rolls_backwards(p, f, z, speed) || r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR)) < -p->hold_speed;
+  const tse_real least = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR));
+  const int reverse = rolls_backwards(p, f, z, speed) || least < -p->hold_speed;
   row_class w;
   w.gap = gap;
   w.sparse = f->gaps > r_mul(MOST_GAPS, r_min(f->k.seen + TSE_R(1), USUAL_TIME));

@@ -81,7 +81,7 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   }
   const tse_real s_event = *state + m->white + r_mul(EVENT_SHARE, m->r - m->white), usual = channel >= 0 ? usual_of(k, channel, m->e, s_event, m->dt) : TSE_R(1);
   const r_scaled scaled = r_scaled_of(gain, n, room);
-  events_learn(k, channel, m->along, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
+  events_learn(k, channel, channel >= 0 && m->along, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
   for (int i = 0; i < n; i++) change[i] += r_mul(gain[i], m->e);
   for (int q = 0; q < TSE_CONSIDERED; q++)
     if (y[q] != TSE_R(0)) r_add_row(k->consider[q], scaled.m, r_factor(-y[q], scaled.up), n);
@@ -138,14 +138,16 @@ static int brakes(const tse_params *p, const tse_kalman *k, const forces *f)
   return f->x + (r_sqr(e) > likely && works(k, ACCEL_X) ? e : TSE_R(0)) + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
 }
 
-/* Return the freely rolling axle: the one that brake switch and wheel torques name, else the undriven one while the car does not brake. */
+/* Return the freely rolling axle: the one that brake switch and wheel torques name, else the undriven
+ * one while the car does not brake. */
 static int32_t rolling_axle(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   if (z->rolls != ROLLS_UNKNOWN) return z->rolls;
   return brakes(p, k, f) ? ROLLS_NONE : not_driven(&p->car);
 }
 
-/* Return whether the car drives, as far as is known: while it brakes no axle rolls, and slip is what accel_x adds up to. */
+/* Return whether the car drives, as far as is known: while it brakes no axle rolls freely, and slip is
+ * what accel_x adds up to. */
 static int32_t drives(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   return z->rolls >= ROLLS_FRONT || (z->rolls == ROLLS_UNKNOWN && !brakes(p, k, f));
@@ -159,7 +161,6 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, co
   scalar m;
   tse_real state;
   if (axle < ROLLS_FRONT) return;
-  m.along = 0;
   const int at = axle == ROLLS_REAR ? SR : SF;
   for (int i = 0; i < TSE_ALL; i++) m.h[i] = TSE_R(0);
   for (int q = 0; q < TSE_CONSIDERED; q++) m.consider[q] = TSE_R(0);
@@ -231,7 +232,6 @@ static int is_measured(const tse_params *p, const decoded *z, int channel)
 /* Make the measurement of a channel about the state that those before it have left.   Given: sin_d  of the front wheels */
 static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s, tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)
 {
-  m->along = 0;
   m->dt = z->dt;
   for (int i = STATES; i < TSE_ALL; i++) m->h[i] = TSE_R(0);
   m->e = z->z[channel] - s->read[channel];

@@ -167,7 +167,7 @@ def test_the_default_follows_a_change_of_road_within_seconds(folder):
     assert default.settled(0.15)[0] <= 0.5 and max(default.settled()[1:]) <= 2.5
     assert max(robust.settled()[1:]) <= 7.0 and default.settled(0.15)[0] < robust.settled()[0] <= 15.0
     assert default.wrong_yet_valid() < 0.015  # until it is noticed: here at a flip of the steering
-    assert max(default.rms()) < 12
+    assert max(default.rms()) < 10
 
 
 def test_the_default_finds_noise_that_it_is_told_a_third_of(folder):

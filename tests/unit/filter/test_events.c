@@ -705,7 +705,7 @@ static void test_an_axle_that_changes_gets_softer(void)
     t.k.event[6].v[LCR] = short_of(0.3 / number(state_unit[LCR])), t.k.event[6].age = SETTLE_TIME;
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(stiffer ? TSE_CHANGE_NONE : TSE_CHANGE_REAR, t.k.change_kind);
-    expect_near(stiffer ? 1 : 0, stiffer ? number(t.k.none[0]) : 0, 1e-6, "none", stiffer);
+    if (stiffer) TEST_ASSERT_TRUE(number(t.k.none[0]) > number(BELIEVED));
   }
 }
 
