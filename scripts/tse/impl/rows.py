@@ -103,6 +103,19 @@ class Slower:
     rows: float
 
 
+def give_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
+    """Fill the optional channels of rows for the library, where they have a value; a course within -pi .. pi rad."""
+    for bit, f in enumerate(library().optional):
+        if f.name not in columns:
+            continue
+        value = columns[f.name]
+        if f.name == "gnss_course":
+            value = (value + np.pi) % (2 * np.pi) - np.pi
+        given = np.isfinite(value)
+        rows[f.name] = np.where(given, value, 0.0)
+        rows["given"] |= np.where(given, 1 << bit, 0).astype(rows["given"].dtype)
+
+
 @dataclass
 class Log:
     """A checked log. `data` has the channels of the library, NaN = missing; `line` is the line in the file."""
@@ -140,14 +153,7 @@ class Log:
         rows["dt"] = np.diff(self.time[part], prepend=before)
         for name in self.data:
             rows[name] = self.data[name].to_numpy()[part]
-        for bit, f in enumerate(library().optional):
-            if f.name in self.extra:
-                value = self.extra[f.name].to_numpy(float)[part]
-                if f.name == "gnss_course":
-                    value = (value + np.pi) % (2 * np.pi) - np.pi
-                given = np.isfinite(value)
-                rows[f.name] = np.where(given, value, 0.0)
-                rows["given"] |= np.where(given, 1 << bit, 0).astype(rows["given"].dtype)
+        give_optional(rows, {name: self.extra[name].to_numpy(float)[part] for name in self.optional})
         return rows
 
     @property

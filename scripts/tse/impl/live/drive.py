@@ -33,7 +33,7 @@ from tse.impl.logs.recording import How, Recording, listed, need
 from tse.impl.logs.signals import Signals, read_signals
 from tse.impl.logs.stream import Stream
 from tse.impl.regimes import Change
-from tse.impl.rows import checked, liveliest
+from tse.impl.rows import checked, give_optional, liveliest
 from tse.impl.units import factor
 from tse.impl.vehicle import Vehicle
 from tse.impl.verdict import Finding, Verdict, findings, implausible
@@ -530,14 +530,7 @@ class Live:
         rows["dt"] = np.diff(times, prepend=before)
         for f in lib.channels:
             rows[f.name] = columns[f.name]
-        for bit, f in enumerate(lib.optional):
-            if f.name in columns:
-                value = columns[f.name]
-                if f.name == "gnss_course":
-                    value = (value + np.pi) % (2 * np.pi) - np.pi
-                given = np.isfinite(value)
-                rows[f.name] = np.where(given, value, 0.0)
-                rows["given"] |= np.where(given, 1 << bit, 0).astype(rows["given"].dtype)
+        give_optional(rows, columns)
         return rows
 
     def _look_at_channels(self) -> None:

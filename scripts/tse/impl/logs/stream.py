@@ -51,6 +51,17 @@ class _Signal:
             del self.time[: count // 2], self.value[: count // 2]
 
 
+@dataclass(frozen=True)
+class _Heard:
+    """What the bus has said until `now`, s: channels, their new times and values, 1/s of each; `core`: what the filter needs."""
+
+    now: float
+    found: dict[str, Series]
+    own: dict[str, tuple[np.ndarray, np.ndarray]]
+    rates: dict[str, float]
+    core: list[str]
+
+
 class Stream:
     """Frames in, rows out.
 
@@ -221,9 +232,10 @@ class Stream:
             if there.any():
                 self.last[n] = float(s.time[len(there) - 1 - int(there[::-1].argmax())]) + s.latency
         core = [n for n in found if is_core(n) and len(own[n][0])]
-        if math.isnan(self._start) and not self._begin(now, found, own, rates, core):
+        heard = _Heard(now, found, own, rates, core)
+        if math.isnan(self._start) and not self._begin(heard):
             return self._empty()
-        until = self._ripe(now, found, own, rates, core)
+        until = self._ripe(heard)
         rate = float(self._rate or 1.0)
         last = math.floor((until - self._start) * rate + 1e-6) if math.isfinite(until) else -1
         if last < self._sent:
@@ -272,24 +284,17 @@ class Stream:
     def _empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         return np.zeros(0), {c: np.zeros(0) for c in self.channels()}
 
-    def _begin(
-        self,
-        now: float,
-        found: dict[str, Series],
-        own: dict[str, tuple[np.ndarray, np.ndarray]],
-        rates: dict[str, float],
-        core: list[str],
-    ) -> bool:
+    def _begin(self, heard: _Heard) -> bool:
         """Find the rate of the rows and when the first one is, once enough has come."""
         wanted = [c for c, s in self._all.signals.items() for c in (SIDES.get(c, (c,)) if len(s.name) > 1 else (c,)) if is_core(c)]
-        whole = all(c in core and rates[c] > 0 for c in wanted)
-        if not core or now < self._first + (LISTENED if whole else LONGEST_LISTENED):
+        whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
+        if not heard.core or heard.now < self._first + (LISTENED if whole else LONGEST_LISTENED):
             return False
         if self._rate is None:  # of frames that the machine stamps, single steps are long and short: the mean is not
-            self._rate = rate_for([mean_rate(found[n]) for n in core])
-        drives = [n for n in core if n not in MEASURES] or core
-        first = max(float(own[n][0][0]) for n in drives)
-        self._start = start_on_beat({n: own[n][0] for n in core}, rates, self._rate, first)
+            self._rate = rate_for([mean_rate(heard.found[n]) for n in heard.core])
+        drives = [n for n in heard.core if n not in MEASURES] or heard.core
+        first = max(float(heard.own[n][0][0]) for n in drives)
+        self._start = start_on_beat({n: heard.own[n][0] for n in heard.core}, heard.rates, self._rate, first)
         return True
 
     def _may_be_ripe(self, now: float) -> bool:
@@ -309,24 +314,17 @@ class Stream:
                 return False
         return True
 
-    def _ripe(
-        self,
-        now: float,
-        found: dict[str, Series],
-        own: dict[str, tuple[np.ndarray, np.ndarray]],
-        rates: dict[str, float],
-        core: list[str],
-    ) -> float:
+    def _ripe(self, heard: _Heard) -> float:
         """Return up to which time rows can be made: every channel has a value behind it, or is silent."""
         until = []
         rate = float(self._rate or 1.0)
-        for n in core:
-            usual = 1.0 / rates[n] if rates[n] > 0 else 1.0
-            last = float(own[n][0][-1])
-            due = now - found[n].latency
+        for n in heard.core:
+            usual = 1.0 / heard.rates[n] if heard.rates[n] > 0 else 1.0
+            last = float(heard.own[n][0][-1])
+            due = heard.now - heard.found[n].latency
             if last < due - max(SILENT * usual, LEAST_SILENT):
                 continue
-            ahead = AHEAD / rate if rates[n] > SMOOTHED * rate else 0.0
+            ahead = AHEAD / rate if heard.rates[n] > SMOOTHED * rate else 0.0
             until.append(max(last - ahead, due - PATIENCE * usual - WAIT))
         return min(until) if until else -math.inf
 
