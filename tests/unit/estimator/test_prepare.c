@@ -103,7 +103,7 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
   tse_config_default(NULL);
 }
 
-#if !defined(TSE_SMALL)
+/* Compare field by field: a compiler may leave anything in the padding. */
 static void expect_same_settings(const tse_config *expected, const tse_config *actual)
 {
   expect_config_accepted(actual, "other defaults");
@@ -114,6 +114,7 @@ static void expect_same_settings(const tse_config *expected, const tse_config *a
   }
 }
 
+#if !defined(TSE_SMALL)
 /* Nothing but these settings tells the paper's filter, as printed and robust, from the defaults. */
 static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
 {
@@ -200,7 +201,7 @@ static void test_a_car_known_exactly_differs_from_an_ordinary_one_as_the_table_s
     memcpy((uint8_t *)&c + exact[k].at, &exact[k].value, sizeof x);
   }
   const tse_config known = defaults();
-  TEST_ASSERT_EQUAL_MEMORY(&known, &c, sizeof c);
+  expect_same_settings(&known, &c);
   TEST_ASSERT_TRUE(known.mass == setting(1900) && known.cornering_stiffness_front == setting(120000) && known.form == 0);
   EACH_SETTING(row)
   if (strlen(row->name) > 3 && strcmp(row->name + strlen(row->name) - 3, "_sd") == 0 && row->offset <= (int32_t)offsetof(tse_config, grade_sd))
