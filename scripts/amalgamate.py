@@ -119,7 +119,9 @@ def declared(row: list[Token]) -> Declaration:
         if "enum" in words[:2]:
             d.names += [w.text for before, w in pairwise(row) if before.text in "{," and w.kind == "word"]
         return d
-    until = next(i for i, w in enumerate(words) if w in ("(", "=", "[", ";") and words[i - 1] != "__attribute__")
+    until = next(
+        i for i, w in enumerate(words) if w in ("(", "=", "[", ";") and words[i - 1] != "__attribute__"
+    )
     if words[until] == "(":
         d.function = words[until - 1]
     d.shared = not static and not d.function
@@ -211,7 +213,9 @@ class Amalgamation:
         for name, value in self.defaults.items():
             if name.startswith("TSE_"):
                 lines += [f"#if !defined({name})", f"#define {name} {value}", "#endif"]
-        return "".join(f"{x}\n" for x in (["", "/* How amalgamate.py was called. */", *lines] if lines else []))
+        return "".join(
+            f"{x}\n" for x in (["", "/* How amalgamate.py was called. */", *lines] if lines else [])
+        )
 
     # -- tse.c
 
@@ -239,12 +243,18 @@ class Amalgamation:
         """The files of src in their order. What has no guard is part of the file that includes it: what it needs stands above that
         place only. A static function needs neither extern "C" nor a name that tells the number format."""
         texts = {name: without_c_plus_plus(ROOT / "src" / name) for name in self.sources.files}
-        fragments = {name: text for name, text in texts.items() if name.endswith(".h") and "#ifndef" not in text}
+        fragments = {
+            name: text for name, text in texts.items() if name.endswith(".h") and "#ifndef" not in text
+        }
 
         def put(m: re.Match[str]) -> str:
             return INCLUDE.sub(put, fragments[m[1]]) if m[1] in fragments else m[0]
 
-        return {name: INCLUDE.sub(put, ALIAS.sub("", text)) for name, text in texts.items() if name not in fragments}
+        return {
+            name: INCLUDE.sub(put, ALIAS.sub("", text))
+            for name, text in texts.items()
+            if name not in fragments
+        }
 
     def part(self, name: str, text: str) -> str:
         """One file. Headers stand above it in any case."""
@@ -263,7 +273,12 @@ def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
     simulate_factor. Another file means the one that it includes, over however many headers."""
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():
-        own = {x for d in declarations(text) for x in d.names if d.static or not (d.function or d.shared) or name.endswith(".h")}
+        own = {
+            x
+            for d in declarations(text)
+            for x in d.names
+            if d.static or not (d.function or d.shared) or name.endswith(".h")
+        }
         for x in own | (set(defined_macros(text)) if name.endswith(".h") else set()):
             owners.setdefault(x, set()).add(name)
     included = {name: [x for x in INCLUDE.findall(text) if x in parts] for name, text in parts.items()}
@@ -278,7 +293,9 @@ def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
                 raise Wrong(f"{name}: {x} is of {' and '.join(meant)}")
             for path in map(Path, meant):
                 folders = {Path(n).parent for n in parts if Path(n).stem == path.stem}
-                new[name][x] = f"{path.stem}_{x}" if len(folders) == 1 else f"{path.parent.name}_{path.stem}_{x}"
+                new[name][x] = (
+                    f"{path.stem}_{x}" if len(folders) == 1 else f"{path.parent.name}_{path.stem}_{x}"
+                )
     return new
 
 
@@ -349,12 +366,16 @@ def make(out: Path, defaults: dict[str, str]) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--real", choices=FORMATS, help="number format where no macro says another (double)")
     parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
     parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32), or 0: no channel is late")
-    parser.add_argument("--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay")
+    parser.add_argument(
+        "--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay"
+    )
     a = parser.parse_args()
     for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024)):
         value = getattr(a, name)

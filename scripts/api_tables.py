@@ -11,10 +11,14 @@ import sys
 import textwrap
 from pathlib import Path
 
-from tse.impl.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
+from tse.library.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
 FILE = Path(__file__).resolve().parent / "tse" / "_tables.py"
-UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}  # in which the API has what the library has relative to nominal
+UNITS = {
+    "cx_front": "N",
+    "cy_front": "N/rad",
+    "cy_rear": "N/rad",
+}  # in which the API has what the library has relative to nominal
 HEAD = '''\
 """Names, units and ranges of the C library's tables. Written by scripts/api_tables.py, not by hand."""
 
@@ -43,9 +47,15 @@ def row_lines() -> list[str]:
         if f.name == "dt":
             lines += [
                 "    dt: float",
-                doc("time since the row before; not needed in the first row. Or give `time`", "s, above 0 .. 3600"),
+                doc(
+                    "time since the row before; not needed in the first row. Or give `time`",
+                    "s, above 0 .. 3600",
+                ),
             ]
-            lines += ["    time: float", doc("on any clock; `dt` is what it has gone on since the row before", "s")]
+            lines += [
+                "    time: float",
+                doc("on any clock; `dt` is what it has gone on since the row before", "s"),
+            ]
             continue
         lines += [f"    {f.name}: float", doc(f.text, f.range_text)]
     return lines
@@ -61,7 +71,10 @@ def estimate_lines() -> list[str]:
         stiffness = stiffness_of(f)
         if f.name.endswith("_valid"):
             judged = f.name.removesuffix("_valid")
-            lines += [f"    {f.name}: bool", doc(f"whether {judged} may be used; {judged}_reason says why not")]
+            lines += [
+                f"    {f.name}: bool",
+                doc(f"whether {judged} may be used; {judged}_reason says why not"),
+            ]
             lines += [f"    {judged}_reason: Reason", doc(f"'valid', or why {judged} is not")]
         elif f.name.endswith("_spread_seen"):
             lines += [
@@ -71,7 +84,10 @@ def estimate_lines() -> list[str]:
         elif f.name == "status":
             lines += ["    status: Status", doc("how the row was used; `status_text` says it in words")]
         elif f.name == "fault_channel":
-            lines += ["    fault_channel: str | None", doc("the channel that is likeliest at fault; None: none")]
+            lines += [
+                "    fault_channel: str | None",
+                doc("the channel that is likeliest at fault; None: none"),
+            ]
         elif f.is_integer:
             lines += [f"    {f.name}: int", doc(f.text)]
         else:

@@ -51,8 +51,13 @@ class Measured:
         """The limits that are passed, in words."""
         if self.unfit and any("limit" in x for x in self.limits.values()):
             return [f"{self.name}: {self.unfit}"]
-        over = [q for q in QUANTITIES if self.values.get(q, 0) > self.limits.get(q, {}).get("limit", math.inf)]
-        return [f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}" for q in over]
+        over = [
+            q for q in QUANTITIES if self.values.get(q, 0) > self.limits.get(q, {}).get("limit", math.inf)
+        ]
+        return [
+            f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}"
+            for q in over
+        ]
 
 
 def shown(x: float) -> str:
@@ -73,15 +78,22 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
     folder = f"budgets-{target['name']}"
     try:
         fast = at_level(machine, target.get("level", "-O3"))
-        program = m.build(work, fast, target["real"], "budgets.c", folder, *flags, stack=target.get("least_stack", 3072))
+        program = m.build(
+            work, fast, target["real"], "budgets.c", folder, *flags, stack=target.get("least_stack", 3072)
+        )
         text = m.run(machine, program, *COUNTED)
         small = at_level(machine, "-Os")
         flash = {}
-        for name, options in (("text", OPTIONS), ("all_forms", [x for x in OPTIONS if x != "-DTSE_NO_PARTICLES"])):
+        for name, options in (
+            ("text", OPTIONS),
+            ("all_forms", [x for x in OPTIONS if x != "-DTSE_NO_PARTICLES"]),
+        ):
             if name == "all_forms" and "TSE_SMALL" in target.get("define", {}):
                 continue  # it has no particles
             options = [*options, *defines]
-            flash[name] = flash_of(m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024))
+            flash[name] = flash_of(
+                m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024)
+            )
     except m.Failed as error:
         if why := m.does_not_fit(str(error)):
             out.unfit = why
@@ -89,8 +101,12 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
         raise SystemExit(f"{target['name']}: {error}") from error
     calibration = number(text, "calibration")
     if not 0 <= calibration - CALIBRATION < 10:
-        raise SystemExit(f"{target['name']}: a loop of {CALIBRATION} instructions is counted as {calibration}")
-    for name, rows, mean, longest in re.findall(r"^tally (\w+) rows (\d+) mean (\d+) longest (\d+)", text, re.M):
+        raise SystemExit(
+            f"{target['name']}: a loop of {CALIBRATION} instructions is counted as {calibration}"
+        )
+    for name, rows, mean, longest in re.findall(
+        r"^tally (\w+) rows (\d+) mean (\d+) longest (\d+)", text, re.M
+    ):
         out.tallies[name] = int(rows), int(mean), int(longest)
     mean, longest = out.tallies["drive"][1], max(x[2] for x in out.tallies.values())
     out.stacks = {"written": number(text, "bytes stack_step"), "prepare": number(text, "bytes stack_prepare")}
@@ -126,7 +142,9 @@ def deepest(folder: Path, name: str) -> int:
     calls: dict[str, set[str]] = collections.defaultdict(set)
     for path in folder.glob("*.ci"):
         text = path.read_text()
-        for title, size in re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?\\n(\d+) bytes \(static', text):
+        for title, size in re.findall(
+            r'node: \{ title: "([^"]+)" label: "[^"]*?\\n(\d+) bytes \(static', text
+        ):
             frames[title] = int(size)
         for source, to in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
             calls[source].add(to)
@@ -152,7 +170,9 @@ class Flash:
 
     def passed(self) -> list[str]:
         over = self.size > self.row["limit"]
-        return [f"flash {self.row['name']}: {self.size:,}, the limit is {self.row['limit']:,}"] if over else []
+        return (
+            [f"flash {self.row['name']}: {self.size:,}, the limit is {self.row['limit']:,}"] if over else []
+        )
 
 
 def flash_by_option(work: m.Work, row: dict[str, Any]) -> Flash:
@@ -161,7 +181,18 @@ def flash_by_option(work: m.Work, row: dict[str, Any]) -> Flash:
         return Flash(row)
     flags = ["-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", *(f"-D{x}" for x in row.get("define", []))]
     return Flash(
-        row, flash_of(m.build(work, at_level(machine, "-Os"), "float", "smallest.c", f"flash-{row['name']}", *flags, stack=1024))
+        row,
+        flash_of(
+            m.build(
+                work,
+                at_level(machine, "-Os"),
+                "float",
+                "smallest.c",
+                f"flash-{row['name']}",
+                *flags,
+                stack=1024,
+            )
+        ),
     )
 
 
@@ -176,7 +207,9 @@ def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
     plugin, out = work.folder / "profile.so", work.folder / "profile.txt"
     m.call(["cc", "-O2", "-shared", "-fPIC", str(m.HERE / "profile.c"), "-o", str(plugin)])
     symbols = [line.split() for line in m.call(["arm-none-eabi-nm", "-n", str(program)]).splitlines()]
-    functions = [(int(x[0], 16) & ~1, x[2]) for x in symbols if len(x) == 3 and x[1] in "tTwW" and x[2][0] != "$"]
+    functions = [
+        (int(x[0], 16) & ~1, x[2]) for x in symbols if len(x) == 3 and x[1] in "tTwW" and x[2][0] != "$"
+    ]
     mark = next(at for at, name in functions if re.fullmatch(r"tse_step(_\w+)?", name))
     m.run(machine, program, *COUNTED, "-plugin", f"{plugin},mark={mark},from={from_},to={to},out={out}")
     count: collections.Counter[str] = collections.Counter()
@@ -185,7 +218,9 @@ def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
         at, instructions, times = map(int, line.split())
         count[functions[bisect.bisect(starts, at) - 1][1]] += instructions * times
     rows = to - from_
-    print(f"{target['name']}, rows {from_} .. {to - 1} of the drive: {sum(count.values()) / rows:,.0f} instructions a row")
+    print(
+        f"{target['name']}, rows {from_} .. {to - 1} of the drive: {sum(count.values()) / rows:,.0f} instructions a row"
+    )
     for name, of in count.most_common(30):
         print(f"{name:32s} {of / rows:10,.0f} {100 * of / sum(count.values()):5.1f} %")
 
@@ -210,7 +245,10 @@ STACKS = "Stack below `tse_step`: written on these rows, and along the deepest p
 
 
 def table(measured: list[Measured], flash: list[Flash]) -> str:
-    lines = ["| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |", f"|---|{7 * '---:|'}"]
+    lines = [
+        "| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |",
+        f"|---|{7 * '---:|'}",
+    ]
     for x in measured:
         cells = []
         for q in QUANTITIES:
@@ -232,12 +270,16 @@ def table(measured: list[Measured], flash: list[Flash]) -> str:
     lines += [f"| | {' | '.join(kinds)} |", f"|---|{'---:|' * len(kinds)}"]
     for x in measured:
         if x.tallies:
-            lines.append(f"| {x.name} | {' | '.join(f'{x.tallies[k][1]:,} / {x.tallies[k][2]:,}' for k in kinds)} |")
+            lines.append(
+                f"| {x.name} | {' | '.join(f'{x.tallies[k][1]:,} / {x.tallies[k][2]:,}' for k in kinds)} |"
+            )
     lines += ["", STACKS, ""]
     lines += ["| | written | deepest path | `tse_prepare` |", "|---|---:|---:|---:|"]
     for x in measured:
         if x.stacks:
-            lines.append(f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} | {x.stacks['prepare']:,} |")
+            lines.append(
+                f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} | {x.stacks['prepare']:,} |"
+            )
     lines += ["", FLASH, "", "| | flash [B] |", "|---|---:|"]
     for x in flash:
         said = ", ".join(f"{name} {x.row[name]:,}" for name in ("goal", "limit") if name in x.row)
@@ -248,9 +290,19 @@ def table(measured: list[Measured], flash: list[Flash]) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--short", action="store_true", help="the targets that the tests measure; no table is written")
-    parser.add_argument("--only", default="", metavar="TEXT", help="targets with this in their name; no table is written")
-    parser.add_argument("--profile", nargs=2, type=int, metavar=("FROM", "TO"), help="instructions by function over these rows")
+    parser.add_argument(
+        "--short", action="store_true", help="the targets that the tests measure; no table is written"
+    )
+    parser.add_argument(
+        "--only", default="", metavar="TEXT", help="targets with this in their name; no table is written"
+    )
+    parser.add_argument(
+        "--profile",
+        nargs=2,
+        type=int,
+        metavar=("FROM", "TO"),
+        help="instructions by function over these rows",
+    )
     args = parser.parse_args()
     limits = tomllib.loads(LIMITS.read_text())
     targets = limits["target"]
@@ -262,7 +314,9 @@ def main() -> int:
             return 0
         measured = [measure(work, t) for t in targets]
         flash = [flash_by_option(work, row) for row in limits["flash"] if not args.short and not args.only]
-    text = HEAD.format(compiler=f"arm-none-eabi-gcc {m.version_of(('arm-none-eabi-gcc',))}") + table(measured, flash)
+    text = HEAD.format(compiler=f"arm-none-eabi-gcc {m.version_of(('arm-none-eabi-gcc',))}") + table(
+        measured, flash
+    )
     print(text)
     if not args.short and not args.only:
         RESULTS.write_text(text)

@@ -42,7 +42,9 @@ MAIN = {
 
 
 def output(*command: str | Path) -> str:
-    return subprocess.run([str(c) for c in command], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        [str(c) for c in command], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout
 
 
 def sizes() -> str:
@@ -51,7 +53,9 @@ def sizes() -> str:
     for preset, real in zip(("release", "float", "fixed"), FORMATS, strict=True):
         output("cmake", "--preset", preset, f"-DFETCHCONTENT_SOURCE_DIR_UNITY={ROOT / '.venv/share/unity'}")
         text = output("cmake", "--build", "--preset", preset, "--target", "sizes")
-        for capacity, size, large in re.findall(r"(\d+) particles: tse_filter +(\d+), tse_filter_paper +(\d+)", text):
+        for capacity, size, large in re.findall(
+            r"(\d+) particles: tse_filter +(\d+), tse_filter_paper +(\d+)", text
+        ):
             found.setdefault(0, {})[real] = int(size)
             found.setdefault(int(capacity), {})[real] = int(large)
     lines = ["| | double | float | fixed |", "|---|---:|---:|---:|"]
@@ -69,7 +73,9 @@ def fmu_variables(model: str, folder: Path) -> str:
     for v in description.iter("ScalarVariable"):
         name, role = v.attrib["name"], v.attrib["causality"]
         if re.fullmatch(MAIN[model], name):
-            rows.setdefault((role, re.sub("c[xy]_(front|rear)", "", name), v.attrib["description"]), []).append(v)
+            rows.setdefault(
+                (role, re.sub("c[xy]_(front|rear)", "", name), v.attrib["description"]), []
+            ).append(v)
         else:
             group, _, last = name.partition(".") if role == "parameter" else name.rpartition(".")
             others.setdefault((role, group), []).append(last)
@@ -89,7 +95,9 @@ def fmus() -> None:
     print("FMUs ...", flush=True)
     output("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
     output("cmake", "--build", "--preset", "fmu")
-    (RESULTS / "fmu_variables.md").write_text("\n\n".join(fmu_variables(model, FMUS) for model in MAIN) + "\n")
+    (RESULTS / "fmu_variables.md").write_text(
+        "\n\n".join(fmu_variables(model, FMUS) for model in MAIN) + "\n"
+    )
     (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "tests" / "fmu" / "pictures.py"))
 
 
@@ -117,7 +125,9 @@ def measure() -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--fmu", action="store_true")
     parser.add_argument("--study", nargs="*", choices=list(STUDIES), metavar="NAME", help=", ".join(STUDIES))
     options = parser.parse_args()

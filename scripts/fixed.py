@@ -19,7 +19,7 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from tse.impl.core import STIFFNESS, Config, Filter, Library  # noqa: E402
+from tse.library.core import STIFFNESS, Config, Filter, Library  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
 from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
 
@@ -41,7 +41,10 @@ def library(real: str, small: bool = False) -> Library:
     folder = ROOT / "build" / ("fixed-small" if small else "fixed") / real
     options = ["-DCMAKE_BUILD_TYPE=Release", f"-DTSE_REAL={real}", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=512",
                "-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF", *(SMALL if small else ())]  # fmt: skip
-    for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--config", "Release"]):
+    for command in (
+        ["cmake", "-S", ROOT, "-B", folder, *options],
+        ["cmake", "--build", folder, "--config", "Release"],
+    ):
         subprocess.run([str(c) for c in command], check=True, stdout=subprocess.DEVNULL)
     return Library(next(f for f in folder.rglob("*tse.*") if f.suffix in (".so", ".dylib", ".dll")))
 
@@ -94,9 +97,15 @@ def compared(runs: pd.DataFrame) -> list[str]:
         ratio = max(100 * (y / x - 1) for x, y in zip(*rms, strict=True))
         valid = [[float(x[f"{s}_valid"].mean()) for s in STIFFNESS] for x in (a, b)]
         moved = max((abs(y - x) for x, y in zip(*valid, strict=True)))
-        three = [", ".join(f"{v:.2f}" for v in x) for x in rms] + [", ".join(f"{v:.1f}" for v in x) for x in valid]
+        three = [", ".join(f"{v:.2f}" for v in x) for x in rms] + [
+            ", ".join(f"{v:.1f}" for v in x) for x in valid
+        ]
         diverged = f"{int(a.diverged.sum())} / {int(b.diverged.sum())}"
-        kept = "yes" if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum() else "no"
+        kept = (
+            "yes"
+            if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum()
+            else "no"
+        )
         seeds = len(FILTER_SEEDS[form])
         drives = str(len(b)) if seeds == 1 else f"{len(b) // seeds} x {seeds} seeds"
         cells = [case, form, drives, *three[:2], f"{ratio:+.2f} %", *three[2:], f"{moved:.2f}", diverged]
@@ -105,9 +114,13 @@ def compared(runs: pd.DataFrame) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=20, help="of each case, one seed each")
-    parser.add_argument("--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long")
+    parser.add_argument(
+        "--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long"
+    )
     options = parser.parse_args()
     builds = {"double": library("double"), "fixed": library("fixed")}
     found = study(builds, {"default": options.runs, "paper": options.paper_runs})

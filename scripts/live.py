@@ -53,7 +53,9 @@ def drive(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
         for side, sign in (("l", -1), ("r", 1)):
-            table[letter + side] = clean[f"wheel_speed_{axle}"] * one.RADIUS[axle] + sign * 0.5 * one.TRACK * clean.yaw_rate
+            table[letter + side] = (
+                clean[f"wheel_speed_{axle}"] * one.RADIUS[axle] + sign * 0.5 * one.TRACK * clean.yaw_rate
+            )
     return trade.frames(table)
 
 
@@ -73,12 +75,16 @@ def estimated(log: Path, car: Path, *more: object) -> pd.DataFrame:
     """Estimates of a log by the command."""
     out = log.with_suffix(".again.csv")
     words = [*TSELAB, "estimate", log, "--vehicle", car, "--no-calibrate", "--out", out, *more]
-    subprocess.run([str(w) for w in words], check=False, env=ENV, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    subprocess.run(
+        [str(w) for w in words], check=False, env=ENV, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     return pd.read_csv(out)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--send", type=Path, help=argparse.SUPPRESS)
     asked = parser.parse_args()
@@ -89,7 +95,9 @@ def main() -> None:
         folder = Path(made)
         car = folder / "car.toml"
         car.write_text(
-            subprocess.run([*TSELAB, "vehicle", "--simulated"], check=True, env=ENV, capture_output=True, text=True).stdout
+            subprocess.run(
+                [*TSELAB, "vehicle", "--simulated"], check=True, env=ENV, capture_output=True, text=True
+            ).stdout
         )
         log = trade.write_candump(folder / "drive.log", drive(car, asked.seconds))
         (folder / "signals.toml").write_text(SIGNALS)
@@ -127,7 +135,9 @@ def main() -> None:
         "| stiffness | live | its frames, through `tselab estimate` | the file of the drive |\n|---|---:|---:|---:|",
     ]
     for s, name in NAMES.items():
-        cells = [f"{t[s].iloc[-1] / 1e3:.2f} ± {t[f'{s}_sd'].iloc[-1] / 1e3:.2f}" for t in (mine, frames, file)]
+        cells = [
+            f"{t[s].iloc[-1] / 1e3:.2f} ± {t[f'{s}_sd'].iloc[-1] / 1e3:.2f}" for t in (mine, frames, file)
+        ]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     RESULT.write_text("\n".join([*lines, ""]))
     print(RESULT.read_text())

@@ -35,7 +35,9 @@ def own_csv(folder: Path, parts: list[one.Message]) -> Path:
     return path
 
 
-FORMATS = {name: write for name, (_, write) in one.FORMATS.items() if "CSV of" not in name} | {"CSV of tse": own_csv}
+FORMATS = {name: write for name, (_, write) in one.FORMATS.items() if "CSV of" not in name} | {
+    "CSV of tse": own_csv
+}
 
 
 def size(path: Path) -> float:
@@ -45,7 +47,17 @@ def size(path: Path) -> float:
 
 def estimated(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
     """Greatest memory in MB of 2**20 bytes, processor seconds, rows of the estimates."""
-    words = [*TSELAB, "estimate", log, "--vehicle", car, "--out", folder / "e.parquet", "--report", folder / "r.html"]
+    words = [
+        *TSELAB,
+        "estimate",
+        log,
+        "--vehicle",
+        car,
+        "--out",
+        folder / "e.parquet",
+        "--report",
+        folder / "r.html",
+    ]
     _, _, busy, memory = measured(*words)
     import pyarrow.parquet as pq
 
@@ -53,7 +65,9 @@ def estimated(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--formats", nargs="+", choices=list(FORMATS), default=list(FORMATS), metavar="NAME")
     asked = parser.parse_args()
@@ -64,7 +78,9 @@ def main() -> None:
     rows = {name: row for row, name in rows.items() if name in FORMATS}
     with tempfile.TemporaryDirectory() as scratch:
         car = Path(scratch) / "car.toml"
-        example = subprocess.run([*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True)
+        example = subprocess.run(
+            [*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True
+        )
         car.write_text(example.stdout)
         parts = one.messages(one.drive(car, PART).iloc[: round(100 * PART)])
         for name in asked.formats:

@@ -29,7 +29,9 @@ LONGEST = 600  # s of processor time: what takes longer has got stuck (the slowe
 
 def formats() -> list[str]:
     """The number formats, as CMakeLists.txt has them."""
-    row = re.search(r"set_property\(CACHE TSE_REAL PROPERTY STRINGS ([\w ]+)\)", (ROOT / "CMakeLists.txt").read_text())
+    row = re.search(
+        r"set_property\(CACHE TSE_REAL PROPERTY STRINGS ([\w ]+)\)", (ROOT / "CMakeLists.txt").read_text()
+    )
     if not row:
         raise SystemExit("CMakeLists.txt: which number formats there are is not where this script looks")
     return row[1].split()
@@ -41,7 +43,9 @@ def golden_file(real: str) -> Path:
 
 def golden(real: str) -> dict[str, str]:
     """Hash by form and way of resampling, as tests/replay/update.py wrote them."""
-    return {name: hash_ for hash_, name in re.findall(r"^# hash (\w+) (.+)$", golden_file(real).read_text(), re.M)}
+    return {
+        name: hash_ for hash_, name in re.findall(r"^# hash (\w+) (.+)$", golden_file(real).read_text(), re.M)
+    }
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,9 @@ class Machine:
     link: tuple[str, ...] = ("-lm",)
     refused: bool = False  # it is an error to compile with these flags, and has to be one
     known: tuple[str, ...] = FLAGS
-    short: tuple[str, ...] = ()  # formats for which the short run takes it, too: different in byte order, width, compiler
+    short: tuple[
+        str, ...
+    ] = ()  # formats for which the short run takes it, too: different in byte order, width, compiler
 
     def missing(self) -> str:
         """Why it cannot be had here; empty: it can."""
@@ -88,9 +94,15 @@ class Machine:
                 return f"{program} is not installed"
         if "ziglang" in self.cc and importlib.util.find_spec("ziglang") is None:
             return "ziglang is not installed (scripts/setup.sh platforms)"
-        if "-mavx2" in self.flags and not re.search(r"^flags.* avx2 ", Path("/proc/cpuinfo").read_text(), re.M):
+        if "-mavx2" in self.flags and not re.search(
+            r"^flags.* avx2 ", Path("/proc/cpuinfo").read_text(), re.M
+        ):
             return "this processor has no AVX2"
-        return "wasm-ld is not installed" if self.port == "wasm.c" and self.cc[0] == "clang" and not shutil.which("wasm-ld") else ""
+        return (
+            "wasm-ld is not installed"
+            if self.port == "wasm.c" and self.cc[0] == "clang" and not shutil.which("wasm-ld")
+            else ""
+        )
 
     def version(self) -> str:
         return version_of(self.cc)
@@ -108,25 +120,56 @@ class Machine:
 @cache
 def version_of(command: tuple[str, ...]) -> str:
     ask = "-v" if command[0] == "tcc" else "version" if "ziglang" in command else "--version"
-    said = subprocess.run([*command[: 3 if "ziglang" in command else 1], ask], capture_output=True, text=True, check=False).stdout
+    said = subprocess.run(
+        [*command[: 3 if "ziglang" in command else 1], ask], capture_output=True, text=True, check=False
+    ).stdout
     number = re.search(r"\d+\.\d+(\.\d+)?", said.splitlines()[0] if said else "")
     return number[0] if number else "?"
 
 
-def cortex(name: str, board: Board, cpu: str, *fpu: str, level: str = "-O2", short: tuple[str, ...] = ()) -> Machine:
+def cortex(
+    name: str, board: Board, cpu: str, *fpu: str, level: str = "-O2", short: tuple[str, ...] = ()
+) -> Machine:
     qemu = ("qemu-system-arm", "-M", board.machine, "-display", "none", "-monitor", "none", "-serial", "none",
             "-semihosting-config", "enable=on,target=native")  # fmt: skip
-    flags = (f"-mcpu={cpu}", "-mthumb", *(fpu or ("-mfloat-abi=soft",)), "-ffunction-sections", "-fdata-sections", level)
+    flags = (
+        f"-mcpu={cpu}",
+        "-mthumb",
+        *(fpu or ("-mfloat-abi=soft",)),
+        "-ffunction-sections",
+        "-fdata-sections",
+        level,
+    )
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
-    leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()  # by software, which is the M3's
-    return Machine(name, ("arm-none-eabi-gcc",), flags, qemu, board, leaves=leaves, port="cortex_m.c", link=link, short=short)
+    leaves = (
+        ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()
+    )  # by software, which is the M3's
+    return Machine(
+        name,
+        ("arm-none-eabi-gcc",),
+        flags,
+        qemu,
+        board,
+        leaves=leaves,
+        port="cortex_m.c",
+        link=link,
+        short=short,
+    )
 
 
 def user(
-    name: str, triple: str, qemu: str, *flags: str, only: tuple[str, ...] = (), refused: bool = False, short: tuple[str, ...] = ()
+    name: str,
+    triple: str,
+    qemu: str,
+    *flags: str,
+    only: tuple[str, ...] = (),
+    refused: bool = False,
+    short: tuple[str, ...] = (),
 ) -> Machine:
     compiler, link = (f"{triple}-gcc",), ("-lm", "-static")
-    return Machine(name, compiler, ("-O2", *flags), (qemu,), only=only, link=link, refused=refused, short=short)
+    return Machine(
+        name, compiler, ("-O2", *flags), (qemu,), only=only, link=link, refused=refused, short=short
+    )
 
 
 def zig(name: str, target: str, qemu: str, *flags: str) -> Machine:
@@ -187,7 +230,12 @@ def frames() -> str:
     """The recorded drive as frames.h: what a CAN bus brings in each period of 10 ms (scripts/dropin/can/control_loop.h). A row that
     was lost brings nothing."""
     out, period, count = [], 0, 0
-    scales = ((0x0C1, (1, 100_000)), (0x0C2, (2, 1000), (3, 1000)), (0x0C3, (4, 1000), (5, 1000)), (0x0C4, (6, 100_000)))
+    scales = (
+        (0x0C1, (1, 100_000)),
+        (0x0C2, (2, 1000), (3, 1000)),
+        (0x0C3, (4, 1000), (5, 1000)),
+        (0x0C4, (6, 100_000)),
+    )
     with DRIVE.open() as file:
         for row in csv.reader(x for x in file if x[0].isdigit()):
             period += round(100 * float(row[0]))
@@ -246,7 +294,9 @@ def limited() -> None:
 
 
 def call(command: list[str]) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limited)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limited
+    )
     if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         raise Failed(f"it was ended after {LONGEST} s of processor time, or by somebody")
     if done.returncode:
@@ -256,7 +306,12 @@ def call(command: list[str]) -> str:
 
 def layout(board: Board, folder: Path, stack: int) -> Path:
     text = (HERE / "cortex_m.ld").read_text()
-    sizes = {"FLASH": board.flash, "FLASH_BYTES": board.flash_bytes, "RAM": board.ram, "RAM_BYTES": board.ram_bytes}
+    sizes = {
+        "FLASH": board.flash,
+        "FLASH_BYTES": board.flash_bytes,
+        "RAM": board.ram,
+        "RAM_BYTES": board.ram_bytes,
+    }
     sizes["STACK_BYTES"] = stack
     for name, value in sizes.items():
         text = text.replace(f"@{name}@", str(value))
@@ -266,7 +321,14 @@ def layout(board: Board, folder: Path, stack: int) -> Path:
 
 
 def build(
-    work: Work, machine: Machine, real: str, main: str, name: str, *more: str, stack: int = 2048, beside: Iterable[Path] = ()
+    work: Work,
+    machine: Machine,
+    real: str,
+    main: str,
+    name: str,
+    *more: str,
+    stack: int = 2048,
+    beside: Iterable[Path] = (),
 ) -> Path:
     """Compile and link one program.   more: further flags, such as -DTSE_NO_EFFECTS; beside: more files of it"""
     sources = work.sources()
@@ -275,7 +337,15 @@ def build(
     program = folder / (f"{Path(main).stem}.wasm" if machine.port == "wasm.c" else f"{Path(main).stem}.elf")
     places = [f"-I{sources}", f"-I{HERE}", f"-I{ROOT / 'tests' / 'replay'}", f"-I{ROOT / 'include'}"]
     files = [str(sources / "tse.c"), str(HERE / main), str(HERE / machine.port), *(str(x) for x in beside)]
-    command = [*machine.cc, "-std=c99", *machine.flags, *machine.known, f"-DTSE_REAL_{real.upper()}", *more, *places]
+    command = [
+        *machine.cc,
+        "-std=c99",
+        *machine.flags,
+        *machine.known,
+        f"-DTSE_REAL_{real.upper()}",
+        *more,
+        *places,
+    ]
     link = list(machine.link)
     if machine.board:
         command.append(f"-DNS_OF_TICK={machine.board.tick}u")

@@ -34,7 +34,12 @@ def measured(*command: object, codes: Collection[int] = (0, 3), env: Mapping[str
     """Run a command. RuntimeError: it was stopped, or its exit code is none of `codes`."""
     start = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-c", LAUNCH, *map(str, command)], cwd=ROOT, env=env, stdout=subprocess.PIPE, text=True, check=True
+        [sys.executable, "-c", LAUNCH, *map(str, command)],
+        cwd=ROOT,
+        env=env,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
     )
     clock = time.perf_counter() - start
     status, busy, memory = done.stdout.split()

@@ -79,10 +79,16 @@ def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
     if f"\n[{asked.name}]\n" in rows:
         raise Refused(f"{asked.name}: there is such an effect in src/tables/effects.toml")
     small, large = asked.typical
-    if not asked.low <= 0 <= asked.high or not asked.low < asked.high or not 0 < small <= large <= max(asked.high, -asked.low):
+    if (
+        not asked.low <= 0 <= asked.high
+        or not asked.low < asked.high
+        or not 0 < small <= large <= max(asked.high, -asked.low)
+    ):
         raise Refused(f"--low {asked.low:g} --high {asked.high:g} --typical {small:g} {large:g}: 0, which is off, must be in the "
                       "range, and the typical sizes, the smaller first, above 0 and in it")  # fmt: skip
-    entry, signature, body = (part.format(id=asked.name, at=f"{asked.name}_{asked.parameter}") for part in HOOKS[asked.hook])
+    entry, signature, body = (
+        part.format(id=asked.name, at=f"{asked.name}_{asked.parameter}") for part in HOOKS[asked.hook]
+    )
     sign = 0 if asked.low < 0 < asked.high else 1 if asked.high > 0 else -1
     row = f"""
 [{asked.name}]
@@ -118,9 +124,13 @@ text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positi
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("name", help="the effect's id, for instance brake_pull")
-    parser.add_argument("--hook", choices=HOOKS, required=True, help="where the model calls it: see src/tables/effects.toml")
+    parser.add_argument(
+        "--hook", choices=HOOKS, required=True, help="where the model calls it: see src/tables/effects.toml"
+    )
     parser.add_argument("--parameter", default="strength", help="its strength; 0 is off")
     parser.add_argument("--unit", default="1")
     parser.add_argument("--low", type=float, default=-1.0, help="least value of the setting")
@@ -131,7 +141,12 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         files = skeleton(asked)
         for path in files:
-            if path.exists() and path.name not in ("effects.toml", "catalogue.h", "effects_constant.h", "EQUATIONS.md"):
+            if path.exists() and path.name not in (
+                "effects.toml",
+                "catalogue.h",
+                "effects_constant.h",
+                "EQUATIONS.md",
+            ):
                 raise Refused(f"{path.relative_to(ROOT)} is there already")
     except Refused as error:
         print(f"new_effect: {error}", file=sys.stderr)

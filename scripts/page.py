@@ -25,19 +25,36 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "docs" / "page"
-SHARED = ROOT / "scripts" / "tse" / "impl" / "templates"  # what the page of `tselab live` has, too
+SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # what the page of `tselab live` has, too
 BUILD = ROOT / "build" / "page"
 PAGE = ROOT / "build" / "site" / "try.html"
-SCRIPTS = ("core.js", "text.js", "map.js", "check.js", "run.js", "draw.js", "log.js", "drive.js", "start.js")  # in order
+SCRIPTS = (
+    "core.js",
+    "text.js",
+    "map.js",
+    "check.js",
+    "run.js",
+    "draw.js",
+    "log.js",
+    "drive.js",
+    "start.js",
+)  # in order
 FLAGS = (
     "-std=c99", "-O2", "-nostdlib", "-ffp-contract=off", "-mbulk-memory", "-Wall", "-Wextra", "-Werror", "-DTSE_REAL_DOUBLE",
     "-DTSE_NO_PARTICLES",
 )  # fmt: skip
 LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")  # bytes; the filter needs 5 kB
-DRIVE, SECONDS, ROAD, SEED = ("double-lane-change", 60.0, (30.0, 0.7), 1)  # the built-in example: half of it on a wetter road
+DRIVE, SECONDS, ROAD, SEED = (
+    "double-lane-change",
+    60.0,
+    (30.0, 0.7),
+    1,
+)  # the built-in example: half of it on a wetter road
 
 
-MOST_CHECKED = 1 << 17  # rows in which the page looks whether channels agree, 22 minutes at 100 Hz: it stands still meanwhile
+MOST_CHECKED = (
+    1 << 17
+)  # rows in which the page looks whether channels agree, 22 minutes at 100 Hz: it stands still meanwhile
 
 
 class Failed(Exception):
@@ -58,10 +75,14 @@ def compilers() -> list[list[str]]:
     if shutil.which("clang") and shutil.which("wasm-ld"):
         found.append(["clang", "--target=wasm32"])
     if importlib.util.find_spec("ziglang"):
-        found.append([sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding", "-Wl,--export-memory"])
+        found.append(
+            [sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding", "-Wl,--export-memory"]
+        )
     if found:
         return found
-    raise Failed("nothing here compiles to WebAssembly: install clang and lld, or run scripts/setup.sh platforms (zig)")
+    raise Failed(
+        "nothing here compiles to WebAssembly: install clang and lld, or run scripts/setup.sh platforms (zig)"
+    )
 
 
 def wasm(cc: list[str] | None = None) -> bytes:
@@ -71,7 +92,11 @@ def wasm(cc: list[str] | None = None) -> bytes:
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or compilers()[0]
     libc = ROOT / "tests" / "embedded" / "wasm"  # what a compiler calls of a C library
-    of = [repr((cc, FLAGS, LINK)).encode(), call([*cc, "--version"]).encode(), (SOURCES / "page.c").read_bytes()]
+    of = [
+        repr((cc, FLAGS, LINK)).encode(),
+        call([*cc, "--version"]).encode(),
+        (SOURCES / "page.c").read_bytes(),
+    ]
     of += [(libc / "string.h").read_bytes()]
     of += [f.read_bytes() for f in sorted((BUILD / "src").iterdir()) if f.is_file()]
     wanted = hashlib.sha256(b"".join(of)).hexdigest()
@@ -98,7 +123,9 @@ def of_npm() -> tuple[str, str]:
     )  # fmt: skip
     inputs = json.loads((folder / "bundle.json").read_text())["inputs"]
     names = sorted({found[1] for x in inputs if (found := re.match(r"node_modules/((?:@[^/]+/)?[^/]+)/", x))})
-    return (folder / "bundle.js").read_text(), "\n".join(licence(folder / "node_modules" / name) for name in names)
+    return (folder / "bundle.js").read_text(), "\n".join(
+        licence(folder / "node_modules" / name) for name in names
+    )
 
 
 def modules() -> Path:
@@ -118,7 +145,9 @@ def modules() -> Path:
 def licence(package: Path) -> str:
     """Name, version and text of the licence of a package; none: it must not be in the page."""
     about = json.loads((package / "package.json").read_text())
-    text = next((f.read_text() for f in sorted(package.iterdir()) if f.name.lower().startswith("licen")), None)
+    text = next(
+        (f.read_text() for f in sorted(package.iterdir()) if f.name.lower().startswith("licen")), None
+    )
     if text is None:
         raise Failed(f"{package.name}: no text of its licence is in its package")
     return f"{about['name']} {about['version']} ({about['license']})\n\n{text.strip()}\n"
@@ -128,8 +157,8 @@ def example() -> dict[str, Any]:
     """What the driver of the built-in example does; the page's own simulator makes the log of it."""
     import numpy as np
 
-    from tse.impl import maneuvers
-    from tse.impl.core import Config
+    from tse.library.core import Config
+    from tse.simulation import maneuvers
 
     config = Config.exact()
     plan = maneuvers.build(DRIVE, config, sample_time=config.sample_time, duration=SECONDS, road=[ROAD])
@@ -139,7 +168,9 @@ def example() -> dict[str, Any]:
     if plan.target_speed is not None or plan.wheel_torque_rear.any() or plan.brake_torque_front is not None:
         raise Failed(f"{DRIVE}: docs/page/run.js takes steering and front torque only")
     changes = [0, *(np.flatnonzero(np.diff(plan.road_level)) + 1)]
-    inputs = {name: getattr(plan, name).astype("<f8").tobytes() for name in ("steer_angle", "wheel_torque_front")}
+    inputs = {
+        name: getattr(plan, name).astype("<f8").tobytes() for name in ("steer_angle", "wheel_torque_front")
+    }
     return {
         "rows": rows, "step": step, "settings": {"speed": plan.speed, "seed": SEED},
         "road": [[int(i), float(plan.road_level[i])] for i in changes],
@@ -149,9 +180,12 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tse.impl import config, estimate, rows, simulate, units, vehicle, verdict
-    from tse.impl.logs import agree, physics, scales, vocabulary
-    from tse.impl.logs.table import _AT_END
+    from tse.car import config, vehicle
+    from tse.channels import agree, physics, scales, vocabulary
+    from tse.estimation import estimate, verdict
+    from tse.log import rows, units
+    from tse.readers.table import _AT_END
+    from tse.simulation import simulate
 
     factors: dict[str, dict[str, float]] = {}
     for si in ("s", "rad", "rad/s", "m/s", "m/s2"):
@@ -194,14 +228,28 @@ def build(out: Path, npm: bool = True) -> list[str]:
             said.append(f"without Parquet and vehicle files: {error}")
     else:
         said.append("without Parquet and vehicle files, as asked")
-    facts = {"parquet": npm, "toml": npm, **known(), "example": example(), "wasm": base64.b64encode(wasm()).decode()}
-    scripts = "".join(f"\n{((SHARED if name == 'draw.js' else SOURCES) / name).read_text()}" for name in SCRIPTS)
-    head = f"const {{ parquet, tomlReader }} = vendor;\nconst PAGE = {json.dumps(facts, ensure_ascii=False)};\n"
+    facts = {
+        "parquet": npm,
+        "toml": npm,
+        **known(),
+        "example": example(),
+        "wasm": base64.b64encode(wasm()).decode(),
+    }
+    scripts = "".join(
+        f"\n{((SHARED if name == 'draw.js' else SOURCES) / name).read_text()}" for name in SCRIPTS
+    )
+    head = (
+        f"const {{ parquet, tomlReader }} = vendor;\nconst PAGE = {json.dumps(facts, ensure_ascii=False)};\n"
+    )
     script = f'{bundle}"use strict";\n(() => {{\n{head}{scripts}}})();\n'
     if "</script" in script or "<!--" in script or "-->" in notices:
         raise Failed("a script holds what ends it in HTML")
     text = (SOURCES / "page.html").read_text()
-    own = f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n" if notices else ""
+    own = (
+        f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n"
+        if notices
+        else ""
+    )
     for mark, value in (
         ("<!-- @notices@ -->", f"<!--\n{own}{notices}-->" if notices else ""),
         ("/* @style@ */", (SHARED / "page.css").read_text()),
@@ -217,7 +265,9 @@ def build(out: Path, npm: bool = True) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path, default=PAGE)
     parser.add_argument("--without-npm", action="store_true")
     options = parser.parse_args()
@@ -225,7 +275,9 @@ def main() -> int:
         for line in build(options.out, not options.without_npm):
             print(f"page: {line}")
     except (Failed, ImportError) as error:
-        hint = ": run it with .venv/bin/python, after scripts/setup.sh" if isinstance(error, ImportError) else ""
+        hint = (
+            ": run it with .venv/bin/python, after scripts/setup.sh" if isinstance(error, ImportError) else ""
+        )
         print(f"page: {error}{hint}", file=sys.stderr)
         return 1
     return 0

@@ -62,7 +62,9 @@ def reason(text: str) -> str:
     """One line of what a compiler or a program said."""
     if why := m.does_not_fit(text):
         return f"skipped: {why} ({STACK:,} B)" if "stack" in why else f"skipped: {why}"
-    lines = [x for x in text.splitlines() if "error" in x or "refused" in x or "fault" in x] or text.splitlines()
+    lines = [
+        x for x in text.splitlines() if "error" in x or "refused" in x or "fault" in x
+    ] or text.splitlines()
     return lines[0][:200] if lines else "it says nothing"
 
 
@@ -92,8 +94,15 @@ def name_of(work: m.Work, machine: m.Machine, real: str) -> str:
     """Of all that decides a result: sources, drive, golden hashes, compiler, flags."""
     files = [work.sources() / name for name in ("tse.c", "tse.h", "rows.h")]
     files += [m.HERE / "replay.c", m.HERE / machine.port]
-    files += [m.HERE / "drive.h", m.HERE / "port.h", m.ROOT / "tests" / "replay" / "replay_hash.h", m.golden_file(real)]
-    said = repr((machine, real, machine.version(), machine.emulator(), capacities(machine))).replace(str(m.ROOT), "")
+    files += [
+        m.HERE / "drive.h",
+        m.HERE / "port.h",
+        m.ROOT / "tests" / "replay" / "replay_hash.h",
+        m.golden_file(real),
+    ]
+    said = repr((machine, real, machine.version(), machine.emulator(), capacities(machine))).replace(
+        str(m.ROOT), ""
+    )
     return hashlib.sha256(b"".join(f.read_bytes() for f in files) + said.encode()).hexdigest()
 
 
@@ -102,7 +111,11 @@ def asked(only: str, short: bool) -> list[Result]:
     out = []
     for machine in sorted(m.machines(), key=lambda x: not x.run):
         for real in m.formats():
-            is_asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
+            is_asked = (
+                real not in machine.leaves
+                and (not machine.only or real in machine.only)
+                and only in machine.name
+            )
             if is_asked and (real in machine.short or not short):
                 out.append(Result(machine, real))
     return out
@@ -126,12 +139,19 @@ def find_out(work: m.Work, results: list[Result], again: bool) -> Iterator[Resul
                 KEPT.write_text(json.dumps(kept))
         yield r
         flags, seconds = " ".join(shown(machine)), time.monotonic() - start
-        print(f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {r.says} ({seconds:.0f} s)", flush=True)
+        print(
+            f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {r.says} ({seconds:.0f} s)",
+            flush=True,
+        )
 
 
 def shown(machine: m.Machine) -> list[str]:
     """The flags that matter to a reader."""
-    return [f for f in machine.flags if not f.startswith(("-I", "-ffunction", "-fdata", "-fno-builtin", "-D", "-nostd", "-mthumb"))]
+    return [
+        f
+        for f in machine.flags
+        if not f.startswith(("-I", "-ffunction", "-fdata", "-fno-builtin", "-D", "-nostd", "-mthumb"))
+    ]
 
 
 def table(results: list[Result]) -> str:
@@ -142,12 +162,21 @@ def table(results: list[Result]) -> str:
         version = f"{x.compiler()} {x.version()}" if not x.missing() else x.compiler()
         key = (x.name, version, f"`{' '.join(shown(x)) or '-'}`", x.emulator() if not x.missing() else "-")
         rows.setdefault(key, {})[r.real] = r.says or "not run"
-    lines = [f"| machine | compiler | flags | run by | {' | '.join(formats)} |", f"|---|---|---|---|{'---|' * len(formats)}"]
-    lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in formats)} |" for key, of in rows.items()]
+    lines = [
+        f"| machine | compiler | flags | run by | {' | '.join(formats)} |",
+        f"|---|---|---|---|{'---|' * len(formats)}",
+    ]
+    lines += [
+        f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in formats)} |"
+        for key, of in rows.items()
+    ]
     ran = [r for r in results if r.says and not r.says.startswith("skipped")]
     same, all_ = sum(r.says == SAME for r in ran), sum(not r.machine.refused for r in ran)
     refused, left = sum(r.says == REFUSED for r in ran), sum(not r.says for r in results)
-    lines += ["", f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile."]
+    lines += [
+        "",
+        f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile.",
+    ]
     if left:
         lines += [f"The run was interrupted: {left} are left."]
     return "\n".join(lines) + "\n"
@@ -155,8 +184,12 @@ def table(results: list[Result]) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--short", action="store_true", help="the machines that differ most, in the format that each is for")
-    parser.add_argument("--only", default="", metavar="TEXT", help="machines with this in their name; no table is written")
+    parser.add_argument(
+        "--short", action="store_true", help="the machines that differ most, in the format that each is for"
+    )
+    parser.add_argument(
+        "--only", default="", metavar="TEXT", help="machines with this in their name; no table is written"
+    )
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = m.Work(Path(folder))
@@ -167,7 +200,9 @@ def main() -> int:
                 RESULTS.write_text(head + table(results))
     wrong = [r for r in results if not r.is_fine]
     for r in wrong:
-        print(f"FAILED: {r.machine.name}, {r.machine.compiler()}, {' '.join(r.machine.flags)}, {r.real}: {r.says}")
+        print(
+            f"FAILED: {r.machine.name}, {r.machine.compiler()}, {' '.join(r.machine.flags)}, {r.real}: {r.says}"
+        )
     return 1 if wrong else 0
 
 

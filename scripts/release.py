@@ -52,12 +52,23 @@ class Release:
     def run(self, *command: str | Path, cwd: Path | None = None, **environment: str) -> str:
         """A command in the export, with its time; what it prints."""
         cache = str(ROOT / "build" / "zig-cache")  # C libraries of other systems take a minute each
-        env = {k: v for k, v in os.environ.items() if not k.startswith(("CMAKE_", "SKBUILD_", "CFLAGS", "LDFLAGS"))}
-        env |= {"SOURCE_DATE_EPOCH": str(self.epoch), "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache, "TZ": "UTC"}
+        env = {
+            k: v
+            for k, v in os.environ.items()
+            if not k.startswith(("CMAKE_", "SKBUILD_", "CFLAGS", "LDFLAGS"))
+        }
+        env |= {
+            "SOURCE_DATE_EPOCH": str(self.epoch),
+            "ZIG_GLOBAL_CACHE_DIR": cache,
+            "ZIG_LOCAL_CACHE_DIR": cache,
+            "TZ": "UTC",
+        }
         done = subprocess.run([str(c) for c in command], cwd=cwd or self.source, env=env | environment, capture_output=True,
                               text=True, errors="replace")  # fmt: skip
         if done.returncode:
-            raise Failed(f"{' '.join(str(c) for c in command[:6])} says\n{(done.stdout + done.stderr)[-3000:]}")
+            raise Failed(
+                f"{' '.join(str(c) for c in command[:6])} says\n{(done.stdout + done.stderr)[-3000:]}"
+            )
         return done.stdout
 
     def archive(self, name: str, folder: Path, top: str) -> None:
@@ -137,10 +148,10 @@ def site(r: Release) -> None:
     with_headers(r)
     r.run("cmake", "--preset", "lab")
     r.run("cmake", "--build", "--preset", "lab")
-    (r.source / "scripts" / "tse" / "impl" / "lib").mkdir(exist_ok=True)
+    (r.source / "scripts" / "tse" / "library" / "lib").mkdir(exist_ok=True)
     for made in (r.source / "build" / "lab" / "src").glob("libtse.[sd][oy]*"):
         if made.suffix in (".so", ".dylib"):
-            shutil.copy(made.resolve(), r.source / "scripts" / "tse" / "impl" / "lib" / made.name)
+            shutil.copy(made.resolve(), r.source / "scripts" / "tse" / "library" / "lib" / made.name)
     r.run("bash", r.source / "scripts" / "docs.sh", TSE_DOCS_PYTHON=sys.executable)
     r.archive(f"tse-{r.version}-site.tar.gz", r.source / "build" / "site", f"tse-{r.version}-site")
 
@@ -180,7 +191,7 @@ def check_version(folder: Path, version: str) -> None:
     """What is released is what its sources say."""
     there = {
         "include/tse/version.h": r'#define TSE_VERSION "(.+)"',
-        "scripts/tse/impl/__init__.py": r'__version__ = "(.+?)"',
+        "scripts/tse/library/__init__.py": r'__version__ = "(.+?)"',
         "CITATION.cff": r'(?m)^version: "?([^"\n]+)"?$',
         "CHANGELOG.md": r"(?m)^## \[([\d.]+)\] - \d{4}-\d\d-\d\d$",
     }
@@ -190,17 +201,23 @@ def check_version(folder: Path, version: str) -> None:
             raise Failed(f"{name} says version {found[1] if found else '?'}, not {version}")
 
 
-def make(version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]) -> Release:
+def make(
+    version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]
+) -> Release:
     """One release, of the last commit, in a folder that is made anew."""
     commit = git("rev-parse", "HEAD")
     (ROOT / "build").mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="release-", dir=ROOT / "build") as work:  # another path each time: it must not matter
+    with tempfile.TemporaryDirectory(
+        prefix="release-", dir=ROOT / "build"
+    ) as work:  # another path each time: it must not matter
         export = Path(work) / "tse"
         export.mkdir()
         subprocess.run(f"git archive {commit} | tar -x -C '{export}'", shell=True, cwd=ROOT, check=True)
         check_version(export, version)
         empty(out)
-        release = Release(version, commit, int(git("log", "-1", "--format=%ct", commit)), export, out.resolve(), tags)
+        release = Release(
+            version, commit, int(git("log", "-1", "--format=%ct", commit)), export, out.resolve(), tags
+        )
         for part in parts:
             say(part)
             PARTS[part](release)
@@ -212,7 +229,9 @@ def make(version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say
 def empty(out: Path) -> None:
     """A folder without files: a new one, or one that held a release."""
     if out.exists() and any(out.iterdir()) and not (out / SUMS).is_file():
-        raise Failed(f"{out} holds something that is no release ({SUMS} is not in it): remove it, or name another folder")
+        raise Failed(
+            f"{out} holds something that is no release ({SUMS} is not in it): remove it, or name another folder"
+        )
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
 
@@ -239,7 +258,9 @@ def main() -> int:
     parts, tags = args.only.split(","), args.platforms.split(",")
     unknown = [x for x in parts if x not in PARTS] + [x for x in tags if x not in WHEELS]
     if not args.version or unknown:
-        parser.error(f"not known: {', '.join(unknown)}; --list names what is" if unknown else "VERSION is missing")
+        parser.error(
+            f"not known: {', '.join(unknown)}; --list names what is" if unknown else "VERSION is missing"
+        )
     out = args.out or ROOT / "release" / args.version
 
     def say(text: str) -> None:

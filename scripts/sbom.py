@@ -65,7 +65,9 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     made.metadata.timestamp = datetime.fromtimestamp(epoch, timezone.utc)
     for name, digest in sorted(files.items()):
         hashes = [HashType(alg=HashAlgorithm.SHA_256, content=digest)]
-        tse.components.add(Component(name=name, type=ComponentType.FILE, hashes=hashes, bom_ref=f"file:{name}"))
+        tse.components.add(
+            Component(name=name, type=ComponentType.FILE, hashes=hashes, bom_ref=f"file:{name}")
+        )
     name, of, licence = IN_FMUS
     headers = Component(name=name, version=of, type=ComponentType.LIBRARY, bom_ref="fmi-headers",
                         licenses=[DisjunctiveLicense(id=licence)])  # fmt: skip
@@ -73,7 +75,13 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     made.register_dependency(headers)
     packages = needed(folder / "scripts" / "lock.txt", direct)
     components = {
-        n: Component(name=n, version=v, type=ComponentType.LIBRARY, bom_ref=f"{n}@{v}", purl=PackageURL("pypi", name=n, version=v))
+        n: Component(
+            name=n,
+            version=v,
+            type=ComponentType.LIBRARY,
+            bom_ref=f"{n}@{v}",
+            purl=PackageURL("pypi", name=n, version=v),
+        )
         for n, (v, _) in packages.items()
     }
     for component in components.values():
@@ -81,7 +89,10 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     made.register_dependency(tse, [headers, *(components[n] for n in direct if n in components)])
     for n, component in components.items():
         made.register_dependency(component, [components[m] for m, (_, by) in packages.items() if n in by])
-    content = [*(f"{n} {d}" for n, d in sorted(files.items())), *sorted(c.bom_ref.value for c in components.values())]
+    content = [
+        *(f"{n} {d}" for n, d in sorted(files.items())),
+        *sorted(c.bom_ref.value for c in components.values()),
+    ]
     named = "\n".join([version, str(epoch), *content])
     made.serial_number = uuid.uuid5(SPACE, named)
     return made

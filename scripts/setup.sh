@@ -193,12 +193,12 @@ quietly() {                                       # say what a command printed o
 say "library for tselab"
 quietly cmake --preset lab || fail "cmake could not configure the library."
 quietly cmake --build --preset lab --parallel || fail "the library does not compile."
-mkdir -p scripts/tse/impl/lib
+mkdir -p scripts/tse/library/lib
 for suffix in so dylib; do
   built=build/lab/src/libtse.$suffix
-  if [ -e $built ] && ! cmp -s $built scripts/tse/impl/lib/libtse.$suffix; then
-    cp -L $built scripts/tse/impl/lib/libtse.$suffix.new          # replaced at once: a running tselab keeps the old one
-    mv -f scripts/tse/impl/lib/libtse.$suffix.new scripts/tse/impl/lib/libtse.$suffix
+  if [ -e $built ] && ! cmp -s $built scripts/tse/library/lib/libtse.$suffix; then
+    cp -L $built scripts/tse/library/lib/libtse.$suffix.new          # replaced at once: a running tselab keeps the old one
+    mv -f scripts/tse/library/lib/libtse.$suffix.new scripts/tse/library/lib/libtse.$suffix
   fi
 done
 say "ready: .venv/bin/tselab"

@@ -18,9 +18,9 @@ import pandas as pd
 from tqdm import tqdm
 
 import tables
-from tse.impl.core import STIFFNESS, Config, Library, library_path
-from tse.impl.files import atomic
-from tse.impl.logs.log import read_log
+from tse.channels.log import read_log
+from tse.library.core import STIFFNESS, Config, Library, library_path
+from tse.library.files import atomic
 from tselab.montecarlo import estimators, studies
 from tselab.montecarlo.case import START, Case, Drive, drive
 from tselab.montecarlo.scores import inside
@@ -30,7 +30,13 @@ sys.path.insert(0, str(ROOT))
 from tests.cars import ROADS, events, study  # noqa: E402
 
 TABLE = ROOT / "scripts" / "results" / "constants.md"
-CASES = (("stress", "nominal"), ("stress", "noise-3x"), ("stress", "road-0.3"), ("stress", "stuck-accel_y"), ("regimes", "slow-20"))
+CASES = (
+    ("stress", "nominal"),
+    ("stress", "noise-3x"),
+    ("stress", "road-0.3"),
+    ("stress", "stuck-accel_y"),
+    ("regimes", "slow-20"),
+)
 ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour", "wrong after an event [s]")
 FACTORS = (0.5, 2.0)
 
@@ -38,7 +44,9 @@ FACTORS = (0.5, 2.0)
 def rows() -> list[tuple[str, float, str, str, str]]:
     """Name, value, unit, why and test of every constant."""
     sections = tables.read("constants").values()
-    return [(n, r["value"], r["unit"], r["why"], r["test"]) for section in sections for n, r in section.items()]
+    return [
+        (n, r["value"], r["unit"], r["why"], r["test"]) for section in sections for n, r in section.items()
+    ]
 
 
 def build(name: str, factor: float) -> Library:
@@ -54,7 +62,10 @@ def build(name: str, factor: float) -> Library:
     flags = f"-include {first}"
     options = ["-DCMAKE_BUILD_TYPE=Release", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=4096", "-DTSE_BUILD_TESTS=OFF",
                "-DTSE_BUILD_FMU=OFF", f"-DCMAKE_C_FLAGS={flags}"]  # fmt: skip
-    for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--parallel", "2"]):
+    for command in (
+        ["cmake", "-S", ROOT, "-B", folder, *options],
+        ["cmake", "--build", folder, "--parallel", "2"],
+    ):
         subprocess.run([str(c) for c in command], check=True, capture_output=True)
     made = next(f for f in folder.rglob(library_path().name) if f.is_file())
     kept = folder / f"{name}-{factor:g}{made.suffix}"
@@ -100,7 +111,9 @@ class Cars:
 
     def scores(self, lib: Library | None) -> str:
         """Return ON_CARS as cells of a table."""
-        runs = [study.score(*study.estimated(path, log, lib=lib), log, truth) for path, log, truth in self.calm]
+        runs = [
+            study.score(*study.estimated(path, log, lib=lib), log, truth) for path, log, truth in self.calm
+        ]
         total = {key: sum(run[key] for run in runs) for key in runs[0]}
         across = [total[f"{k} {what}"] for what in ("off", "valid") for k in STIFFNESS[1:]]
         along = [total[f"{STIFFNESS[0]} {what}"] for what in ("off", "valid")]
@@ -120,12 +133,19 @@ def main() -> int:
     args = parser.parse_args()
     table = {r[0]: r for r in rows()}
     if unknown := [n for n in args.names if n not in table]:
-        print(f"sweep: no constant is named {', '.join(unknown)}; see src/tables/constants.toml", file=sys.stderr)
+        print(
+            f"sweep: no constant is named {', '.join(unknown)}; see src/tables/constants.toml",
+            file=sys.stderr,
+        )
         return 2
     names = args.names or [n for n, row in table.items() if row[4] != "-"]
     cases = [studies.study(s).case(c) for s, c in CASES]
     drives = [
-        [drive(c, seed, lambda about: Config.exact({**START, **about}), {}) for seed in range(1, args.runs + 1)] for c in cases
+        [
+            drive(c, seed, lambda about: Config.exact({**START, **about}), {})
+            for seed in range(1, args.runs + 1)
+        ]
+        for c in cases
     ]
     base = [np.array([rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
     cars = Cars(args.cars)
@@ -151,7 +171,9 @@ mean. Command: `.venv/bin/python scripts/sweep.py --cars DIR --runs {args.runs}`
             for c, ds, b in zip(cases, drives, base, strict=True):
                 cells.append(compare(b, np.array([rms(c, d, lib)[0] for d in ds])))
             cells.append(cars.scores(lib))
-            lines.append(f"| {name} | {table[name][1]} | {table[name][2]} | {factor:g} | " + " | ".join(cells) + " |")
+            lines.append(
+                f"| {name} | {table[name][1]} | {table[name][2]} | {factor:g} | " + " | ".join(cells) + " |"
+            )
     if args.names:
         print("\n".join(lines))
     else:

@@ -24,8 +24,21 @@ else:
 ROOT = Path(__file__).resolve().parents[1]
 REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
 SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
-CONFIG = ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "road", "effects", "formula", "filter")
-SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")  # table: file that has it beside others
+CONFIG = (
+    "vehicle",
+    "uncertainty",
+    "sensors",
+    "latency",
+    "velocity",
+    "pedals",
+    "road",
+    "effects",
+    "formula",
+    "filter",
+)
+SECTIONS = dict.fromkeys(
+    ("sensors", "latency", "velocity", "pedals", "road"), "sensors"
+)  # table: file that has it beside others
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"
 Row = dict[str, Any]
@@ -50,7 +63,9 @@ def settings(name: str) -> dict[str, Row]:
     if name == "formula":
         table = table["setting"]
     if name == "effects":
-        table = {f"{i}_{p}": {**row, "effect": i} for i, e in table.items() for p, row in e["parameter"].items()}
+        table = {
+            f"{i}_{p}": {**row, "effect": i} for i, e in table.items() for p, row in e["parameter"].items()
+        }
     ordinary = read("uncalibrated")["setting"]
     return {
         n: {
@@ -91,7 +106,9 @@ def text(x: str) -> str:
 
 def packed(parts: Iterable[str]) -> list[str]:
     """Return parts one behind the other, in lines of 130 columns."""
-    return textwrap.wrap(" ".join(p.replace(" ", "\0") for p in parts), 128, break_long_words=False, break_on_hyphens=False)
+    return textwrap.wrap(
+        " ".join(p.replace(" ", "\0") for p in parts), 128, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def member(kind: str, name: str, about: str, width: int) -> str:
@@ -108,7 +125,8 @@ def about(row: Row) -> str:
 
 def struct(rows: dict[str, Row], real: str) -> list[str]:
     return [
-        member("int32_t" if r.get("whole") else real, n, about(r), 45 if real == "tse_setting" else 28) for n, r in rows.items()
+        member("int32_t" if r.get("whole") else real, n, about(r), 45 if real == "tse_setting" else 28)
+        for n, r in rows.items()
     ]
 
 
@@ -157,7 +175,9 @@ def input_members(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
 
 
 def outputs() -> dict[str, Row]:
-    return {n: {"member": n, "kind": "real", "unit": "", **row} for n, row in read("output")["column"].items()}
+    return {
+        n: {"member": n, "kind": "real", "unit": "", **row} for n, row in read("output")["column"].items()
+    }
 
 
 def output_members() -> list[str]:
@@ -174,12 +194,15 @@ def hashed_outputs() -> list[str]:
     """All but of which time the estimates are: no channel is late in the recorded drives."""
     rows = [(n, r) for n, r in outputs().items() if n != "estimate_age"]
     return [
-        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }}," for n, r in rows
+        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }},"
+        for n, r in rows
     ]
 
 
 def codes(table: str) -> list[str]:
-    return [f"{n + ' = ' + str(r['code']) + ',':<29} /* {r['text']} */" for n, r in read("status")[table].items()]
+    return [
+        f"{n + ' = ' + str(r['code']) + ',':<29} /* {r['text']} */" for n, r in read("status")[table].items()
+    ]
 
 
 def coded(rows: dict[str, Row]) -> list[str]:
@@ -194,7 +217,9 @@ def coded(rows: dict[str, Row]) -> list[str]:
 
 def constants() -> list[str]:
     rows = [(n, r) for section in read("constants").values() for n, r in section.items()]
-    return [f"#define {n + ' TSE_R(' + c(r['value']) + ')':<32} /* [{r['unit']}] {r['why']} */" for n, r in rows]
+    return [
+        f"#define {n + ' TSE_R(' + c(r['value']) + ')':<32} /* [{r['unit']}] {r['why']} */" for n, r in rows
+    ]
 
 
 def config_groups() -> list[str]:
@@ -206,7 +231,9 @@ def config_groups() -> list[str]:
         own = [n for n, r in settings(group).items() if not r["whole"]]
         parts += [f"FIRST_{group.upper()} = {reals.index(own[0])},", f"COUNT_{group.upper()} = {len(own)},"]
     own = [n for n, r in settings("formula").items() if r["whole"]]
-    return packed([*parts, f"FIRST_WHOLE_FORMULA = {wholes.index(own[0])},", f"COUNT_WHOLE_FORMULA = {len(own)},"])
+    return packed(
+        [*parts, f"FIRST_WHOLE_FORMULA = {wholes.index(own[0])},", f"COUNT_WHOLE_FORMULA = {len(own)},"]
+    )
 
 
 def copied(group: str) -> Iterator[str]:
@@ -237,14 +264,20 @@ def effect_parameters() -> Iterator[str]:
 
 def hooked(*hooks: str) -> list[str]:
     rows = read("effects")
-    return [f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks]
+    return [
+        f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h)
+        for h in hooks
+    ]
 
 
 def formula_operations() -> Iterator[str]:
     rows = read("formula")["operation"].items()
     yield from listed(
         "FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY)",
-        (f"{r['kind']}({n}, {r['code']}, {r['takes']}, {text(r['unit'])}, {text(r['text'])})" for n, r in rows),
+        (
+            f"{r['kind']}({n}, {r['code']}, {r['takes']}, {text(r['unit'])}, {text(r['text'])})"
+            for n, r in rows
+        ),
     )
 
 
@@ -268,7 +301,11 @@ def listed(name: str, rows: Iterable[str]) -> Iterator[str]:
     yield f"  {last}"
 
 
-ENUMERATIONS = {"status": "Status", "change_kind": "ChangeKind", "fault_channel": "FaultChannel"}  # of outputs with codes
+ENUMERATIONS = {
+    "status": "Status",
+    "change_kind": "ChangeKind",
+    "fault_channel": "FaultChannel",
+}  # of outputs with codes
 
 
 def output_row(name: str, r: Row) -> str:
@@ -284,7 +321,11 @@ def output_row(name: str, r: Row) -> str:
         return f"STIFFNESS({head}, {place}[{index}, {text(r['unit'])}, {says})"
     if r["kind"] == "real":
         return f"NUMBER({head}, {text(r['unit'])}, {says})"
-    return f"FLAG({head}, {says})" if r["kind"] == "flag" else f"CODE({head}, {text(ENUMERATIONS[name])}, {says})"
+    return (
+        f"FLAG({head}, {says})"
+        if r["kind"] == "flag"
+        else f"CODE({head}, {text(ENUMERATIONS[name])}, {says})"
+    )
 
 
 def truth_row(group: str, name: str, place: str, r: Row) -> str:
@@ -303,19 +344,31 @@ def columns() -> Iterator[str]:
         return f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
 
     table = read("input")
-    kinds = {"CHANNELS": channels(), "VELOCITIES": table["velocity"], "PEDALS": table["pedal"], "ROADS": table["road"]}
+    kinds = {
+        "CHANNELS": channels(),
+        "VELOCITIES": table["velocity"],
+        "PEDALS": table["pedal"],
+        "ROADS": table["road"],
+    }
     for name, rows in kinds.items():
-        yield from listed(f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows))
+        yield from listed(
+            f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows)
+        )
     driver = settings("sim_input").items()
     yield from listed("DRIVER(ROW)", (f"ROW({n}, {c(r['default'])}, {ends(r)}" for n, r in driver))
-    yield from listed("OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)", (output_row(n, r) for n, r in outputs().items()))
+    yield from listed(
+        "OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)", (output_row(n, r) for n, r in outputs().items())
+    )
     yield from listed("TRUTHS(NUMBER, STIFFNESS)", (truth_row(*x) for x in truths()))
     for name, codes_of in (("STATUSES", "status"), ("REASON_CODES", "reason")):
         rows = read("status")[codes_of].items()
-        yield from listed(f"{name}(ROW)", (f"ROW({n}, {text(r.get('word', n))}, {text(r['text'])})" for n, r in rows))
+        yield from listed(
+            f"{name}(ROW)", (f"ROW({n}, {text(r.get('word', n))}, {text(r['text'])})" for n, r in rows)
+        )
     start_rows = read("replay")["start"].items()
     yield from listed(
-        "REPLAY_START(ROW)", (f"ROW({n}, {c(r['default'])}, {text(r['unit'])}, {text(r['text'])})" for n, r in start_rows)
+        "REPLAY_START(ROW)",
+        (f"ROW({n}, {c(r['default'])}, {text(r['unit'])}, {text(r['text'])})" for n, r in start_rows),
     )
     why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values())
     yield f"#define REASONS {text(why + ' see documentation')}"
@@ -338,40 +391,56 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
     "columns": columns,
     "changes": changes,
     # a log row
-    "input_channels": lambda: input_members(channels(), {"drives": "else refused", "measured": "else missing"}),
+    "input_channels": lambda: input_members(
+        channels(), {"drives": "else refused", "measured": "else missing"}
+    ),
     "input_optional": lambda: input_members(optional(), {"": "else not there"}),
     "channel_places": lambda: [f"TSE_CHANNEL_{r['name']}," for r in channels()],
     "optional_places": lambda: [f"TSE_OPTIONAL_{r['name']}," for r in optional()],
-    "missing_bits": lambda: [f"#define TSE_MISSING_{r['name']} (1u << TSE_CHANNEL_{r['name']})" for r in channels()],
-    "given_bits": lambda: [f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in optional()],
+    "missing_bits": lambda: [
+        f"#define TSE_MISSING_{r['name']} (1u << TSE_CHANNEL_{r['name']})" for r in channels()
+    ],
+    "given_bits": lambda: [
+        f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in optional()
+    ],
     # outputs, status
     "regimes": lambda: [f"{f'TSE_REGIME_{n},':<21} /* {t} */" for n, t in read("output")["regime"].items()],
     "status_codes": lambda: codes("status"),
     "reason_codes": lambda: codes("reason"),
     # settings
     "config_members": lambda: struct(config(), "tse_setting"),
-    "considered": lambda: [f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r],
+    "considered": lambda: [
+        f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r
+    ],
     "vehicle_names": lambda: packed(f'"{n}",' for n in settings("vehicle")),
     "uncertainty_names": lambda: packed(f'"{n}",' for n in settings("uncertainty")),
     "sensor_names": lambda: packed(f'"{n}",' for n in settings("sensors")),
     "car_class": lambda: [
-        f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */" for n, r in read("uncalibrated")["class"].items()
+        f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */"
+        for n, r in read("uncalibrated")["class"].items()
     ],
     "copies": lambda: packed(row for group in CONFIG if group != "velocity" for row in copied(group)),
     "velocity_copies": lambda: packed(copied("velocity")),
-    "exact": lambda: packed(f"SET({n}, {c(r['exact'])})," for n, r in config().items() if r["exact"] != r["default"]),
+    "exact": lambda: packed(
+        f"SET({n}, {c(r['exact'])})," for n, r in config().items() if r["exact"] != r["default"]
+    ),
     # effects, formula
     "effect_places": lambda: packed(f"TSE_EFFECT_{i}," for i in read("effects")),
     "effect_members": lambda: packed(f"{n}," for n in settings("effects")),
     "effects_described": lambda: [
         "{ "
-        + ", ".join(text(x) for x in (i, *(e[k] for k in ("hook", "title", "entry", "channels", "alike", "estimator"))))
+        + ", ".join(
+            text(x)
+            for x in (i, *(e[k] for k in ("hook", "title", "entry", "channels", "alike", "estimator")))
+        )
         + f", TSE_EFFECT_{i} }},"
         for i, e in read("effects").items()
     ],
     "constant_effects": lambda: hooked("CONSTANT"),
     "acting_effects": lambda: hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"),
-    "formula_places": lambda: packed(f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items()),
+    "formula_places": lambda: packed(
+        f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items()
+    ),
     "formula_places_described": lambda: coded(read("formula")["place"]),
     # simulator, replay
     "sim_members": lambda: struct(settings("sim"), "tse_setting"),
@@ -381,21 +450,26 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
         for n, r in read("sim_output")["member"].items()
     ],
     "replay_log_members": lambda: [
-        member("const tse_real", "*" + n, f"[{r['unit']}] {'' if r['needed'] else 'or NULL; '}{r['text']}", 35)
+        member(
+            "const tse_real", "*" + n, f"[{r['unit']}] {'' if r['needed'] else 'or NULL; '}{r['text']}", 35
+        )
         for n, r in read("replay")["log"].items()
     ],
     "replay_start_members": lambda: [
-        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30) for n, r in read("replay")["start"].items()
+        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30)
+        for n, r in read("replay")["start"].items()
     ],
     "replay_out_members": lambda: [
-        member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30) for n, r in read("replay")["out"].items()
+        member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30)
+        for n, r in read("replay")["out"].items()
     ],
     "replay_log_described": lambda: [
         field("tse_replay_log", n, "p" if r["needed"] else "o", n, NO_RANGE, r["unit"], r["text"])
         for n, r in read("replay")["log"].items()
     ],
     "replay_out_described": lambda: [
-        field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"]) for n, r in read("replay")["out"].items()
+        field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"])
+        for n, r in read("replay")["out"].items()
     ],
 }
 
@@ -406,13 +480,19 @@ def filled(source: str) -> str:
     def put(m: re.Match[str]) -> str:
         indent = m[1][: m[1].index("/")]
         lines = REGIONS[m[2]]()
-        return m[1] + "".join(f"{'' if x.startswith('#') else indent}{x}\n".replace("\0", " ") for x in lines) + m[3]
+        return (
+            m[1]
+            + "".join(f"{'' if x.startswith('#') else indent}{x}\n".replace("\0", " ") for x in lines)
+            + m[3]
+        )
 
     return REGION.sub(put, source)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Write what C sources and headers have of the tables in src/tables.")
+    parser = argparse.ArgumentParser(
+        description="Write what C sources and headers have of the tables in src/tables."
+    )
     parser.add_argument("--check", action="store_true", help="change nothing; fail where something would be")
     check = parser.parse_args().check
     status = 0
@@ -421,7 +501,10 @@ def main() -> int:
         if "/* table: " not in there or (new := filled(there)) == there:
             continue
         if check:
-            print(f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/tables.py", file=sys.stderr)
+            print(
+                f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/tables.py",
+                file=sys.stderr,
+            )
             status = 1
         else:
             path.write_text(new, encoding="utf-8")

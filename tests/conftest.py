@@ -53,7 +53,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     asked = " ".join(map(str, config.invocation_params.args))
     if not config.getoption("--all"):
-        left = [i for i in items if any(file_of(h).rpartition("/")[2] not in asked for h in heavy_of(i.nodeid))]
+        left = [
+            i for i in items if any(file_of(h).rpartition("/")[2] not in asked for h in heavy_of(i.nodeid))
+        ]
         if left:
             config.hook.pytest_deselected(items=left)
             items[:] = [i for i in items if i not in set(left)]

@@ -72,7 +72,9 @@ int main(void)
 @pytest.fixture
 def copy(tmp_path):
     for folder in ("src", "include", "scripts", "fmu", "tests/replay", "tests/unit"):
-        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("results", "__pycache__"))
+        shutil.copytree(
+            ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("results", "__pycache__")
+        )
     return tmp_path
 
 
@@ -120,7 +122,11 @@ def test_an_effect_is_a_row_and_its_function_word_for_word_as_contributing_says(
 def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
     edit(copy / "src" / "tables" / "constants.toml", '["process noise"]\n',
          '["process noise"]\nNEWS = { value = 0.25, unit = "1", why = "a share", test = "-" }\n')  # fmt: skip
-    edit(copy / "src" / "filter" / "output.c", "out->log_evidence = ", "out->n_eff = NEWS;\n  out->log_evidence = ")
+    edit(
+        copy / "src" / "filter" / "output.c",
+        "out->log_evidence = ",
+        "out->n_eff = NEWS;\n  out->log_evidence = ",
+    )
     assert written(copy) == ["src/tables/constants.h"]
     subprocess.run(["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
                    cwd=copy, check=True)  # fmt: skip
@@ -129,7 +135,11 @@ def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
 def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     table = copy / "src" / "tables" / "output.toml"
     edit(table, "[column]\n", '[column]\nspeed_of_news = { unit = "m/s", text = "twice vel_x" }\n')
-    edit(table, "fault_factor = { unit", 'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nfault_factor = { unit')
+    edit(
+        table,
+        "fault_factor = { unit",
+        'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nfault_factor = { unit',
+    )
     edit(
         copy / "src" / "filter" / "output.c",
         "out->log_evidence = ",
@@ -158,7 +168,11 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
         assert done.returncode == 0, done.stderr
     flags = ["-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-DTSE_REAL_DOUBLE=1",
              "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]  # fmt: skip
-    subprocess.run(["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"], cwd=copy, check=True)
+    subprocess.run(
+        ["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"],
+        cwd=copy,
+        check=True,
+    )
 
 
 def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):
@@ -169,7 +183,9 @@ def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):
     assert done.returncode == 0 and "test_effect_brake_pull.c" in done.stdout
     sources = [str(p.relative_to(copy)) for p in sorted((copy / "src").rglob("*.c"))]
     test = copy / "tests/unit/model/test_effect_brake_pull.c"
-    subprocess.run(["cmake", f"-DSOURCE={test}", "-DRUNNER=run.c", "-P", "tests/unit/runner.cmake"], cwd=copy, check=True)
+    subprocess.run(
+        ["cmake", f"-DSOURCE={test}", "-DRUNNER=run.c", "-P", "tests/unit/runner.cmake"], cwd=copy, check=True
+    )
     subprocess.run(
         ["cc", "-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc", "-Itests/unit",
          f"-I{UNITY}", "run.c", str(UNITY / "unity.c"), *sources, "-lm", "-o", "run"],
@@ -186,7 +202,10 @@ def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):
     [
         (("mass", "--hook", "BODY"), "there is such an effect"),
         (("Brake-Pull", "--hook", "BODY"), "small letters"),
-        (("brake_pull", "--hook", "BODY", "--low", "0.1", "--high", "1"), "0, which is off, must be in the range"),
+        (
+            ("brake_pull", "--hook", "BODY", "--low", "0.1", "--high", "1"),
+            "0, which is off, must be in the range",
+        ),
         (("brake_pull", "--hook", "BODY", "--typical", "2", "3"), "must be in the range"),
         (("brake_pull", "--hook", "WHEEL"), "invalid choice"),
     ],

@@ -17,7 +17,9 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 ASKED = shlex.split(os.environ.get("CC", "cc"))[0], "gcc", "clang"
-COMPILERS = list({os.path.realpath(path): c for c in reversed(ASKED) if (path := shutil.which(c))}.values())  # cc is one of them
+COMPILERS = list(
+    {os.path.realpath(path): c for c in reversed(ASKED) if (path := shutil.which(c))}.values()
+)  # cc is one of them
 X86 = platform.machine() in ("x86_64", "AMD64")
 CPU = Path("/proc/cpuinfo")
 FUSES = X86 and CPU.exists() and " fma " in CPU.read_text()
@@ -54,7 +56,9 @@ def build(compiler, folder, real, options):
 
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize("options", ["-std=c99 -O0", "-std=c99 -O3", "-std=gnu99 -O3 -ffp-contract=off", "-O2 -fno-trapping-math"])
+@pytest.mark.parametrize(
+    "options", ["-std=c99 -O0", "-std=c99 -O3", "-std=gnu99 -O3 -ffp-contract=off", "-O2 -fno-trapping-math"]
+)
 def test_ordinary_options_pass(compiler, options, real, tmp_path):
     said, errors = build(compiler, tmp_path, real, [*options.split(), "-Wall", "-Wextra", "-Werror"])
     assert said == "0 \n", errors
@@ -86,12 +90,23 @@ def test_parts_of_fast_math_do_not_compile_where_the_compiler_says_so(compiler, 
 # what the machines say on which sums have other widths: -1 gcc's -mfpmath=both, 1 s390x, 2 x87, 16 and 32 of half precision
 @pytest.mark.parametrize(
     ("method", "refused"),
-    [("-1", REALS), ("0", ()), ("1", ("FLOAT",)), ("2", REALS), ("16", ()), ("32", ()), ("64", ("FLOAT",)), ("128", REALS)],
+    [
+        ("-1", REALS),
+        ("0", ()),
+        ("1", ("FLOAT",)),
+        ("2", REALS),
+        ("16", ()),
+        ("32", ()),
+        ("64", ("FLOAT",)),
+        ("128", REALS),
+    ],
 )
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("compiler", [c for c in COMPILERS if not is_clang(c)])
 def test_sums_that_are_wider_than_their_numbers_do_not_compile(compiler, real, method, refused, tmp_path):
-    said, errors = build(compiler, tmp_path, real, ["-std=c99", "-U__FLT_EVAL_METHOD__", f"-D__FLT_EVAL_METHOD__={method}"])
+    said, errors = build(
+        compiler, tmp_path, real, ["-std=c99", "-U__FLT_EVAL_METHOD__", f"-D__FLT_EVAL_METHOD__={method}"]
+    )
     if real in refused:
         assert said is None and "round differently" in errors
     else:
@@ -116,14 +131,18 @@ def test_contraction_is_found_where_it_is_not_prevented(compiler, real, tmp_path
     if is_clang(compiler):
         assert said == "0 \n", errors
     else:
-        assert said.startswith("-12 products are not rounded before they are added: -ffp-contract=off"), errors
+        assert said.startswith("-12 products are not rounded before they are added: -ffp-contract=off"), (
+            errors
+        )
 
 
 @pytest.mark.skipif(not X86, reason="options of x86")
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_sums_in_another_order_are_found(compiler, tmp_path):
     """clang gives it no name."""
-    said, errors = build(compiler, tmp_path, "DOUBLE", ["-O2", "-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math"])
+    said, errors = build(
+        compiler, tmp_path, "DOUBLE", ["-O2", "-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math"]
+    )
     if is_clang(compiler):
         assert said.startswith("-12 "), errors
     else:
@@ -143,13 +162,18 @@ def code(python: object, lock: Path) -> int:
     [
         ("ERROR: No matching distribution found for numpy==9", NO_FILES),
         ("ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE.", 1),
-        ("ERROR: THESE PACKAGES DO NOT MATCH THE HASHES ...\\nERROR: No matching distribution found for a", 1),
+        (
+            "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES ...\\nERROR: No matching distribution found for a",
+            1,
+        ),
         ("WARNING: Retrying after connection broken\\nERROR: No matching distribution found for numpy==9", 1),
         ("ERROR: HTTP error 503 while getting a.whl", 1),
         ("something that nobody has thought of", 1),
     ],
 )
-def test_only_files_that_do_not_exist_for_this_python_are_replaced(tmp_path: Path, says: str, wanted: int) -> None:
+def test_only_files_that_do_not_exist_for_this_python_are_replaced(
+    tmp_path: Path, says: str, wanted: int
+) -> None:
     python, lock = tmp_path / "python", tmp_path / "lock.txt"
     python.write_text(f"#!/bin/sh\nprintf '{says}\\n' >&2\nexit 1\n")
     python.chmod(0o755)
@@ -161,8 +185,12 @@ def test_pip_itself_and_a_hash_that_differs(tmp_path: Path) -> None:
     """A package that is made here; without a registry."""
     wheel = tmp_path / "empty_of_tse-1-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
-        archive.writestr("empty_of_tse-1.dist-info/METADATA", "Metadata-Version: 2.1\nName: empty-of-tse\nVersion: 1\n")
-        archive.writestr("empty_of_tse-1.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        archive.writestr(
+            "empty_of_tse-1.dist-info/METADATA", "Metadata-Version: 2.1\nName: empty-of-tse\nVersion: 1\n"
+        )
+        archive.writestr(
+            "empty_of_tse-1.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+        )
         archive.writestr("empty_of_tse-1.dist-info/RECORD", "")
     right = hashlib.sha256(wheel.read_bytes()).hexdigest()
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "env"], check=True)
@@ -187,7 +215,11 @@ WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 
 
 def steps(workflow: Path) -> list[dict[str, object]]:
-    return [s for job in yaml.safe_load(workflow.read_text(encoding="utf-8"))["jobs"].values() for s in job["steps"]]
+    return [
+        s
+        for job in yaml.safe_load(workflow.read_text(encoding="utf-8"))["jobs"].values()
+        for s in job["steps"]
+    ]
 
 
 @pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda p: p.stem)
@@ -196,7 +228,9 @@ def test_actions_are_pinned_and_scripts_are_there(workflow: Path) -> None:
     used = re.findall(r"uses: (\S+)(.*)", text)
     assert used
     for action, comment in used:
-        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action) and re.fullmatch(r" # v\d+\.\d+\.\d+", comment), action
+        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action) and re.fullmatch(
+            r" # v\d+\.\d+\.\d+", comment
+        ), action
     for script in re.findall(r"(?:^|\s)((?:scripts/|tests/|\.ci/)[\w./-]+)", text):
         assert (ROOT / script).is_file(), script
     assert yaml.safe_load(text)["permissions"] == {"contents": "read"}
@@ -212,6 +246,8 @@ def test_what_is_run_here_is_run_there() -> None:
 def test_the_linter_of_the_forge_has_nothing_to_say() -> None:
     linter = shutil.which("actionlint")
     if linter is None:
-        pytest.skip("actionlint is not installed (go install github.com/rhysd/actionlint/cmd/actionlint@v1.7.7)")
+        pytest.skip(
+            "actionlint is not installed (go install github.com/rhysd/actionlint/cmd/actionlint@v1.7.7)"
+        )
     done = subprocess.run([linter, "-no-color", *WORKFLOWS], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stdout

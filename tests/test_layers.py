@@ -1,6 +1,7 @@
-"""src/ flows in one direction: no file includes one that stands later in src/CMakeLists.txt, or in a folder that its own must not
-know. fmu/glue knows nothing of tyres. The rooms of tse.impl.gap are kept apart in the same way. In tse and tselab no module needs
-itself by a detour, commands stand on what they call, and imports stand at the head."""
+"""Layers: no file of src/ includes one that stands later in src/CMakeLists.txt, or one of a folder
+that its own must not know. fmu/glue knows nothing of tyres. The rooms of tse stand on each other in one
+order. No Python module needs itself by a detour, commands stand on what they call, and imports stand at
+the head."""
 
 import ast
 import re
@@ -23,15 +24,11 @@ KNOWS = {  # which folders' files those of a folder may include; in order
 DOOR = "estimator/filter.c"  # which opens to the form that is set: it alone of its folder knows both filters
 WRITTEN = {"tse_formula.h"}  # by tselab, for a build that has a formula of the user compiled in
 GLUE = SRC.parent / "fmu" / "glue"
-GAP = SRC.parent / "scripts" / "tse" / "impl" / "gap"
-ROOMS = {  # which rooms' modules those of a room may import; "": what all of them share
-    "": {""},
-    "infer": {"", "infer"},
-    "run": {"", "infer", "run"},
-}
 OF_THE_GLUE = {"fmi2Functions.h", "fmi3Functions.h", "fmu_guid.h", "fmu_model.h", "glue.h", "model.h"}
 OF_THE_GLUE |= {"tse/convert.h", "tse/version.h"}
-NAME = re.compile(r"\b(?:tse|TSE)_(?!VERSION\b|(?:real|setting)(?:_of)?\b|double_of(?:_setting)?\b)\w+")  # but version, numbers
+NAME = re.compile(
+    r"\b(?:tse|TSE)_(?!VERSION\b|(?:real|setting)(?:_of)?\b|double_of(?:_setting)?\b)\w+"
+)  # but version, numbers
 
 
 def folder(path):
@@ -84,54 +81,32 @@ def test_the_glue_of_the_fmus_knows_no_model():
         assert not names, f"{path.name} names {names}"
 
 
-def room(parts):
-    """Of a module, by its name below tse.impl.gap."""
-    return parts[0] if parts and parts[0] in ROOMS else ""
-
-
-def imported(path):
-    """Names below tse.impl.gap that a file imports anywhere, in functions and for types, too."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names = [a.name for a in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert not node.level, f"{path.name} has a relative import"
-            names = [f"{node.module}.{a.name}" for a in node.names]
-        else:
-            continue
-        yield from (n.split(".")[3:] for n in names if n.startswith("tse.impl.gap."))
-
-
-def test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not():
-    wrong = []
-    for path in sorted(GAP.rglob("*.py")):
-        own = room(path.relative_to(GAP).with_suffix("").parts)
-        for parts in imported(path):
-            if room(parts) not in ROOMS[own]:
-                wrong.append(f"{path.relative_to(GAP)} imports {'.'.join(parts)}, which {own or 'what is shared'} must not know")
-    assert not wrong, "\n".join(wrong)
-
-
 # ---- modules of tse and tselab
 
 SCRIPTS = SRC.parent / "scripts"
+FLOORS = [  # rooms of tse, each of which imports from those before it alone
+    "library", "log", "car", "roads", "readers", "channels", "estimation", "report", "simulation", "identify", "calibration",
+    "gaps", "gaps.infer", "gaps.run", "runs", "streaming", "",
+]  # fmt: skip
 COMMANDS = re.compile(r"tselab\.(?!montecarlo|fmu_)\w+")  # options in, messages out
 LATE = {  # what is imported in functions, and is no package that may be missing: it costs a second, and few need it
-    ("tse._estimate", "tse.impl.report"),
-    ("tse.impl.processes", "tse.impl"),  # in a function that is sent to the workers as code
-    ("tse.impl.fleet.single", "tse.impl.plots"),
-    ("tse.impl.fleet.single", "tse.impl.report"),
-    ("tse.impl.fleet.single", "tse.impl.road_match"),
-    ("tse._simulate", "tse.impl.road_match"),
-    ("tse.impl.calibrate.own", "tse.impl.calibrate.output"),
-    ("tse.impl.calibrate.own", "tse.impl.calibrate.workflow"),
+    ("tse._estimate", "tse.report.report"),
+    ("tse.library.processes", "tse.library"),  # in a function that is sent to the workers as code
+    ("tse.runs.single", "tse.report.plots"),
+    ("tse.runs.single", "tse.report.report"),
+    ("tse.runs.single", "tse.roads.road_match"),
+    ("tse._simulate", "tse.roads.road_match"),
+    ("tse.calibration.own", "tse.calibration.output"),
+    ("tse.calibration.own", "tse.calibration.workflow"),
 }
 
 
 def modules():
     """Name -> tree of every module."""
     paths = [p for package in ("tse", "tselab") for p in (SCRIPTS / package).rglob("*.py")]
-    dotted = {".".join(p.relative_to(SCRIPTS).with_suffix("").parts).removesuffix(".__init__"): p for p in paths}
+    dotted = {
+        ".".join(p.relative_to(SCRIPTS).with_suffix("").parts).removesuffix(".__init__"): p for p in paths
+    }
     return {name: ast.parse(p.read_text(encoding="utf-8")) for name, p in dotted.items()}
 
 
@@ -181,22 +156,29 @@ def test_no_module_needs_itself_by_a_detour():
     assert not {name for name in TREES if name in reached(name, known)}
 
 
-def test_folders_are_rooms_of_which_none_needs_itself_by_way_of_others():
-    def folder_of(name):
-        return name if SCRIPTS.joinpath(*name.split(".")).is_dir() else name.rpartition(".")[0]
+def room_of(name):
+    """Return the room of a module of tse; "" is the public API."""
+    package = name if SCRIPTS.joinpath(*name.split(".")).is_dir() else name.rpartition(".")[0]
+    return package.removeprefix("tse").removeprefix(".")
 
-    known, rooms = {}, {folder_of(name) for name in TREES}
-    for name, other, _ in ARROWS:
-        if folder_of(name) != folder_of(other):
-            known.setdefault(folder_of(name), set()).add(folder_of(other))
-    assert not {name for name in rooms if name in reached(name, known)}
-    assert len(rooms) <= 12 and sum(map(len, known.values())) <= 34
+
+def test_rooms_stand_in_order_and_none_imports_from_a_later_one():
+    tse = [name for name in TREES if name == "tse" or name.startswith("tse.")]
+    assert {room_of(name) for name in tse} == set(FLOORS)
+    public = {"tse.errors"}
+    wrong = {
+        (name, other)
+        for name, other, _ in ARROWS
+        if name in tse
+        and other in tse
+        and FLOORS.index(room_of(name)) < FLOORS.index(room_of(other))
+        and other not in public
+    }
+    assert not wrong, "\n".join(f"{name} imports {other}" for name, other in sorted(wrong))
 
 
 def test_tse_does_not_know_the_command_nor_what_is_called_one():
-    """tse is the library, tselab the command on it; what tse stands on, tse.impl, knows nothing of the API."""
     assert {(a, b) for a, b, _ in ARROWS if a.startswith("tse.") and b.startswith("tselab")} == set()
-    assert {(a, b) for a, b, _ in ARROWS if a.startswith("tse.impl") and not b.startswith("tse.impl")} == set()
     assert {(a, b) for a, b, _ in ARROWS if COMMANDS.fullmatch(b) and not COMMANDS.fullmatch(a)} == set()
 
 

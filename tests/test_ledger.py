@@ -40,7 +40,9 @@ def test_each_row_names_a_function_that_exists_and_a_test_that_runs(row):
     assert functions and tests
     for name, path in functions:
         text = (ROOT / path).read_text()
-        assert re.search(rf"^[A-Za-z][^;{{}}()]*\b{name}\([^;]*?\)\s*\{{", text, re.M), f"{path} does not define {name}"
+        assert re.search(rf"^[A-Za-z][^;{{}}()]*\b{name}\([^;]*?\)\s*\{{", text, re.M), (
+            f"{path} does not define {name}"
+        )
     for name in tests:
         sources = [p.read_text() for p in (ROOT / "tests" / "unit").rglob("test_*.c")]
         assert any(f"\nstatic void {name}(void)" in s for s in sources), f"no unit test {name}"
@@ -80,7 +82,10 @@ def spans(text):
     return found
 
 
-DEVIATIONS = [*table_after(LEDGER, ["paper", "here", "why", "where"]), *table_after(LEDGER, ["row", "here", "where"])]
+DEVIATIONS = [
+    *table_after(LEDGER, ["paper", "here", "why", "where"]),
+    *table_after(LEDGER, ["row", "here", "where"]),
+]
 
 
 @pytest.mark.parametrize("row", DEVIATIONS, ids=lambda row: row[0][:40])
@@ -91,7 +96,9 @@ def test_each_deviation_names_a_function_of_the_source(row):
 
 
 def test_every_line_of_algorithm_1_stands_in_the_code_once():
-    calls = re.findall(r"^ .*?(\w+)\(.*/\* ([0-9 .,]+?) +(?:\(.*?)?\*/", (PAPER / "algorithm1.c").read_text(), re.M)
+    calls = re.findall(
+        r"^ .*?(\w+)\(.*/\* ([0-9 .,]+?) +(?:\(.*?)?\*/", (PAPER / "algorithm1.c").read_text(), re.M
+    )
     lines = [n for _, text in calls for n in spans(text)]
     assert sorted(lines) == sorted(set(range(1, 21)) - LOOPS)
 
@@ -113,7 +120,10 @@ def test_every_equation_is_in_the_code_or_derived():
 def test_what_keeps_the_filter_from_diverging_is_off_in_the_defaults():
     """So that form 1 is the print: a setting that says "(the paper)" has the value that it says it of as its default."""
     rows = tomllib.loads((ROOT / "src" / "tables" / "filter.toml").read_text())
-    said = ((n, r["default"], re.search(r"(?:; |rows: )([\d.]+):? [^;]*\(the paper\)", r["text"])) for n, r in rows.items())
+    said = (
+        (n, r["default"], re.search(r"(?:; |rows: )([\d.]+):? [^;]*\(the paper\)", r["text"]))
+        for n, r in rows.items()
+    )
     printed = [(name, default, off[1]) for name, default, off in said if off]
     assert len(printed) == 6
     for name, default, off in printed:

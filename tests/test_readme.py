@@ -23,49 +23,80 @@ RESULTS = ROOT / "scripts" / "results"
 
 def cells(name: str, row: str) -> list[str]:
     """The first row of a table of scripts/results that begins so."""
-    return [c.strip() for c in re.search(rf"^\| {re.escape(row)}(.*)\|$", (RESULTS / name).read_text(), re.M)[1].split("|")]
+    return [
+        c.strip()
+        for c in re.search(rf"^\| {re.escape(row)}(.*)\|$", (RESULTS / name).read_text(), re.M)[1].split("|")
+    ]
 
 
 def test_its_numbers_are_those_of_scripts_results():
     facts = README.split("## How good it is")[1].split("## Next step")[0]
     runs, _, _, *rms = cells("accuracy.md", "accuracy: square waves, start at 70 % |")
     assert f"RMS error {', '.join(x.split()[0] for x in rms[:3])} %, {runs} runs" in facts
-    error, valid, off = ([x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:3])
-    assert "{}, {} % off; usable {}, {} % of the rows; of these {}, {} % over".format(*error, *valid, *off) in facts
-    error, valid, off = ([x.strip() for x in c.split("/")][1:] for c in cells("own.md", "all | on the log itself |")[:3])
+    error, valid, off = (
+        [x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:3]
+    )
+    assert (
+        "{}, {} % off; usable {}, {} % of the rows; of these {}, {} % over".format(*error, *valid, *off)
+        in facts
+    )
+    error, valid, off = (
+        [x.strip() for x in c.split("/")][1:] for c in cells("own.md", "all | on the log itself |")[:3]
+    )
     assert "{}, {} % off; usable {}, {} %; of these {}, {} % over".format(*error, *valid, *off) in facts
     valid, off = (c.partition("/")[0].strip() for c in cells("cars-fresh.md", "all | calibrated |")[1:3])
     assert f"along, calibrated | usable {valid} %; of these {off} % over 10 % off" in facts
     half, tenth = (c.split("/")[1].strip() for c in cells("cars-events.md", "ice |")[4].split(";")[:2])
     assert f"usable rows over 20 % off for {half} s, in one drive of ten {float(tenth):.0f} s" in facts
-    delay, longest = re.match(r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]).groups()
+    delay, longest = re.match(
+        r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]
+    ).groups()
     assert f"detected after {delay} s (longest {longest})" in facts
     time, memory = cells("bench.md", "default |")[0], cells("bench.md", "`tse_filter`: the default form |")[0]
     us, kilobytes = int(time.split()[0]) / 1000, int(memory.split()[0].replace(",", "")) / 1000
     assert f"a PC in double {us:.0f} us, {kilobytes:.0f} kB" in facts
     *_, front, valid = cells("real.md", "stanford_250lm_a | the log itself |")[:5]
-    assert f"{front} kN/rad, usable in {valid} % of its bends; by a regression with its sideslip measured: 82 (78 .. 92)" in facts
+    assert (
+        f"{front} kN/rad, usable in {valid} % of its bends; by a regression with its sideslip measured: 82 (78 .. 92)"
+        in facts
+    )
     assert "front 82 [78 92]" in (RESULTS / "real.md").read_text()
     whole = cells("real.md", "genesis_cpg_fast | the log itself |")[3]
     assert f"{whole} kN/rad: not usable, and it says so" in facts
     assert cells("real.md", "genesis_cpg_fast | the log itself |")[4] == "0"
     cost = cells("budgets.md", "Cortex-M4F, float |")
     row, flash, ram = (int(cost[i].split()[0].strip("*").replace(",", "")) for i in (0, 3, 5))
-    assert f"Cortex-M4F in float {row:,} instructions, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM" in facts
+    assert (
+        f"Cortex-M4F in float {row:,} instructions, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM"
+        in facts
+    )
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
     loop = lines[2:]
     over = sorted(line.split("|")[4].strip() for line in loop)
-    assert f"gap, {len(over)} cars" in facts and f"unseen drives {over[0]} .. {over[-1]} of that before" in facts
+    assert (
+        f"gap, {len(over)} cars" in facts and f"unseen drives {over[0]} .. {over[-1]} of that before" in facts
+    )
 
 
 def compiled(source: str, folder: Path) -> Path:
     """A program of scripts/examples, built as README says."""
     cc = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     assert cc, "a C compiler is needed"
-    how = re.search(r"^cc (-O2 -Itwo) scripts/examples/first.c (two/tse/tse.c -lm) -o first && ./first < log.csv$", README, re.M)
+    how = re.search(
+        r"^cc (-O2 -Itwo) scripts/examples/first.c (two/tse/tse.c -lm) -o first && ./first < log.csv$",
+        README,
+        re.M,
+    )
     two = [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", "two/tse"]
     subprocess.run(two, cwd=folder, check=True, stdout=subprocess.DEVNULL)
-    options = [*how[1].split(), "-Wall", "-Wextra", "-Werror", ROOT / "scripts" / "examples" / source, *how[2].split()]
+    options = [
+        *how[1].split(),
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        ROOT / "scripts" / "examples" / source,
+        *how[2].split(),
+    ]
     subprocess.run([cc, *options, "-o", "program"], cwd=folder, check=True)
     return folder / "program"
 
@@ -77,13 +108,17 @@ def log(tmp_path_factory):
 
     words = re.search(r"^\.venv/bin/tselab (simulate .*?--out) log\.csv", README, re.M)[1].split()
     path = tmp_path_factory.mktemp("readme") / "log.csv"
-    done = CliRunner().invoke(cli, [*words, str(path), "--truth", str(path.with_name("truth.csv"))], standalone_mode=False)
+    done = CliRunner().invoke(
+        cli, [*words, str(path), "--truth", str(path.with_name("truth.csv"))], standalone_mode=False
+    )
     assert done.exception is None, done.exception
     return path
 
 
 def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_path):
-    done = subprocess.run([compiled("first.c", tmp_path)], input=log.read_text(), capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [compiled("first.c", tmp_path)], input=log.read_text(), capture_output=True, text=True, check=True
+    )
     said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
     assert f"ordinary: {int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f} kN/rad. Python" in README
@@ -105,7 +140,9 @@ def test_its_c_program_refuses_a_bad_cell_with_its_row(cells, says, log, tmp_pat
     for i, text in cells.items():
         row[i] = text
     lines[100] = ",".join(row)
-    done = subprocess.run([compiled("first.c", tmp_path)], input="\n".join(lines), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [compiled("first.c", tmp_path)], input="\n".join(lines), capture_output=True, text=True, check=False
+    )
     assert done.returncode == 1 and done.stdout == "" and done.stderr.startswith(says), done.stderr
 
 
@@ -117,7 +154,11 @@ def test_one_include_serves_in_all_layouts_and_so_does_the_header_of_a_car(layou
     car = tmp_path / "car.toml"
     car.write_text(CliRunner().invoke(cli, ["vehicle", "--example"]).output)
     assert CliRunner().invoke(cli, ["vehicle", str(car), "--c", str(tmp_path / "car.h")]).exit_code == 0
-    folder, name = (ROOT / "include", "tse/tse.h") if layout == "include" else (tmp_path, f"{layout}/tse.h".removeprefix("./"))
+    folder, name = (
+        (ROOT / "include", "tse/tse.h")
+        if layout == "include"
+        else (tmp_path, f"{layout}/tse.h".removeprefix("./"))
+    )
     if layout != "include":
         made = [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", tmp_path / layout]
         subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
@@ -125,8 +166,22 @@ def test_one_include_serves_in_all_layouts_and_so_does_the_header_of_a_car(layou
             "  tse_config_default(&c); tse_config_car(&c); return (int)sizeof learnt; }\n")  # fmt: skip
     for head in (f'#include "{name}"\n#include "car.h"\n', '#include "car.h"\n'):
         (tmp_path / "it.c").write_text(head + body)
-        cc = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-DTSE_REAL_DOUBLE", "-fsyntax-only"]
-        done = subprocess.run([*cc, "-I", folder, "-I", tmp_path, tmp_path / "it.c"], capture_output=True, text=True, check=False)
+        cc = [
+            "cc",
+            "-std=c99",
+            "-Wall",
+            "-Wextra",
+            "-Wpedantic",
+            "-Werror",
+            "-DTSE_REAL_DOUBLE",
+            "-fsyntax-only",
+        ]
+        done = subprocess.run(
+            [*cc, "-I", folder, "-I", tmp_path, tmp_path / "it.c"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 0, done.stderr
 
 
@@ -144,19 +199,27 @@ def test_its_python_program_prints_what_stands_below_it(log, monkeypatch, capsys
     assert f"Python calibrates it on the log: {mean} +- {half}; true: {truth.iloc[0]:.0f} */" in README
 
 
-@pytest.mark.parametrize("flags", [[], ["-DTSE_REAL_FLOAT"], ["-DTSE_REAL_FIXED"]], ids=["double", "float", "fixed"])
+@pytest.mark.parametrize(
+    "flags", [[], ["-DTSE_REAL_FLOAT"], ["-DTSE_REAL_FIXED"]], ids=["double", "float", "fixed"]
+)
 def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, tmp_path, flags):
     """To the bit in double; float and fixed point compile without a warning and come near."""
     from tselab.cli import cli
 
     car, header = tmp_path / "car.toml", tmp_path / "car.h"
-    car.write_text(CliRunner().invoke(cli, ["vehicle", "--example"]).output.replace("mass = 1900.0", "mass = 1872.3"))
+    car.write_text(
+        CliRunner().invoke(cli, ["vehicle", "--example"]).output.replace("mass = 1900.0", "mass = 1872.3")
+    )
     assert CliRunner().invoke(cli, ["vehicle", str(car), "--c", str(header)]).exit_code == 0
     rows = pd.read_csv(log).head(1500).iloc[:, :7]
     subprocess.run(
-        [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", tmp_path / "tse"], check=True, stdout=subprocess.DEVNULL
+        [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", tmp_path / "tse"],
+        check=True,
+        stdout=subprocess.DEVNULL,
     )
-    numbers = ",\n".join("{" + ", ".join(f"TSE_S({x!r})" for x in row) + "}" for row in rows.iloc[:, 1:].to_numpy().tolist())
+    numbers = ",\n".join(
+        "{" + ", ".join(f"TSE_S({x!r})" for x in row) + "}" for row in rows.iloc[:, 1:].to_numpy().tolist()
+    )
     (tmp_path / "it.c").write_text(
         '#include <stdio.h>\n#include "car.h"\n'
         "static tse_filter f;\nstatic const tse_setting rows[][6] = {\n" + numbers + "};\n"
@@ -172,7 +235,10 @@ def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, 
     )
     cc = ["cc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffp-contract=off", *flags]
     subprocess.run([*cc, "-I.", "-o", "it", "it.c", "tse/tse.c", "-lm"], cwd=tmp_path, check=True)
-    said = [float(x) for x in subprocess.run([tmp_path / "it"], capture_output=True, text=True, check=True).stdout.split()]
+    said = [
+        float(x)
+        for x in subprocess.run([tmp_path / "it"], capture_output=True, text=True, check=True).stdout.split()
+    ]
     found = tse.estimate(rows, car, calibrate=False)
     nominal = found.vehicle.values["cornering_stiffness_front"]
     in_python = [found.stiffness[-1, 1] / nominal, found.stiffness_sd[-1, 1] / nominal]
@@ -182,14 +248,18 @@ def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, 
 def test_its_c_program_does_not_call_usable_what_is_not(log, tmp_path):
     """The first rows are the start, in which nothing is valid."""
     rows = "".join(log.read_text().splitlines(True)[:100])
-    done = subprocess.run([compiled("first.c", tmp_path)], input=rows, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [compiled("first.c", tmp_path)], input=rows, capture_output=True, text=True, check=True
+    )
     assert done.stdout.endswith("(95 %), do not use: too little seen since the start\n")
 
 
 def test_its_c_program_does_not_end_well_at_a_cell_that_it_cannot_read(log, tmp_path):
     rows = log.read_text().splitlines(True)[:100]
     rows[50] = rows[50].replace(",", ",,", 1)
-    done = subprocess.run([compiled("first.c", tmp_path)], input="".join(rows), capture_output=True, text=True)
+    done = subprocess.run(
+        [compiled("first.c", tmp_path)], input="".join(rows), capture_output=True, text=True
+    )
     assert done.returncode == 1 and not done.stdout
 
 
@@ -202,7 +272,9 @@ def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
     done = subprocess.run([program], input=rows, capture_output=True, text=True, check=True)
     mean, half = map(float, re.match(r"(\d+) \+- (\d+) N/rad: ", done.stdout).groups())
     assert abs(mean - truth["true_cy_front"].iloc[-1]) < half < 0.5 * mean and not done.stderr
-    nothing = subprocess.run([program], input="time,steer_angle\n", capture_output=True, text=True, check=False)
+    nothing = subprocess.run(
+        [program], input="time,steer_angle\n", capture_output=True, text=True, check=False
+    )
     assert (nothing.returncode, nothing.stdout, nothing.stderr) == (2, "", "no row was used\n")
 
 
@@ -210,7 +282,16 @@ def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
 # types).
 
 
-REFERENCE_TYPES = {"article", "book", "conference", "conference-paper", "generic", "proceedings", "report", "software"}
+REFERENCE_TYPES = {
+    "article",
+    "book",
+    "conference",
+    "conference-paper",
+    "generic",
+    "proceedings",
+    "report",
+    "software",
+}
 
 
 @pytest.fixture(scope="module")
@@ -237,7 +318,9 @@ def test_it_has_what_the_format_requires(said):
 
 def test_it_is_of_this_version_and_the_changelogs_day(said):
     assert said["version"] == tse.__version__
-    day = re.search(rf"^## \[{re.escape(tse.__version__)}\] - (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.M)[1]
+    day = re.search(
+        rf"^## \[{re.escape(tse.__version__)}\] - (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.M
+    )[1]
     assert said["date-released"].isoformat() == day
     licence = (ROOT / "LICENSE").read_text()
     assert said["license"] == "Apache-2.0" and "Apache License" in licence and "Version 2.0" in licence

@@ -11,7 +11,10 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def test_headers_are_what_the_tables_say():
     run = subprocess.run(
-        [sys.executable, str(ROOT / "scripts" / "tables.py"), "--check"], capture_output=True, text=True, check=False
+        [sys.executable, str(ROOT / "scripts" / "tables.py"), "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert run.returncode == 0, run.stderr
 
@@ -29,7 +32,9 @@ def test_a_number_of_the_default_filter_is_in_the_table_or_a_limit():
 
 def test_the_default_filter_has_at_most_26_constants():
     """Each repairs something or shapes something: before a new one, one goes."""
-    rows = re.findall(r"^\w+ *= \{ value = ", (ROOT / "src" / "tables" / "constants.toml").read_text(encoding="utf-8"), re.M)
+    rows = re.findall(
+        r"^\w+ *= \{ value = ", (ROOT / "src" / "tables" / "constants.toml").read_text(encoding="utf-8"), re.M
+    )
     assert 20 < len(rows) <= 26
 
 
@@ -50,7 +55,9 @@ def functions():
     """(file, name, lines of the body) of every function that is defined."""
     for path in sorted(SRC.rglob("*.[ch]")):
         for found in FUNCTION.finditer(path.read_text()):
-            body = TABLE.sub("", found[0].partition("\n{\n")[2])  # "": in one line; rows that a script writes are data
+            body = TABLE.sub(
+                "", found[0].partition("\n{\n")[2]
+            )  # "": in one line; rows that a script writes are data
             yield path.relative_to(SRC).as_posix(), found[1], body.count("\n")
 
 
@@ -86,7 +93,9 @@ def test_no_two_files_define_a_type_or_a_macro_of_one_name():
 def test_a_macro_of_a_public_header_is_a_constant():
     """But for a number of each format, and the name that a public function has in it."""
     public = (SRC.parent / "include" / "tse").glob("*.h")
-    with_arguments = {x for path in public for x in re.findall(r"^# *define +(\w+)\(", path.read_text(), re.M)}
+    with_arguments = {
+        x for path in public for x in re.findall(r"^# *define +(\w+)\(", path.read_text(), re.M)
+    }
     assert with_arguments == {"TSE_R", "TSE_S", "TSE_NAME"}
 
 

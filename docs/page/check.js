@@ -1,4 +1,4 @@
-// check.js - do the channels agree with each other? The figures and the weighing of scripts/tse/impl/logs/agree.py and logs/physics.py, whose
+// check.js - do the channels agree with each other? The figures and the weighing of scripts/tse/channels/agree.py and logs/physics.py, whose
 // tables and constants are in PAGE.check; tests/page compares what the two say. The raster is made more simply here (means of the rows
 // around each point in place of splines), so figures agree to a per cent or so, not to the bit.
 
@@ -38,7 +38,7 @@ function deviation(x) {
   return Math.sqrt(x.reduce((sum, v) => sum + (v - mean) ** 2, 0) / x.length);
 }
 
-// Of a longer log the part in which the car turns most, as tse.impl.rows.liveliest(): enough to say what its channels are.
+// Of a longer log the part in which the car turns most, as tse.log.rows.liveliest(): enough to say what its channels are.
 function liveliest(rows, most) {
   const n = rows.time.length;
   if (n <= most) return rows;

@@ -1,5 +1,5 @@
 // core.js - the library in this page: its tables, settings, filters and cars. Nothing of its structs is typed here: names, ranges,
-// units and offsets are read from its own tables (include/tse/describe.h), as scripts/tse/impl/core.py does.
+// units and offsets are read from its own tables (include/tse/describe.h), as scripts/tse/library/core.py does.
 
 const LAYOUT = ["name", "kind", "offset", "def", "lo", "hi", "unit", "text", "bytes", "rows", "inputBytes", "outputBytes",
   "config", "row", "out", "simConfig", "simInput", "simOutput"];                          // in the order of page_layout()

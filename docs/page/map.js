@@ -1,5 +1,5 @@
 // map.js - which column of a log is which channel, in which unit: guessed by the words that tselab knows
-// (scripts/tse/impl/logs/vocabulary.py, scripts/tse/impl/units.py; put into PAGE when it is built), said by whoever looks at the page.
+// (scripts/tse/channels/vocabulary.py, scripts/tse/log/units.py; put into PAGE when it is built), said by whoever looks at the page.
 
 // The unit of a spelling as tselab has it, or null.
 function unitOf(text) {
@@ -191,7 +191,7 @@ function median(x) {
   return n ? (n % 2 ? sorted[(n - 1) / 2] : (sorted[n / 2 - 1] + sorted[n / 2]) / 2) : NaN;
 }
 
-const MOST_BACK = 0.5;      // share of rows that do not go forward above which the column is no time (tse/impl/rows.py)
+const MOST_BACK = 0.5;      // share of rows that do not go forward above which the column is no time (tse/log/rows.py)
 const FEW_OUTSIDE = 0.05;   // share of values outside the range above which it is the column that is wrong
 const SLOWEST = 1.0;        // s: rows that are further apart (median) are refused
 const LONGEST_STEP = 3600;  // s: the library's limit
@@ -277,7 +277,7 @@ function inRange(values, f, name, table, notes) {
 }
 
 // The middle of an axle of its two wheels; where one is missing, the other less half of what they differ by in a turn: track over
-// radius times the yaw rate, found from the rows that have both (tse/impl/rows.py); where the log shows it, it is put into `turn`.
+// radius times the yaw rate, found from the rows that have both (tse/log/rows.py); where the log shows it, it is put into `turn`.
 function axleOf(name, left, right, yawRate, keep, notes, turn) {
   const mean = left.map((x, i) => 0.5 * (x + right[i]));
   if (!yawRate) return mean;
@@ -330,7 +330,7 @@ function forward(all, table, columns, notes) {
 const LATE_ROWS = 8, LATE_TIME = 0.5;   // an entry that is out of order belongs before so many, and so many seconds, at most
 const BRIDGED = 60;                      // s: what is left of a jump ahead
 
-// Times that increase, as scripts/tse/impl/clock.py puts them right: {time, kept: which entries, notes}.
+// Times that increase, as scripts/tse/log/clock.py puts them right: {time, kept: which entries, notes}.
 function straight(given) {
   const notes = [], step = differences(given), kept = [...given.keys()];
   if (given.length < 2 || (step.every((d) => d > 0) && step.every((d) => d <= LONGEST_STEP))) return { time: given, kept, notes };

@@ -30,7 +30,7 @@ function setSampling(desk, sampleTime) {
   return Math.abs(used - sampleTime) > 1e-6 ? [`rows are ${brief(sampleTime)} s apart; the nearest sample_time the filter knows is ${brief(used)} s`] : [];
 }
 
-// One signal, the vehicle's speed, logged as that of both axles (scripts/tse/impl/config.py): the filter is set so, and the note says so.
+// One signal, the vehicle's speed, logged as that of both axles (scripts/tse/car/config.py): the filter is set so, and the note says so.
 function setWheels(desk, rows) {
   const r = PAGE.rules, { wheel_speed_front: front, wheel_speed_rear: rear } = rows.data;
   let low = Infinity, high = -Infinity, many = 0;
@@ -46,7 +46,7 @@ function setWheels(desk, rows) {
   return one ? [r.oneSpeed] : [];
 }
 
-// Columns of the table, in order: what came later stands last (scripts/tse/impl/estimate.py).
+// Columns of the table, in order: what came later stands last (scripts/tse/estimation/estimate.py).
 function generationOf(name) {
   if (name.endsWith("_secant")) return 4;
   if (/^(grip|noise_wheel_|innovation_|nis_)/.test(name) || name === "sideslip_sd") return 3;

@@ -30,7 +30,12 @@ def effects() -> str:
     known = tables.library().effects
     anchors = {e.id: links.slug(f"{e.id}: {e.title}") for e in known.values()}
     rows = [
-        [f"[{e.id}](#{anchors[e.id]})", tables.cell(e.title), ", ".join(e.entry_points), tables.cell(e.channels)]
+        [
+            f"[{e.id}](#{anchors[e.id]})",
+            tables.cell(e.title),
+            ", ".join(e.entry_points),
+            tables.cell(e.channels),
+        ]
         for e in known.values()
     ]
     text = [tables.table(["effect", "what", "enters at", "shows in"], rows)]
@@ -52,7 +57,11 @@ def effects() -> str:
             f"\n## {e.id}: {e.title}\n\n{tables.cell(tables.equation_of(e.id))}\n",
             f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.cell(e.channels)}. Looks like {alike}. "
             f"In an estimator that has it: {tables.cell(e.estimator)}.\n",
-            tables.table(["parameter", "role", "unit", "default", "range", "typical", "meaning"], parameters, right=(3,)),
+            tables.table(
+                ["parameter", "role", "unit", "default", "range", "typical", "meaning"],
+                parameters,
+                right=(3,),
+            ),
         ]
     return "\n".join(text)
 
@@ -64,7 +73,11 @@ def signature(name: str, thing: Any) -> str:
     found = inspect.signature(thing)
     rows = [str(p).replace("'", "") for p in found.parameters.values() if p.name != "self"]
     back = "" if found.return_annotation is inspect.Signature.empty else f" -> {found.return_annotation}"
-    return f"{name}({', '.join(rows)}){back}" if len(rows) < 3 else f"{name}(\n    " + ",\n    ".join(rows) + f",\n){back}"
+    return (
+        f"{name}({', '.join(rows)}){back}"
+        if len(rows) < 3
+        else f"{name}(\n    " + ",\n    ".join(rows) + f",\n){back}"
+    )
 
 
 def python_api() -> str:
@@ -84,7 +97,9 @@ def python_api() -> str:
             continue
         add(f"tse.{name}", thing, "##")
         for member, value in vars(thing).items() if inspect.isclass(thing) else ():
-            if not member.startswith("_") and isinstance(value, (FunctionType, property, functools.cached_property)):
+            if not member.startswith("_") and isinstance(
+                value, (FunctionType, property, functools.cached_property)
+            ):
                 add(f"tse.{name}.{member}", value, "###")
     return "\n".join(text)
 

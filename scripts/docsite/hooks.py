@@ -29,7 +29,9 @@ def on_files(files: Files, config: Any) -> Files:
         if path in found or not path.is_file():
             continue
         found.add(path)
-        files.append(File(path.relative_to(ROOT).as_posix(), str(ROOT), config.site_dir, use_directory_urls=False))
+        files.append(
+            File(path.relative_to(ROOT).as_posix(), str(ROOT), config.site_dir, use_directory_urls=False)
+        )
         if path.suffix == ".md":
             waiting += [target for target, _ in links.local(path)]
     return files
@@ -44,7 +46,11 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         before = lines[-1] if lines else ""
         if not inside and before.strip():
             item = LIST.match(line) and not IN_LIST.match(before)
-            if item or (line.startswith("|") and not before.startswith("|")) or (fence and not line.startswith(" ")):
+            if (
+                item
+                or (line.startswith("|") and not before.startswith("|"))
+                or (fence and not line.startswith(" "))
+            ):
                 lines.append("")
         lines.append(line)
         inside ^= fence

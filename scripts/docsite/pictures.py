@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 import tse
-from tse.impl.core import library
+from tse.library.core import library
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -23,7 +23,13 @@ ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "docs" / "pages" / "pictures"
 MOST = 100_000  # bytes of a picture that git holds
 INKS = {"ink": "#1f2933", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"}
-STYLE = {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10, "figure.autolayout": True, "axes.titlesize": 10}
+STYLE = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "font.size": 10,
+    "figure.autolayout": True,
+    "axes.titlesize": 10,
+}
 EXACT = dict.fromkeys(library().uncertainties, 0.0)
 CAR: dict[str, Any] = {"mass": 1900, "yaw_inertia": 3000, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33,
                        "wheel_radius_rear": 0.33, "cornering_stiffness_front": 1.2e5, "cornering_stiffness_rear": 1.4e5,
@@ -39,7 +45,9 @@ def run(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
 
 def interval(axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, colour: str = "a") -> None:
     mean, sd = table[key].to_numpy() / 1e3, table[f"{key}_sd"].to_numpy() / 1e3
-    axis.fill_between(t, mean - 1.96 * sd, mean + 1.96 * sd, color=c[colour], alpha=0.25, lw=0, label="95 % interval")
+    axis.fill_between(
+        t, mean - 1.96 * sd, mean + 1.96 * sd, color=c[colour], alpha=0.25, lw=0, label="95 % interval"
+    )
     axis.plot(t, mean, color=c[colour], lw=1.5, label="estimate")
 
 
@@ -50,13 +58,26 @@ def slope(c: Inks) -> Any:
     vx, vy, r = (truth[f"true_{n}"].to_numpy() for n in ("vel_x", "vel_y", "yaw_rate"))
     alpha = log["steer_angle"].to_numpy() - np.arctan2(vy + CAR["lf"] * r, vx)
     dr = np.gradient(r, truth["time"].to_numpy())
-    force = (CAR["lr"] * CAR["mass"] * log["accel_y"].to_numpy() + CAR["yaw_inertia"] * dr) / (CAR["lf"] + CAR["lr"])
+    force = (CAR["lr"] * CAR["mass"] * log["accel_y"].to_numpy() + CAR["yaw_inertia"] * dr) / (
+        CAR["lf"] + CAR["lr"]
+    )
     figure, axis = plt.subplots(figsize=(8, 3.6))
     t = log["time"].to_numpy()
-    for mask, colour, name, factor in ((t < 19.5, "a", "dry", 1.0), (t > 20.5, "b", "another road: half as stiff", 0.5)):
-        axis.plot(np.rad2deg(alpha[mask])[::3], force[mask][::3] / 1e3, ".", ms=2.5, color=c[colour], alpha=0.45)
+    for mask, colour, name, factor in (
+        (t < 19.5, "a", "dry", 1.0),
+        (t > 20.5, "b", "another road: half as stiff", 0.5),
+    ):
+        axis.plot(
+            np.rad2deg(alpha[mask])[::3], force[mask][::3] / 1e3, ".", ms=2.5, color=c[colour], alpha=0.45
+        )
         x = np.array([np.rad2deg(alpha).min(), np.rad2deg(alpha).max()])
-        axis.plot(x, factor * CAR["cornering_stiffness_front"] * np.deg2rad(x) / 1e3, color=c[colour], lw=1.6, label=name)
+        axis.plot(
+            x,
+            factor * CAR["cornering_stiffness_front"] * np.deg2rad(x) / 1e3,
+            color=c[colour],
+            lw=1.6,
+            label=name,
+        )
     axis.set(xlabel="slip angle of the front axle [deg]", ylabel="side force [kN]")
     axis.legend(frameon=False)
     return figure
@@ -83,13 +104,23 @@ def quiet(c: Inks) -> Any:
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)
-    for axis, sim, title in zip(axes, (drive, lively), ("straight on, the wheel held still", "steering to and fro"), strict=True):
+    for axis, sim, title in zip(
+        axes, (drive, lively), ("straight on, the wheel held still", "steering to and fro"), strict=True
+    ):
         est = tse.estimate(sim.log, CAR).table
         t, valid = est["time"].to_numpy(), est["cy_front_valid"].to_numpy(bool)
         interval(axis, t, est, "cy_front", c)
         axis.plot(t, sim.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
         axis.fill_between(
-            t, 0, 1, where=~valid, transform=axis.get_xaxis_transform(), color=c["grey"], alpha=0.18, lw=0, label="not valid"
+            t,
+            0,
+            1,
+            where=~valid,
+            transform=axis.get_xaxis_transform(),
+            color=c["grey"],
+            alpha=0.18,
+            lw=0,
+            label="not valid",
         )
         axis.set(title=title, xlabel="time [s]")
     axes[0].set(ylabel="cornering stiffness,\nfront [kN/rad]", ylim=(0, 260))
@@ -105,7 +136,9 @@ def fault(c: Inks) -> Any:
     log.loc[frozen, "yaw_rate"] = log.loc[frozen, "yaw_rate"].iloc[0]
     est = tse.estimate(log, CAR).table
     t = est["time"].to_numpy()
-    figure, (above, middle, below) = plt.subplots(3, 1, figsize=(8, 4.6), sharex=True, height_ratios=[1.3, 2, 1.3])
+    figure, (above, middle, below) = plt.subplots(
+        3, 1, figsize=(8, 4.6), sharex=True, height_ratios=[1.3, 2, 1.3]
+    )
     above.plot(t, log["yaw_rate"], color=c["ink"], lw=1)
     above.set(ylabel="yaw rate,\nlogged [rad/s]")
     interval(middle, t, est, "cy_front", c)
@@ -127,7 +160,9 @@ def small(path: Path) -> None:
 
     picture, scale = Image.open(path).convert("RGB"), 1.0
     while scale == 1.0 or path.stat().st_size > MOST:
-        now = picture.resize((int(picture.width * scale), int(picture.height * scale)), Image.Resampling.LANCZOS)
+        now = picture.resize(
+            (int(picture.width * scale), int(picture.height * scale)), Image.Resampling.LANCZOS
+        )
         now.quantize(64, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
         scale -= 0.1
 
@@ -148,6 +183,8 @@ def draw(names: Iterable[str] = PICTURES, out: Path = OUT) -> list[Path]:
 if __name__ == "__main__":
     for path in draw():
         print(path.relative_to(ROOT))
-    for path in (ROOT / "scripts" / "results").glob("*.png"):  # those of the studies, as their commands leave them
+    for path in (ROOT / "scripts" / "results").glob(
+        "*.png"
+    ):  # those of the studies, as their commands leave them
         if path.stat().st_size > MOST:
             small(path)

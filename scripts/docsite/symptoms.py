@@ -9,8 +9,8 @@ import pandas as pd
 from click.testing import CliRunner
 
 import tse
-from tse.impl.errors import UserError
-from tse.impl.tables import simulated_vehicle
+from tse.library.errors import UserError
+from tse.report.tables import simulated_vehicle
 from tselab.cli import cli
 
 DURATION = 6.0  # s of simulated drive: enough for a verdict, short enough for every build
@@ -19,7 +19,9 @@ ERROR = "tselab: error"
 
 
 def car(old: str, new: str) -> Callable[[pd.DataFrame, Path], object]:
-    return lambda log, folder: (folder / "car.toml").write_text(simulated_vehicle().replace(old, new), encoding="utf-8")
+    return lambda log, folder: (folder / "car.toml").write_text(
+        simulated_vehicle().replace(old, new), encoding="utf-8"
+    )
 
 
 CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
@@ -27,9 +29,21 @@ CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
     "column": (lambda log, _: log.drop(columns="steer_angle"), ESTIMATE, ERROR),
     "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR),
     "degrees": (lambda log, _: log.assign(steer_angle=57.3 * 15 * log["steer_angle"]), ESTIMATE, ERROR),
-    "cell": (lambda log, _: log.assign(accel_y=log["accel_y"].astype(object).where(log.index != 9, "n.b.")), ESTIMATE, ""),
-    "clock": (lambda log, _: pd.concat([log.iloc[:300], log.iloc[200:]]), f"{ESTIMATE} --verbose", "note: time"),
-    "format": (lambda _, folder: (folder / "log.mf4").write_bytes(b"hello\n"), ESTIMATE.replace("csv", "mf4"), ERROR),
+    "cell": (
+        lambda log, _: log.assign(accel_y=log["accel_y"].astype(object).where(log.index != 9, "n.b.")),
+        ESTIMATE,
+        "",
+    ),
+    "clock": (
+        lambda log, _: pd.concat([log.iloc[:300], log.iloc[200:]]),
+        f"{ESTIMATE} --verbose",
+        "note: time",
+    ),
+    "format": (
+        lambda _, folder: (folder / "log.mf4").write_bytes(b"hello\n"),
+        ESTIMATE.replace("csv", "mf4"),
+        ERROR,
+    ),
     "range": (car("mass = 1900.0", "mass = 1900000.0"), ESTIMATE, ERROR),
     "key": (car("mass = 1900.0", "masse = 1900.0"), ESTIMATE, ERROR),
     "setting": (lambda log, _: log, f"{ESTIMATE} --set masss=1900", ERROR),
@@ -73,6 +87,8 @@ def shown(name: str) -> str:
         at = next(i for i, line in enumerate(lines) if line.startswith(begins))
         found = [lines[at], *(x for x in lines[at + 1 :][:3] if x.startswith("  "))]
     else:
-        found = [line for line in lines if line.startswith((ERROR, "front,", "rear,", "note", "warning", "  "))]
+        found = [
+            line for line in lines if line.startswith((ERROR, "front,", "rear,", "note", "warning", "  "))
+        ]
     found = [line if len(line) < 260 else line[:250] + " ..." for line in found[:5]]
     return "\n".join(["```text", f"$ tselab {arguments}", *found, f"(exit code {code})", "```"])

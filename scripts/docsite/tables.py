@@ -12,9 +12,21 @@ from typing import Any
 import numpy as np
 
 import tables as sources
-from tse.impl import tables as texts
-from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Config, Field, library
-from tse.impl.files import read_toml
+from tse.library.core import (
+    CONFIG,
+    INPUT,
+    OUTPUT,
+    REASON,
+    SIM_CONFIG,
+    SIM_INPUT,
+    SIM_OUTPUT,
+    STATUS,
+    Config,
+    Field,
+    library,
+)
+from tse.library.files import read_toml
+from tse.report import tables as texts
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
@@ -46,7 +58,14 @@ HOOKS = {  # of src/tables/effects.toml
 
 def cell(text: object) -> str:
     """Text that may stand in a table of Markdown."""
-    return str(text).replace("|", "\\|").replace("\n", " ").replace("<", "&lt;").replace("*", "\\*").replace("_", "\\_")
+    return (
+        str(text)
+        .replace("|", "\\|")
+        .replace("\n", " ")
+        .replace("<", "&lt;")
+        .replace("*", "\\*")
+        .replace("_", "\\_")
+    )
 
 
 def code(text: object) -> str:
@@ -55,7 +74,10 @@ def code(text: object) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
     """A table of Markdown; cells are escaped already. `right`: columns that are aligned so."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|"]
+    lines = [
+        "| " + " | ".join(head) + " |",
+        "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|",
+    ]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
@@ -100,7 +122,9 @@ def config_page() -> str:
     fields, text = library().fields(CONFIG), []
     for name, title in GROUPS.items():
         own = [f for f in fields if group_of(f.name) == name]
-        text.append(f"## {title}\n\n`src/tables/{sources.file_of(name)}.toml`, {len(own)} settings.\n\n{settings(own)}")
+        text.append(
+            f"## {title}\n\n`src/tables/{sources.file_of(name)}.toml`, {len(own)} settings.\n\n{settings(own)}"
+        )
     return (
         f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units; `tse_config_default()` fills in the "
         "defaults, `tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
@@ -127,14 +151,18 @@ def uncalibrated() -> str:
 def input_fields() -> str:
     rows = []
     channels = read_toml(TABLES / "input.toml")["channel"]
-    policies = {c["name"]: {"drives": "refused", "measured": "counts as missing"}[c["kind"]] for c in channels}
+    policies = {
+        c["name"]: {"drives": "refused", "measured": "counts as missing"}[c["kind"]] for c in channels
+    }
     optional = [f.name for f in library().optional]
     for f in library().fields(INPUT):
         policy = policies.get(f.name, "refused" if f.name == "dt" else "-")
         unit, allowed, text = f.unit, _range(f), f.text
         if f.name == "dt":
             unit, allowed = "s", "above 0 .. 3600"
-            text = "time since the previous row; ignored after tse_reset() up to the first row with all inputs"
+            text = (
+                "time since the previous row; ignored after tse_reset() up to the first row with all inputs"
+            )
         for name, those, what in (
             ("missing", library().channels, "channels that are missing, besides those that are NaN"),
             ("given", library().optional, "what is measured of those below; 0: none is read"),
@@ -150,7 +178,9 @@ def input_fields() -> str:
 
 def output_members() -> dict[str, str]:
     """Return the member of tse_output of each output."""
-    return {name: row.get("member", name) for name, row in read_toml(TABLES / "output.toml")["column"].items()}
+    return {
+        name: row.get("member", name) for name, row in read_toml(TABLES / "output.toml")["column"].items()
+    }
 
 
 def output_fields() -> str:
@@ -203,12 +233,17 @@ def simulator() -> str:
             ]
             for f in library().fields(which)
         ]
-        text.append(f"## {title}\n\n" + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,)))
+        text.append(
+            f"## {title}\n\n"
+            + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+        )
     return "\n".join(text)
 
 
 def log_columns() -> str:
-    rows = [[code(name), cell(unit), allowed, cell(text)] for name, unit, allowed, text in texts.log_columns()]
+    rows = [
+        [code(name), cell(unit), allowed, cell(text)] for name, unit, allowed, text in texts.log_columns()
+    ]
     return table(["column", "unit", "range", "meaning"], rows)
 
 
@@ -219,7 +254,7 @@ def estimate_columns() -> str:
 
 
 def result_columns() -> str:
-    from tse.impl.results import COLUMNS
+    from tse.report.results import COLUMNS
 
     return table(["column", "type in pandas"], [[code(n), t] for n, t in COLUMNS.items()])
 
@@ -230,13 +265,22 @@ def vehicle_example() -> str:
 
 def formula_places() -> str:
     lib = library()
-    return table(["place", "unit", "where"], [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()])
+    return table(
+        ["place", "unit", "where"],
+        [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()],
+    )
 
 
 def formula_operations() -> str:
-    kinds = {"NUMBER": "number", "SIGNAL": "signal of the model", "PLAIN": "function", "MEMORY": "function with memory"}
+    kinds = {
+        "NUMBER": "number",
+        "SIGNAL": "signal of the model",
+        "PLAIN": "function",
+        "MEMORY": "function with memory",
+    }
     rows = [
-        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)] for o in library().formula_ops.values()
+        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)]
+        for o in library().formula_ops.values()
     ]
     return table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
 
@@ -245,16 +289,23 @@ def constants() -> str:
     """src/tables/constants.toml by its sections."""
     text = []
     for section, own in read_toml(TABLES / "constants.toml").items():
-        rows = [[code(n), f"{Decimal(repr(r['value'])):f}", *(cell(r[k]) for k in ("unit", "why", "test"))] for n, r in own.items()]
+        rows = [
+            [code(n), f"{Decimal(repr(r['value'])):f}", *(cell(r[k]) for k in ("unit", "why", "test"))]
+            for n, r in own.items()
+        ]
         text.append(f"\n## {section[:1].upper()}{section[1:]}\n")
         text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
     return "\n".join(text)
 
 
 def gap_exit_codes() -> str:
-    from tse.impl.gap.run.workflow import EXIT
+    from tse.gaps.run.workflow import EXIT
 
-    return table(["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,))
+    return table(
+        ["exit code", "verdict"],
+        [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()],
+        right=(0,),
+    )
 
 
 # ---- effects
@@ -262,7 +313,10 @@ def gap_exit_codes() -> str:
 
 def equation_of(effect: str) -> str:
     """What the comment of an effect in the sources says."""
-    text = "".join((ROOT / "src" / "model" / f).read_text(encoding="utf-8") for f in ("effects_constant.h", "catalogue.h"))
+    text = "".join(
+        (ROOT / "src" / "model" / f).read_text(encoding="utf-8")
+        for f in ("effects_constant.h", "catalogue.h")
+    )
     comment = text.partition(f"/* {effect}: ")[2].partition("*/")[0]
     words = " ".join(line.strip(" *") for line in comment.splitlines()).strip()
     return words[:1].upper() + words[1:]
@@ -309,7 +363,15 @@ def c_page() -> str:
         previous = ""
         for name, declaration, comment in own:
             comment = comment or previous  # functions that share a comment stand below it
-            text += [f"### {name}", "", "<!-- not compiled: a declaration of the header -->", "```c", declaration, "```", ""]
+            text += [
+                f"### {name}",
+                "",
+                "<!-- not compiled: a declaration of the header -->",
+                "```c",
+                declaration,
+                "```",
+                "",
+            ]
             if comment:
                 text += ["```text", comment, "```", ""]
             previous = comment
@@ -345,14 +407,21 @@ def learnt_layout() -> str:
     """The layout as tse/learnt.h has it."""
     text = (TSE / "learnt.h").read_text(encoding="utf-8")
     layout = text[text.index('     0  "tsel"') - 3 : text.index(" * Later formats")]
-    return "```text\n" + "\n".join(line.removeprefix(" *") for line in layout.splitlines()).rstrip() + "\n```\n"
+    return (
+        "```text\n" + "\n".join(line.removeprefix(" *") for line in layout.splitlines()).rstrip() + "\n```\n"
+    )
 
 
 # ---- Tables of pages that are measured when they are written: runs of the filter, and what scripts/results says in other units.
 
 CYCLES = 1.5  # clock cycles an instruction, assumed: loads take two, and so do branches that are taken
 PERIOD = 0.01  # s between rows
-CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # MHz that parts of each core often have
+CLOCKS = {
+    "Cortex-M4F": 168,
+    "Cortex-M7": 400,
+    "Cortex-M3": 72,
+    "Cortex-M0": 48,
+}  # MHz that parts of each core often have
 
 
 def controller() -> str:
@@ -365,7 +434,8 @@ def controller() -> str:
         if clock is None or len(cells) < 8 or "limit" not in cells[1]:
             continue
         mean, longest, _, flash, particles, ram, stack = (
-            int(re.match(r"\**([\d,]+)", c)[1].replace(",", "")) if "," in c.split(" ")[0] else 0 for c in cells[1:8]
+            int(re.match(r"\**([\d,]+)", c)[1].replace(",", "")) if "," in c.split(" ")[0] else 0
+            for c in cells[1:8]
         )
         each = CYCLES / clock / 1e3  # ms an instruction
         least = longest * CYCLES / PERIOD / 1e6
@@ -373,22 +443,38 @@ def controller() -> str:
             [cells[0], str(clock), f"{mean * each:.2f}", f"{longest * each:.2f}", f"{least:.0f}",
              *(f"{b / 1e3:.1f}" if b else "-" for b in (flash, particles, ram, stack))]
         )  # fmt: skip
-    head = ["core, number format", "MHz", "a row: mean [ms]", "longest [ms]", "least MHz at 100 Hz", "flash [kB]"]
-    return table([*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9)))
+    head = [
+        "core, number format",
+        "MHz",
+        "a row: mean [ms]",
+        "longest [ms]",
+        "least MHz at 100 Hz",
+        "flash [kB]",
+    ]
+    return table(
+        [*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9))
+    )
 
 
 def flash() -> str:
     """Return the flash of the library without some of its options, from scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
-    return table(["", "flash [kB]"], [[name, f"{int(size.replace(',', '')) / 1e3:.1f}"] for name, size in rows], right=(1,))
+    return table(
+        ["", "flash [kB]"],
+        [[name, f"{int(size.replace(',', '')) / 1e3:.1f}"] for name, size in rows],
+        right=(1,),
+    )
 
 
 def results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     """Return rows of a table of scripts/results: the first that begins with each of these cells, of it the columns `keep`."""
     lines = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8").splitlines()
     head = next(i for i, line in enumerate(lines) if line.startswith("|---")) - 1
-    found = [lines[head], *(next(line for line in lines if line.startswith(f"| {start} |")) for start in rows)]
+    found = [
+        lines[head],
+        *(next(line for line in lines if line.startswith(f"| {start} |")) for start in rows),
+    ]
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in found]
     kept = [[row[k] for k in keep] for row in cells]
     return table(kept[0], kept[1:])
@@ -403,7 +489,9 @@ def measured_cars() -> str:
 
 def measured_events() -> str:
     """Return how long estimates are wrong after an event, and when the samples show it."""
-    return results("cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7))
+    return results(
+        "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
+    )
 
 
 def measured_logs() -> str:
@@ -415,7 +503,7 @@ def measured_logs() -> str:
 def tuning() -> str:
     """Return mean NIS, whiteness, validity and error for settings that fit a simulated drive, and for some that do not."""
     import tse
-    from tse.impl.core import library
+    from tse.library.core import library
 
     log, truth = tse.simulate("double-lane-change", duration=120)
     late = log.assign(yaw_rate=log["yaw_rate"].shift(8).bfill())

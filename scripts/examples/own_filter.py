@@ -47,7 +47,9 @@ def random_walk(log: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, A
     ay = yaw = steer = before = 0.0
     means, variances = [], []
     for row in log.itertuples(index=False):
-        speed = 0.5 * (s["wheel_radius_front"] * row.wheel_speed_front + s["wheel_radius_rear"] * row.wheel_speed_rear)
+        speed = 0.5 * (
+            s["wheel_radius_front"] * row.wheel_speed_front + s["wheel_radius_rear"] * row.wheel_speed_rear
+        )
         p = p + q
         if np.isfinite([row.accel_y, row.yaw_rate, row.steer_angle, speed]).all() and speed > SLOWEST:
             ay += blend * (row.accel_y - ay)
@@ -79,4 +81,6 @@ if __name__ == "__main__":
     e = [theirs.step({str(k): v for k, v in row.items()}) for row in log.to_dict("records")][-1]
     for name in ("cy_front", "cy_rear"):
         true = truth[f"true_{name}"].iloc[-1]
-        print(f"{name}: mine {100 * (mine[name][-1] / true - 1):+.1f} %, tse {100 * (getattr(e, name) / true - 1):+.1f} % off")
+        print(
+            f"{name}: mine {100 * (mine[name][-1] / true - 1):+.1f} %, tse {100 * (getattr(e, name) / true - 1):+.1f} % off"
+        )

@@ -20,7 +20,9 @@ def rows() -> Iterator[dict[str, float]]:
         if i % 50:
             yield {str(name): value for name, value in row.items()}
         else:
-            yield {str(name): value for name, value in row.items() if name != "accel_x"}  # a channel that is slower
+            yield {
+                str(name): value for name, value in row.items() if name != "accel_x"
+            }  # a channel that is slower
 
 
 def main() -> tuple[tse.Estimate, bytes]:
@@ -38,7 +40,8 @@ def main() -> tuple[tse.Estimate, bytes]:
             print(f"{e.time:.2f} s: {e.status_text}")
     assert e is not None
     print(
-        f"{e.time:.2f} s, of {e.estimate_age:.3f} s before: cy_front {e.cy_front:.0f} +- {1.96 * e.cy_front_sd:.0f} N/rad, ", end=""
+        f"{e.time:.2f} s, of {e.estimate_age:.3f} s before: cy_front {e.cy_front:.0f} +- {1.96 * e.cy_front_sd:.0f} N/rad, ",
+        end="",
     )
     print("valid" if e.cy_front_valid else f"not valid: {e.cy_front_reason}", f"({refused} row refused)")
 

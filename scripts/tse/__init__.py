@@ -18,7 +18,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from tse.impl import __version__
+from tse.library import __version__
 
 if TYPE_CHECKING:
     from tse._calibrate import Calibration, calibrate
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from tse._simulate import Replayed, Simulated, replay, simulate
     from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
     from tse._vehicle import VehicleLike, read_vehicle, simulated_car
+    from tse.car.vehicle import Vehicle
     from tse.errors import Error, InputError, LearntError, SettingError
-    from tse.impl.vehicle import Vehicle
 
 __all__ = ["CHANNELS", "STIFFNESS", "UNKNOWN_AGE", "Calibration", "Error", "Estimate", "Filter", "Fleet", "Form", "Gap",
            "InputError", "LearntError", "Live", "Log", "LogLike", "Reason", "Replayed", "Result", "Row", "SettingError", "Signals",
@@ -54,7 +54,7 @@ _LATER = {  # loaded by who uses it: the command is a user, too, and --help need
     **dict.fromkeys(("CHANNELS", "Estimate", "Reason", "Row", "STIFFNESS", "Status"), "tse._tables"),
     **dict.fromkeys(("VehicleLike", "read_vehicle", "simulated_car"), "tse._vehicle"),
     **dict.fromkeys(("Error", "InputError", "LearntError", "SettingError"), "tse.errors"),
-    **dict.fromkeys(("Vehicle",), "tse.impl.vehicle"),
+    **dict.fromkeys(("Vehicle",), "tse.car.vehicle"),
 }
 
 
@@ -66,7 +66,9 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("tse"):
             raise
-        raise ModuleNotFoundError(f"tse.{name} needs the package {error.name}: pip install 'tse[lab]'", name=error.name) from None
+        raise ModuleNotFoundError(
+            f"tse.{name} needs the package {error.name}: pip install 'tse[lab]'", name=error.name
+        ) from None
     return globals()[name]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tse.impl.core import STATUS, STIFFNESS, library
+from tse.library.core import STATUS, STIFFNESS, library
 
 Array = npt.NDArray[np.float64]
 

@@ -12,13 +12,13 @@ import pandas as pd
 from tse._log import LogLike, PathLike, all_checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
-from tse.impl.calibrate import output, page, workflow
-from tse.impl.calibrate.result import Result, words
-from tse.impl.files import loads
-from tse.impl.logs.agree import read_agreeing
-from tse.impl.road import Road
-from tse.impl.rows import Reading
-from tse.impl.vehicle import Vehicle, make_vehicle
+from tse.calibration import output, page, workflow
+from tse.calibration.result import Result, words
+from tse.car.vehicle import Vehicle, make_vehicle
+from tse.channels.agree import read_agreeing
+from tse.library.files import loads
+from tse.log.rows import Reading
+from tse.roads.road import Road
 
 
 class Calibration(Shown):

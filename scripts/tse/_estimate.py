@@ -19,15 +19,16 @@ from tse._log import Log, LogLike, PathLike, checked, known_road
 from tse._shown import Shown, drawn
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, named, read_vehicle
-from tse.impl import plots, regimes, results
-from tse.impl.answer import answer
-from tse.impl.estimate import Estimate as Estimated
-from tse.impl.estimate import Learnt, write_estimates
-from tse.impl.estimate import estimate as _run
-from tse.impl.fleet.single import Calibrate, Prepared, assemble, contradicts, notes_of
-from tse.impl.road import Road
-from tse.impl.vehicle import Vehicle
-from tse.impl.verdict import Finding, contradictions, findings, late_steering
+from tse.car.vehicle import Vehicle
+from tse.estimation import regimes
+from tse.estimation.answer import answer
+from tse.estimation.estimate import Estimate as Estimated
+from tse.estimation.estimate import Learnt, write_estimates
+from tse.estimation.estimate import estimate as _run
+from tse.estimation.verdict import Finding, contradictions, findings, late_steering
+from tse.report import plots, results
+from tse.roads.road import Road
+from tse.runs.single import Calibrate, Prepared, assemble, contradicts, notes_of
 
 Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
@@ -169,10 +170,19 @@ class Result(Shown):
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab estimate --report`."""
-        from tse.impl.report import write_report  # plotly: for those who draw
+        from tse.report.report import write_report  # plotly: for those who draw
 
         done, ready = self._of_run()
-        write_report(Path(path), done, ready.log, ready.vehicle, ready.config, notes_of(ready, done), None, self.warnings)
+        write_report(
+            Path(path),
+            done,
+            ready.log,
+            ready.vehicle,
+            ready.config,
+            notes_of(ready, done),
+            None,
+            self.warnings,
+        )
         return Path(path)
 
     def _of_run(self) -> tuple[Estimated, Prepared]:
@@ -252,7 +262,16 @@ def estimate(
     itself = Calibrate() if calibrate and learnt is None else None
     car = read_vehicle(vehicle)
     ready = assemble(
-        car, checked(log, car), None, average, {}, form, named(settings), "settings", calibrate=itself, road=known_road(road)
+        car,
+        checked(log, car),
+        None,
+        average,
+        {},
+        form,
+        named(settings),
+        "settings",
+        calibrate=itself,
+        road=known_road(road),
     )
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before, contradicted=bool(ready.warnings))

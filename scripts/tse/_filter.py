@@ -12,12 +12,12 @@ import numpy as np
 
 from tse._tables import CHANNELS, Estimate, Row, Status
 from tse._vehicle import VehicleLike, read_vehicle
+from tse.car.config import check_effect, make_config, set_sampling
 from tse.errors import InputError
-from tse.impl import core
-from tse.impl.config import check_effect, make_config, set_sampling
-from tse.impl.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
-from tse.impl.errors import meant
-from tse.impl.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
+from tse.library import core
+from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
+from tse.library.errors import meant
+from tse.log.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf
@@ -102,7 +102,11 @@ class Filter:
         """Channel -> how much later than yaw_rate it is logged, s. They are settings: `steer_angle_latency` and the like, or
         `{"latency": {"steer_angle": 0.02}}` of a vehicle. Rows then wait for the late channels: status WAITING, and the estimates
         are of `estimate_age` before their row."""
-        return {c: float(getattr(self._config, f"{c}_latency")) for c in CHANNELS if f"{c}_latency" in self._config}
+        return {
+            c: float(getattr(self._config, f"{c}_latency"))
+            for c in CHANNELS
+            if f"{c}_latency" in self._config
+        }
 
     def step(self, row: Row | Mapping[str, Any] | None = None, /, **channels: float | None) -> Estimate:
         """Use one row.
@@ -160,7 +164,9 @@ class Filter:
             return float(value)
         except (TypeError, ValueError, OverflowError):
             shown = repr(value)
-            raise InputError(f"{name} = {shown[:40]}{'...' if len(shown) > 40 else ''} is not a number", name) from None
+            raise InputError(
+                f"{name} = {shown[:40]}{'...' if len(shown) > 40 else ''} is not a number", name
+            ) from None
 
     def _since(self, now: float | None, step: float | None) -> float:
         """dt of a row; what the first one says is not used."""
@@ -215,7 +221,9 @@ class Filter:
         return self.copy()
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        raise TypeError("a Filter cannot be pickled: take its settings and what save_learnt() gives to the other process")
+        raise TypeError(
+            "a Filter cannot be pickled: take its settings and what save_learnt() gives to the other process"
+        )
 
     def save_learnt(self) -> bytes | None:
         """What was learnt of the car, for the next drive: 268 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
@@ -272,7 +280,9 @@ def _names(row: Any) -> dict[Any, Any]:
         return {name: value for name, value in row._asdict().items() if name != "Index"}
     if isinstance(row, np.void) and row.dtype.names:
         return {name: row[name] for name in row.dtype.names}
-    raise TypeError(f"a row is a mapping, a Series, a named tuple or a record of a structured array, not {type(row).__name__}")
+    raise TypeError(
+        f"a row is a mapping, a Series, a named tuple or a record of a structured array, not {type(row).__name__}"
+    )
 
 
 Convert: TypeAlias = Callable[[Any], tuple[Any, ...]]

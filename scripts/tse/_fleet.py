@@ -13,11 +13,11 @@ import pandas as pd
 from tse._log import PathLike
 from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
-from tse.impl.answer import WHERE
-from tse.impl.fleet import find, page
-from tse.impl.fleet.keep import PAGE, Done, Store
-from tse.impl.fleet.run import Plan, run
-from tse.impl.rows import Reading
+from tse.estimation.answer import WHERE
+from tse.log.rows import Reading
+from tse.runs import find, page
+from tse.runs.keep import PAGE, Done, Store
+from tse.runs.run import Plan, run
 
 
 class Fleet(Shown):
@@ -35,7 +35,9 @@ class Fleet(Shown):
         """A sentence for each car, the softest first: the last that is known of it."""
         return tuple(
             f"{c.name}: {len(c.done)} logs, {c.hours:.1f} h"
-            + "".join(f"; {WHERE[k]} {v.shown} {'kN' if k == 'cx_front' else 'kN/rad'}" for k, v in c.last.items())
+            + "".join(
+                f"; {WHERE[k]} {v.shown} {'kN' if k == 'cx_front' else 'kN/rad'}" for k, v in c.last.items()
+            )
             + ("" if c.last else f"; {c.reason}")
             for c in page.cars(self._done, self._table)
         )

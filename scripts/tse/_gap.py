@@ -15,10 +15,10 @@ import pandas as pd
 from tse._log import LogLike, PathLike, all_checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
-from tse.impl.gap.run import pictures, workflow
-from tse.impl.gap.run.output import Written, write_all
-from tse.impl.road import Road
-from tse.impl.vehicle import Vehicle
+from tse.car.vehicle import Vehicle
+from tse.gaps.run import pictures, workflow
+from tse.gaps.run.output import Written, write_all
+from tse.roads.road import Road
 
 
 class Gap(Shown):
@@ -104,5 +104,13 @@ def gap(
     folder.mkdir(parents=True, exist_ok=True)
     say = progress or (lambda _: None)
     car, read = vehicle_file(vehicle, folder), read_vehicle(vehicle)
-    result = workflow.run(all_checked(logs, read), car, all_checked(hold_out, read, 0), jobs, say, formula, road=known_road(road))
+    result = workflow.run(
+        all_checked(logs, read),
+        car,
+        all_checked(hold_out, read, 0),
+        jobs,
+        say,
+        formula,
+        road=known_road(road),
+    )
     return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)

@@ -15,12 +15,12 @@ from tse._filter import UNKNOWN_AGE, Convert, _conversions
 from tse._log import PathLike
 from tse._tables import Estimate
 from tse._vehicle import VehicleLike, named, read_vehicle
-from tse.impl.answer import answer
-from tse.impl.config import check_effect, make_config
-from tse.impl.estimate import Learnt
-from tse.impl.live.drive import Live as _Live
-from tse.impl.live.drive import bus_opener
-from tse.impl.logs.signals import read_signals
+from tse.car.config import check_effect, make_config
+from tse.channels.signals import read_signals
+from tse.estimation.answer import answer
+from tse.estimation.estimate import Learnt
+from tse.streaming.drive import Live as _Live
+from tse.streaming.drive import bus_opener
 
 
 class Live:
@@ -44,7 +44,9 @@ class Live:
     def __enter__(self) -> Live:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def stop(self) -> None:
@@ -143,7 +145,11 @@ def live(
     """
     if (bus is None) == (interface is None):
         raise TypeError("live() needs an interface, or a bus that is open")
-    databases = [Path(database)] if isinstance(database, str | Path) or hasattr(database, "__fspath__") else [*map(Path, database)]
+    databases = (
+        [Path(database)]
+        if isinstance(database, str | Path) or hasattr(database, "__fspath__")
+        else [*map(Path, database)]
+    )
     if not databases:
         raise TypeError("live() needs a database: what the frames of the bus mean")
     car = read_vehicle(vehicle)

@@ -14,19 +14,19 @@ import pandas as pd
 from tse._base import Array
 from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle
-from tse.impl import plots
-from tse.impl.errors import UserError
-from tse.impl.files import atomic
-from tse.impl.logs.log import of_car, read_frame
-from tse.impl.logs.log import read_log as _read_log
-from tse.impl.logs.proposal import Line, Proposal, headline, listing, propose, toml_text
-from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import How, Recording
-from tse.impl.logs.signals import find_signals
-from tse.impl.road import Road, read_road
-from tse.impl.rows import Log as Checked
-from tse.impl.rows import Reading
-from tse.impl.vehicle import Vehicle
+from tse.car.vehicle import Vehicle
+from tse.channels.log import of_car, read_frame
+from tse.channels.log import read_log as _read_log
+from tse.channels.proposal import Line, Proposal, headline, listing, propose, toml_text
+from tse.channels.signals import find_signals
+from tse.library.errors import UserError
+from tse.library.files import atomic
+from tse.log.rows import Log as Checked
+from tse.log.rows import Reading
+from tse.readers.readers import read_recording
+from tse.readers.recording import How, Recording
+from tse.report import plots
+from tse.roads.road import Road, read_road
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 LogLike: TypeAlias = "PathLike | Log | Mapping[str, Any] | pd.DataFrame | npt.NDArray[np.void]"
@@ -66,7 +66,9 @@ class Log(Shown):
     def to_frame(self) -> pd.DataFrame:
         """Return the rows: time, channels, optional channels, columns ref_..., as estimate() takes them."""
         parts = (self._checked.data, self._checked.extra, self._checked.ref)
-        return pd.concat([pd.Series(self.time, name="time"), *(p.reset_index(drop=True) for p in parts)], axis=1)
+        return pd.concat(
+            [pd.Series(self.time, name="time"), *(p.reset_index(drop=True) for p in parts)], axis=1
+        )
 
     def plot(self) -> Any:
         """Return a figure of plotly: the channels over time."""
@@ -210,7 +212,9 @@ class Signals(Shown):
         ])  # fmt: skip
 
 
-def signals(log: PathLike, vehicle: VehicleLike | None = None, *, databases: Sequence[PathLike] = ()) -> Signals:
+def signals(
+    log: PathLike, vehicle: VehicleLike | None = None, *, databases: Sequence[PathLike] = ()
+) -> Signals:
     """Propose which signal of a log is which channel, by names, units and physics, as `tselab signals` does.
 
     The log is read as [log] of the signals.toml beside it says, if there is one.

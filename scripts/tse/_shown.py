@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from tse.impl.files import atomic
+from tse.library.files import atomic
 
 MOST_ROWS = 20  # of a table in a notebook
 
@@ -61,7 +61,7 @@ class Shown:
 
 
 def drawn(figure: Any) -> Any:
-    """A figure of tse.impl.plots, for plotly."""
+    """A figure of tse.report.plots, for plotly."""
     import plotly.graph_objects as go  # half a second, for those who draw
 
     return go.Figure(figure.as_dict())

@@ -10,13 +10,13 @@ import pandas as pd
 from tse._log import LogLike, PathLike, checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, named, read_vehicle
-from tse.impl import along, maneuvers
-from tse.impl.core import Config, SimConfig
-from tse.impl.errors import UserError
-from tse.impl.plots import lines
-from tse.impl.road import Road
-from tse.impl.simulate import simulate as _simulate
-from tse.impl.vehicle import default_vehicle
+from tse.car.vehicle import default_vehicle
+from tse.library.core import Config, SimConfig
+from tse.library.errors import UserError
+from tse.report.plots import lines
+from tse.roads.road import Road
+from tse.simulation import along, maneuvers
+from tse.simulation.simulate import simulate as _simulate
 
 
 class Simulated(NamedTuple):
@@ -75,7 +75,9 @@ def simulate(
     for name, value in named(settings).items():
         (sim if name in sim else config).set(name, value)
     if duration is not None and not config.sample_time <= duration <= maneuvers.LONGEST:
-        raise UserError(f"duration: {duration:g} is outside its range {config.sample_time:g} .. {maneuvers.LONGEST:g} s")
+        raise UserError(
+            f"duration: {duration:g} is outside its range {config.sample_time:g} .. {maneuvers.LONGEST:g} s"
+        )
     plan = maneuvers.build(
         maneuver, config, sample_time=config.sample_time, duration=duration,
         speed=sim.speed if speed is None and "speed" in named(settings) else speed,
@@ -120,7 +122,11 @@ class Replayed(Shown):
 
 
 def replay(
-    log: LogLike, vehicle: VehicleLike, *, settings: Mapping[str, float] | None = None, road: PathLike | Road | None = None
+    log: LogLike,
+    vehicle: VehicleLike,
+    *,
+    settings: Mapping[str, float] | None = None,
+    road: PathLike | Road | None = None,
 ) -> Replayed:
     """Simulate the car along a log: its steering angle and wheel speeds drive the single-track model, with the car's effects.
 
@@ -153,7 +159,7 @@ def replay(
         config.set(name, value)
     profile = known_road(road)
     if profile is not None:
-        from tse.impl.road_match import on_road
+        from tse.roads.road_match import on_road
 
         rows, _ = on_road(rows, profile, config)
     return Replayed(along.along(rows, config))

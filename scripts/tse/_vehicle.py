@@ -11,11 +11,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tse.impl.core import Config
-from tse.impl.errors import UserError
-from tse.impl.files import atomic
-from tse.impl.vehicle import Vehicle, make_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
-from tse.impl.vehicle import read_vehicle as _read
+from tse.car.vehicle import Vehicle, make_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
+from tse.car.vehicle import read_vehicle as _read
+from tse.library.core import Config
+from tse.library.errors import UserError
+from tse.library.files import atomic
 
 VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
 
@@ -79,7 +79,9 @@ def simulated_car() -> dict[str, Any]:
 def named(settings: Mapping[str, float] | None) -> Mapping[str, float]:
     """Settings by name. TypeError: they are no mapping."""
     if settings is not None and not isinstance(settings, Mapping):
-        raise TypeError(f"settings: names and numbers are needed, such as {{'valid_sd': 0.08}}, not {type(settings).__name__}")
+        raise TypeError(
+            f"settings: names and numbers are needed, such as {{'valid_sd': 0.08}}, not {type(settings).__name__}"
+        )
     return settings or {}
 
 
@@ -96,7 +98,9 @@ def vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
         if vehicle.path is None:
             raise UserError("a vehicle that is in no file: give the file, or a mapping with its keys")
         if changed := [k for k, v in _read(vehicle.path).values.items() if vehicle.values.get(k) != v]:
-            raise UserError(f"{', '.join(changed)} of the vehicle are not those of {vehicle.path}: give a mapping with its keys")
+            raise UserError(
+                f"{', '.join(changed)} of the vehicle are not those of {vehicle.path}: give a mapping with its keys"
+            )
         return vehicle.path
     if not isinstance(vehicle, Mapping):
         return Path(vehicle)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tse.impl.core import LearntError, SettingError
-from tse.impl.errors import UserError as Error
+from tse.library.core import LearntError, SettingError
+from tse.library.errors import UserError as Error
 
 __all__ = ["Error", "InputError", "LearntError", "SettingError"]
 

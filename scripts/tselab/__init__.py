@@ -8,4 +8,4 @@ import sys
 if "tse" not in sys.modules:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from tse.impl import __version__ as __version__
+from tse.library import __version__ as __version__

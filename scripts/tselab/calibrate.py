@@ -11,8 +11,8 @@ from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, _distinct
 from tselab.options import FILE, JOBS, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
 
 if TYPE_CHECKING:
-    from tse.impl.calibrate.result import Result
-    from tse.impl.rows import Reading
+    from tse.calibration.result import Result
+    from tse.log.rows import Reading
 
 NOT_CONVERGED = 12  # exit code
 
@@ -30,7 +30,12 @@ NOT_CONVERGED = 12  # exit code
     help="The calibrated vehicle file; .json and .html beside it.",
 )
 @ROAD
-@click.option("--report", metavar="PAGE.html", type=Written(*PAGES), help="Where the page goes; default: beside CALIBRATED.toml.")
+@click.option(
+    "--report",
+    metavar="PAGE.html",
+    type=Written(*PAGES),
+    help="Where the page goes; default: beside CALIBRATED.toml.",
+)
 @click.option("--verbose", is_flag=True, help="Say all: every number, every channel.")
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
 @reading
@@ -81,12 +86,12 @@ def calibrate(
     than 20 s of them can be compared with a simulation; 12 not converged (written all the same, and said); 2 bad input; 130
     Ctrl-C.
     """
-    from tse.impl import results
-    from tse.impl.calibrate import output, page, workflow
-    from tse.impl.calibrate.result import answer, words
-    from tse.impl.files import check_distinct, check_writable
-    from tse.impl.road import read_road
-    from tse.impl.vehicle import read_vehicle, stiffness_words
+    from tse.calibration import output, page, workflow
+    from tse.calibration.result import answer, words
+    from tse.car.vehicle import read_vehicle, stiffness_words
+    from tse.library.files import check_distinct, check_writable
+    from tse.report import results
+    from tse.roads.road import read_road
 
     _distinct(logs, hold_out)
     for path in (out, report):
@@ -96,7 +101,13 @@ def calibrate(
     numbers, html = out.with_suffix(".json"), report or out.with_suffix(".html")
     kept_formula = output.formula_beside(out) if formula else None
     check_distinct(
-        {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula, "--table": table},
+        {
+            "--out": out,
+            "the page": html,
+            "the numbers": numbers,
+            "the formula": kept_formula,
+            "--table": table,
+        },
         {"--vehicle": vehicle_path, "the formula of --vehicle": formula, "--signals": reading.signals}
         | {str(p): p for p in (*logs, *hold_out)},
     )
@@ -109,12 +120,26 @@ def calibrate(
         stiffness = stiffness_words(read_vehicle(out))
         text = [stiffness, *words(result)]
         page.write(html, result, text)
-    written = [str(out), *(p.name for p in (kept_formula, numbers, html) if p), *([str(table)] if table else [])]
+    written = [
+        str(out),
+        *(p.name for p in (kept_formula, numbers, html) if p),
+        *([str(table)] if table else []),
+    ]
     if table is not None:
-        results.write_rows(table, [{"logs": " ".join(map(str, logs)), **f.as_json()} for f in result.findings])
+        results.write_rows(
+            table, [{"logs": " ".join(map(str, logs)), **f.as_json()} for f in result.findings]
+        )
     code = _code(result)
     if as_json:
-        results.say_json({"logs": logs, "vehicle": vehicle_path, **output.as_json(result), "exit_code": code, "written": written})
+        results.say_json(
+            {
+                "logs": logs,
+                "vehicle": vehicle_path,
+                **output.as_json(result),
+                "exit_code": code,
+                "written": written,
+            }
+        )
         return code
     if verbose:
         for group in result.groups:
@@ -130,8 +155,8 @@ def calibrate(
 
 
 def _code(result: Result) -> int:
-    from tse.impl.calibrate.result import LEAST_SECONDS
-    from tse.impl.results import NOTHING, USABLE
+    from tse.calibration.result import LEAST_SECONDS
+    from tse.report.results import NOTHING, USABLE
 
     if not result.fit.converged:
         return NOT_CONVERGED

@@ -4,14 +4,16 @@ from pathlib import Path
 
 import click
 
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
 from tselab.options import FILE, JSON
 
 
 @click.command()
 @click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
 @click.option("--example", is_flag=True, help="Print a commented vehicle file, to edit for your car.")
-@click.option("--simulated", is_flag=True, help="Print the car of 'tselab simulate', known exactly: for its logs only.")
+@click.option(
+    "--simulated", is_flag=True, help="Print the car of 'tselab simulate', known exactly: for its logs only."
+)
 @click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write the car's settings as C.")
 @JSON
 def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | None, as_json: bool) -> None:
@@ -25,17 +27,19 @@ def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | No
     In C, in any number format, tse_config_default(&c) and tse_config_car(&c) of car.h give the settings with which
     'tselab estimate' runs at 100 Hz.
     """
-    from tse.impl.tables import example_vehicle, simulated_vehicle, text_table
+    from tse.report.tables import example_vehicle, simulated_vehicle, text_table
 
     if (path is not None) + example + simulated != 1 or (header is not None and path is None):
-        raise UserError("give a vehicle file to check, or --example, or --simulated; --c is for a vehicle file")
+        raise UserError(
+            "give a vehicle file to check, or --example, or --simulated; --c is for a vehicle file"
+        )
     if path is None:
         click.echo(example_vehicle() if example else simulated_vehicle(), nl=False)
         return
-    from tse.impl.config import c_settings
-    from tse.impl.core import Config
-    from tse.impl.files import atomic, check_distinct
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.config import c_settings
+    from tse.car.vehicle import read_vehicle
+    from tse.library.core import Config
+    from tse.library.files import atomic, check_distinct
 
     check_distinct({"--c": header}, {"the vehicle file": path})
     car = read_vehicle(path)
@@ -44,7 +48,7 @@ def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | No
         with atomic(header) as file:
             file.write(c_settings(car))
     if as_json:
-        from tse.impl import results
+        from tse.report import results
 
         said = {
             "vehicle": path,
@@ -57,7 +61,11 @@ def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | No
         results.say_json(said)
         return
     click.echo(f"{path}: {car.name}")
-    click.echo(text_table([[k, f"{v:.6g}", fields[k].unit, fields[k].text] for k, v in car.values.items()], right=(1,)))
+    click.echo(
+        text_table(
+            [[k, f"{v:.6g}", fields[k].unit, fields[k].text] for k, v in car.values.items()], right=(1,)
+        )
+    )
     for line in car.filled:
         click.echo(f"filled in: {line}")
     if header is not None:
@@ -74,15 +82,25 @@ def settings(simulator: bool, as_json: bool) -> None:
 
     Settings go into a FILTER.toml (name = value, flat or under [filter]) or behind --set.
     """
-    from tse.impl.core import CONFIG, SIM_CONFIG, library
-    from tse.impl.tables import settings_table, sim_settings_table
+    from tse.library.core import CONFIG, SIM_CONFIG, library
+    from tse.report.tables import settings_table, sim_settings_table
 
     if as_json:
-        from tse.impl import results
+        from tse.report import results
 
         rows = library().fields(SIM_CONFIG if simulator else CONFIG)
         results.say_json(
-            [{"name": f.name, "default": f.default, "low": f.low, "high": f.high, "unit": f.unit, "text": f.text} for f in rows]
+            [
+                {
+                    "name": f.name,
+                    "default": f.default,
+                    "low": f.low,
+                    "high": f.high,
+                    "unit": f.unit,
+                    "text": f.text,
+                }
+                for f in rows
+            ]
         )
         return
     click.echo(sim_settings_table() if simulator else settings_table())
@@ -96,21 +114,33 @@ class FormulaCommand(click.Command):
     """Lists what a formula is made of."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tse.impl.core import library
+        from tse.library.core import library
 
-        kinds = {"SIGNAL": "Signals", "PLAIN": "Functions, beside + - * / and whole powers", "MEMORY": "Functions that remember"}
+        kinds = {
+            "SIGNAL": "Signals",
+            "PLAIN": "Functions, beside + - * / and whole powers",
+            "MEMORY": "Functions that remember",
+        }
         with formatter.section("Places"):
             formatter.write_dl([(p.name, f"{p.unit}: {p.text}") for p in library().formula_places.values()])
         hidden = {"add", "sub", "mul", "div", "neg", "one", "two"}  # written as operators and digits
         for kind, title in kinds.items():
             with formatter.section(title):
                 ops = [o for o in library().formula_ops.values() if o.kind == kind and o.name not in hidden]
-                formatter.write_dl([(o.name, f"{o.unit}: {o.text}" if kind == "SIGNAL" else o.text) for o in ops])
+                formatter.write_dl(
+                    [(o.name, f"{o.unit}: {o.text}" if kind == "SIGNAL" else o.text) for o in ops]
+                )
 
 
 @click.command(cls=FormulaCommand)
 @click.argument("path", metavar="FORMULA.toml", type=FILE)
-@click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h.")
+@click.option(
+    "--c",
+    "header",
+    metavar="OUT.h",
+    type=FILE,
+    help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h.",
+)
 @JSON
 def formula(path: Path, header: Path | None, as_json: bool) -> None:
     """Check a formula of the user, an effect that no catalogue has; also as C.
@@ -133,10 +163,10 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     A vehicle file beside it runs it everywhere with
     [formula] file = "play.toml". Places, signals and functions are listed below; x, y, z are what stands in the brackets.
     """
-    from tse.impl.core import library
-    from tse.impl.files import atomic, check_distinct
-    from tse.impl.formula import c_header, read_formula
-    from tse.impl.tables import text_table
+    from tse.car.formula import c_header, read_formula
+    from tse.library.core import library
+    from tse.library.files import atomic, check_distinct
+    from tse.report.tables import text_table
 
     check_distinct({"--c": header}, {"the formula": path})
     found = read_formula(path)
@@ -145,7 +175,7 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
             file.write(c_header(found))
     place = library().formula_places[found.place]
     if as_json:
-        from tse.impl import results
+        from tse.report import results
 
         numbers = [{"name": n.name, "value": n.value, "unit": n.unit, "text": n.text} for n in found.numbers]
         results.say_json(
@@ -157,6 +187,8 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     click.echo(f"{path}: {found.title}\n{found.place} [{place.unit}] + {found.gain:g} * ({found.text})")
     click.echo(text_table([[n.name, f"{n.value:.6g}", n.unit, n.text] for n in found.numbers], right=(1,)))
     count = len(found.operations)
-    click.echo(f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}")
+    click.echo(
+        f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}"
+    )
     if header is not None:
         click.echo(f"Written to {header}")

@@ -9,8 +9,8 @@ import traceback
 
 import click
 
-from tse.impl import __version__
-from tse.impl.errors import Interrupted, UserError
+from tse.library import __version__
+from tse.library.errors import Interrupted, UserError
 
 COMMANDS = {  # name: module of tselab, what it does
     "calibrate": ("calibrate", "Find what the car and the sensors of a log are."),
@@ -51,15 +51,24 @@ class Commands(click.Group):
 def _version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     if not value or ctx.resilient_parsing:
         return
-    from tse.impl.core import library
+    from tse.library.core import library
 
     lib = library()
-    click.echo(f"tselab {__version__}\nlibrary tse {lib.version}, {lib.format}, up to {lib.capacity} particles")
+    click.echo(
+        f"tselab {__version__}\nlibrary tse {lib.version}, {lib.format}, up to {lib.capacity} particles"
+    )
     ctx.exit()
 
 
 @click.group(cls=Commands, context_settings=CONTEXT)
-@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show versions and exit.")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_version,
+    help="Show versions and exit.",
+)
 @click.option("--debug", is_flag=True, help="Show the traceback of an internal error.")
 def cli(debug: bool) -> None:
     """Tyre stiffness from a car's log.
@@ -87,9 +96,13 @@ def main() -> None:
     debug = "--debug" in sys.argv[1:]
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a car may have a name that this terminal has no letters for
-    os.environ["TSE_HOLD_MEMORY"] = "1"  # of logs, in this process and its workers (tse.impl.logs.recording)
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own takes a gigabyte of addresses before it needs any
+        sys.stdout.reconfigure(
+            errors="backslashreplace"
+        )  # a car may have a name that this terminal has no letters for
+    os.environ["TSE_HOLD_MEMORY"] = "1"  # of logs, in this process and its workers (tse.readers.recording)
+    os.environ.setdefault(
+        "ARROW_DEFAULT_MEMORY_POOL", "system"
+    )  # its own takes a gigabyte of addresses before it needs any
     try:
         code = cli.main(standalone_mode=False)
         sys.stdout.flush()
@@ -111,9 +124,11 @@ def main() -> None:
                    "machine (tselab signals --help says which formats are read in pieces)", err=True)  # fmt: skip
         sys.exit(2)
     except Exception as error:
-        from tse.impl.files import no_room
+        from tse.library.files import no_room
 
-        if reason := no_room(error):  # files.atomic says it of results: this is the terminal, or a temporary file
+        if reason := no_room(
+            error
+        ):  # files.atomic says it of results: this is the terminal, or a temporary file
             _give_up_stdout()
             where = getattr(error, "filename", None) or "the output"
             click.echo(f"tselab: error: {where}: cannot be written: {reason}", err=True)

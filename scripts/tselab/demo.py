@@ -12,31 +12,38 @@ import click
 import numpy as np
 import pandas as pd
 
-from tse.impl import maneuvers
-from tse.impl.config import make_config
-from tse.impl.core import STIFFNESS, Config, SimConfig
-from tse.impl.errors import UserError
-from tse.impl.estimate import estimate, estimate_to, write_estimates, write_table
-from tse.impl.files import atomic, make_directory
-from tse.impl.fleet.single import prepare
-from tse.impl.gap.run.output import write_all
-from tse.impl.gap.run.workflow import run
-from tse.impl.logs.log import read_log
-from tse.impl.logs.proposal import propose, toml_text
-from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import need
-from tse.impl.report import write_report
-from tse.impl.rows import Reading
-from tse.impl.simulate import simulate, with_references
-from tse.impl.tables import simulated_vehicle
-from tse.impl.vehicle import read_vehicle
-from tse.impl.verdict import NAMES
+from tse.car.config import make_config
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.channels.proposal import propose, toml_text
+from tse.estimation.estimate import estimate, estimate_to, write_estimates, write_table
+from tse.estimation.verdict import NAMES
+from tse.gaps.run.output import write_all
+from tse.gaps.run.workflow import run
+from tse.library.core import STIFFNESS, Config, SimConfig
+from tse.library.errors import UserError
+from tse.library.files import atomic, make_directory
+from tse.log.rows import Reading
+from tse.readers.readers import read_recording
+from tse.readers.recording import need
+from tse.report.report import write_report
+from tse.report.tables import simulated_vehicle
+from tse.runs.single import prepare
+from tse.simulation import maneuvers
+from tse.simulation.simulate import simulate, with_references
 from tselab.montecarlo.pictures import demo_picture
 from tselab.options import FILE, PROGRESS, show_progress
 
 
 @click.command()
-@click.option("--out", metavar="DIR", type=FILE, default=Path("demo"), show_default=True, help="Directory; made if needed.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    default=Path("demo"),
+    show_default=True,
+    help="Directory; made if needed.",
+)
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
@@ -53,7 +60,9 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
         logged(out / "logger", log, table)
     except UserError as error:
         click.echo(f"\nleft out: {error}")
-    closed(out / "gap", seed, (lambda text: click.echo(f"gap: {text}", err=True)) if show else (lambda _: None))
+    closed(
+        out / "gap", seed, (lambda text: click.echo(f"gap: {text}", err=True)) if show else (lambda _: None)
+    )
 
 
 DURATION, ROAD_CHANGE = 72.0, (36.0, 0.7)
@@ -85,11 +94,18 @@ def estimated(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.Da
     with atomic(out / "vehicle.toml") as file:
         file.write(simulated_vehicle())
     with atomic(out / "filter.toml") as file:
-        file.write("# a wrong start, to see it being found\n" + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS))
+        file.write(
+            "# a wrong start, to see it being found\n"
+            + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS)
+        )
     vehicle = read_vehicle(out / "vehicle.toml")
     config = Config.exact(vehicle.values)
-    maneuver = maneuvers.build("double-lane-change", config, sample_time=config.sample_time, duration=DURATION, road=[ROAD_CHANGE])
-    sensors = SimConfig({"seed": seed, "wheel_speed_sd": WHEEL_NOISE})  # wheels that repeat a number exactly are a fault
+    maneuver = maneuvers.build(
+        "double-lane-change", config, sample_time=config.sample_time, duration=DURATION, road=[ROAD_CHANGE]
+    )
+    sensors = SimConfig(
+        {"seed": seed, "wheel_speed_sd": WHEEL_NOISE}
+    )  # wheels that repeat a number exactly are a fault
     simulation = simulate(maneuver, config, sensors, vehicle.driven_axle, progress)
     write_table(with_references(simulation), out / "log.csv")
     write_table(simulation.truth, out / "truth.csv")
@@ -115,8 +131,14 @@ def estimated(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.Da
     for key in STIFFNESS:
         valid = table[f"{key}_valid"].to_numpy() == 1
         error = table[key].to_numpy() / simulation.truth[f"true_{key}"].to_numpy()[: len(table)] - 1
-        texts = [f"{100 * np.sqrt(np.mean(error[p & valid] ** 2)):.1f} % {name}" for name, p in parts.items() if (p & valid).any()]
-        click.echo(f"{NAMES[key]}: RMS error {', '.join(texts) or 'unknown'}; valid {100 * valid.mean():.0f} % of the time")
+        texts = [
+            f"{100 * np.sqrt(np.mean(error[p & valid] ** 2)):.1f} % {name}"
+            for name, p in parts.items()
+            if (p & valid).any()
+        ]
+        click.echo(
+            f"{NAMES[key]}: RMS error {', '.join(texts) or 'unknown'}; valid {100 * valid.mean():.0f} % of the time"
+        )
     click.echo(f"Written to {out}: {', '.join(files)}")
     return simulation.log, table
 
@@ -131,21 +153,41 @@ def closed(out: Path, seed: int, say: Callable[[str], None]) -> None:
     car = Config.exact(vehicle.values)
     truth = Config.exact(vehicle.values | HIDDEN_SETTINGS)
     spread = {f"spread_{s}": SPREAD for s in STIFFNESS}
-    noise = {"steer_angle_sd": STEER_NOISE, "wheel_speed_sd": WHEEL_NOISE, "true_bias_accel_y": 0.05, "true_cy_rear": 1.05}
+    noise = {
+        "steer_angle_sd": STEER_NOISE,
+        "wheel_speed_sd": WHEEL_NOISE,
+        "true_bias_accel_y": 0.05,
+        "true_cy_rear": 1.05,
+    }
     paths: dict[bool, list[Path]] = {False: [], True: []}
     say("simulating a car with a hidden effect")
     for i, (name, duration, speed, amplitude, is_held) in enumerate(GAP_DRIVES):
         maneuver = maneuvers.build(
-            name, car, sample_time=car.sample_time, duration=duration, speed=speed, amplitude=amplitude, seed=seed + i
+            name,
+            car,
+            sample_time=car.sample_time,
+            duration=duration,
+            speed=speed,
+            amplitude=amplitude,
+            seed=seed + i,
         )
-        log = simulate(maneuver, truth, SimConfig(spread | noise | {"seed": seed + i, "speed": speed}), vehicle.driven_axle).log
-        paths[is_held].append(out / f"{'held_out' if is_held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv")
+        log = simulate(
+            maneuver,
+            truth,
+            SimConfig(spread | noise | {"seed": seed + i, "speed": speed}),
+            vehicle.driven_axle,
+        ).log
+        paths[is_held].append(
+            out / f"{'held_out' if is_held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv"
+        )
         write_table(log, paths[is_held][-1])
     jobs = os.cpu_count() or 1
     result = run(paths[False], path, paths[True], jobs, say)
     write_all(out, result, path, jobs, say)
     held = result.held_out["accel_y"]
-    click.echo(f"\nA second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m). tselab gap says:")
+    click.echo(
+        f"\nA second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m). tselab gap says:"
+    )
     for line in result.words:
         click.echo(f"  {line}")
     click.echo(
@@ -215,5 +257,7 @@ def write_mf4(path: Path, log: pd.DataFrame, car: dict[str, float]) -> None:
     with MDF(version="4.10") as mdf:
         for group, (every, latency, units) in GROUPS.items():
             time = d["time"][::every] + latency
-            mdf.append([Signal(value[n][::every], time, unit=u, name=n) for n, u in units.items()], acq_name=group)
+            mdf.append(
+                [Signal(value[n][::every], time, unit=u, name=n) for n, u in units.items()], acq_name=group
+            )
         mdf.save(path, overwrite=True)

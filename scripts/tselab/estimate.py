@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
 from tselab.options import (
     CALIBRATE,
     FILE,
@@ -29,7 +29,7 @@ from tselab.options import (
 )
 
 if TYPE_CHECKING:
-    from tse.impl.rows import Reading
+    from tse.log.rows import Reading
 
 
 MOST_FINDINGS = 12  # stretches of road with --verbose
@@ -55,28 +55,54 @@ WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "lear
 @click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
               help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
-@click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings; 'tselab settings' lists them.")
+@click.option(
+    "--config",
+    "config_path",
+    metavar="FILTER.toml",
+    type=FILE,
+    help="Filter settings; 'tselab settings' lists them.",
+)
 @click.option(
     "--out",
     metavar="EST.csv",
     type=Written(*TABLES),
     help="Estimates, .csv or .parquet; default: the log's name with .est.csv, in the current directory.",
 )
-@click.option("--report", metavar="REPORT.html", type=Written(*PAGES), help="Also write a report with interactive plots.")
+@click.option(
+    "--report",
+    metavar="REPORT.html",
+    type=Written(*PAGES),
+    help="Also write a report with interactive plots.",
+)
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
-@click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
-@click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
-@click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@click.option(
+    "--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file."
+)
+@click.option(
+    "--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file."
+)
+@click.option(
+    "--average",
+    metavar="SECONDS",
+    type=float,
+    help="Average the log over blocks of so long first, at most 0.1 s.",
+)
 @CALIBRATE
 @ROAD
 @reading
 @for_programs
-@click.option("--verbose", is_flag=True, help="Say all: what was filled in, notes, every number of every stretch of road.")
+@click.option(
+    "--verbose",
+    is_flag=True,
+    help="Say all: what was filled in, notes, every number of every stretch of road.",
+)
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or robust.")
 @click.option("--particles", type=int, help="Particles in use; --form paper or robust.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or robust.")
 @FORM
-@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
+@click.option(
+    "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
+)
 @PROGRESS
 def estimate(
     log_path: Path,
@@ -157,15 +183,16 @@ def estimate(
     is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it
     as a row per stretch of road and stiffness.
     """
-    from tse.impl import regimes, results
-    from tse.impl.answer import answer
-    from tse.impl.calibrate.own import STOPPED
-    from tse.impl.estimate import read_learnt, write_learnt
-    from tse.impl.files import check_distinct, check_writable
-    from tse.impl.fleet import single
-    from tse.impl.fleet.single import Calibrate, prepare
-    from tse.impl.results import run_facts
-    from tse.impl.road import read_road
+    from tse.calibration.own import STOPPED
+    from tse.estimation import regimes
+    from tse.estimation.answer import answer
+    from tse.estimation.estimate import read_learnt, write_learnt
+    from tse.library.files import check_distinct, check_writable
+    from tse.report import results
+    from tse.report.results import run_facts
+    from tse.roads.road import read_road
+    from tse.runs import single
+    from tse.runs.single import Calibrate, prepare
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals,
@@ -183,8 +210,23 @@ def estimate(
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     road = read_road(road_path) if road_path is not None else None
     with saying(progress) as say:
-        itself = Calibrate(say, goes_on=True) if calibrate and load_learnt is None and save_learnt is None else None
-        prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading, itself, road)
+        itself = (
+            Calibrate(say, goes_on=True)
+            if calibrate and load_learnt is None and save_learnt is None
+            else None
+        )
+        prepared = prepare(
+            log_path,
+            vehicle_path,
+            config_path,
+            average,
+            options,
+            form,
+            key_values(pairs),
+            reading,
+            itself,
+            road,
+        )
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
     ran = single.run(prepared, out, report, learnt, show_progress(progress))
     est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings
@@ -192,7 +234,9 @@ def estimate(
         if est.learnt is not None and not warnings:
             write_learnt(save_learnt, est.learnt)
         elif warnings:
-            notes.append(f"the channels contradict each other, so nothing was learnt: {save_learnt} is not written")
+            notes.append(
+                f"the channels contradict each other, so nothing was learnt: {save_learnt} is not written"
+            )
         else:
             notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
     odd = [*warnings, *prepared.doubts, *log.warnings]
@@ -231,10 +275,15 @@ def estimate(
             len(vehicle.found[1:]) + len(vehicle.filled), written, report is not None,
         )  # fmt: skip
     if prepared.own is not None and prepared.own.found.get("why") == STOPPED:
-        click.echo(f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True)
+        click.echo(
+            f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True
+        )
         sys.exit(130)
     if est.interrupted:
-        click.echo(f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done", err=True)
+        click.echo(
+            f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done",
+            err=True,
+        )
         sys.exit(130)
     return results.exit_code(found)
 
@@ -251,7 +300,13 @@ def say_shortly(
     """Say the answer and every warning; of the last events and the first notes what MOST_LINES have room for, and how many more
     there are, `hidden` besides. Warnings and notes go to standard error."""
     folded = {text: fold(text) for text in (*warnings, *events, *notes)}
-    room = MOST_LINES - len(answer) - sum(len(folded[w]) for w in warnings) - sum(path is not None for path in written.values()) - 1
+    room = (
+        MOST_LINES
+        - len(answer)
+        - sum(len(folded[w]) for w in warnings)
+        - sum(path is not None for path in written.values())
+        - 1
+    )
     shown = []
     for text in (*events[: -MOST_EVENTS - 1 : -1], *notes[:MOST_NOTES]):
         if len(folded[text]) <= room:
@@ -263,13 +318,17 @@ def say_shortly(
         click.echo("\n".join(folded[text]), err=text not in events)
     more = len(events) + len(notes) - len(shown) + hidden
     if more:
-        click.echo(f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if page else ', or --report PAGE.html'}")
+        click.echo(
+            f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if page else ', or --report PAGE.html'}"
+        )
     say_written(written)
 
 
 def fold(text: str) -> list[str]:
     """The lines of a text on a terminal."""
-    return textwrap.wrap(text, COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    return textwrap.wrap(
+        text, COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def say_written(written: dict[str, Path | None]) -> None:

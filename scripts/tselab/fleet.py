@@ -11,8 +11,8 @@ import click
 from tselab.options import CALIBRATE, FILE, FORM, JOBS, JSON, PROGRESS, key_values, reading, show_progress
 
 if TYPE_CHECKING:
-    from tse.impl.fleet.keep import Done
-    from tse.impl.rows import Reading
+    from tse.log.rows import Reading
+    from tse.runs.keep import Done
 
 MOST_CARS = 5  # that the terminal names, the softest first
 MOST_ERRORS = 10  # that the terminal names
@@ -20,21 +20,44 @@ MOST_ERRORS = 10  # that the terminal names
 
 @click.command()
 @click.argument("words", metavar="LOG|FOLDER|GLOB ...", nargs=-1, required=True)
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars.")
+@click.option(
+    "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars."
+)
 @click.option("--vehicles", "table", metavar="TABLE.csv", type=FILE, help="Which car each log is of: columns log, vehicle, car, "
               "signals.")  # fmt: skip
-@click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; what is done there is used again.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    required=True,
+    help="Directory; made if needed; what is done there is used again.",
+)
 @click.option("--car", metavar="NAME", help="All logs are of this one car; else a folder of logs is a car.")
 @click.option("--learn/--no-learn", default=True, show_default=True, help="Each drive starts from what the one of the same car "
               "before it taught; else each by itself, all at once.")  # fmt: skip
 @click.option("--reports/--no-reports", default=True, show_default=True, help="A report for each log.")
-@click.option("--estimates", is_flag=True, help="Also keep the estimates of each log, row by row, as Parquet.")
-@click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'.")
-@click.option("--average", metavar="SECONDS", type=float, help="Average the logs over blocks of so long first, at most 0.1 s.")
+@click.option(
+    "--estimates", is_flag=True, help="Also keep the estimates of each log, row by row, as Parquet."
+)
+@click.option(
+    "--config",
+    "config_path",
+    metavar="FILTER.toml",
+    type=FILE,
+    help="Filter settings, as for 'tselab estimate'.",
+)
+@click.option(
+    "--average",
+    metavar="SECONDS",
+    type=float,
+    help="Average the logs over blocks of so long first, at most 0.1 s.",
+)
 @CALIBRATE
 @reading
 @FORM
-@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
+@click.option(
+    "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
+)
 @JOBS
 @click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
               "see the logs under the same paths.")  # fmt: skip
@@ -97,14 +120,16 @@ def fleet(
 
     Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130 Ctrl-C.
     """
-    from tse.impl.errors import UserError
-    from tse.impl.fleet import find, page
-    from tse.impl.fleet.keep import PAGE, TABLE, Store
-    from tse.impl.fleet.run import Plan, run
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.vehicle import read_vehicle
+    from tse.library.errors import UserError
+    from tse.runs import find, page
+    from tse.runs.keep import PAGE, TABLE, Store
+    from tse.runs.run import Plan, run
 
     if (vehicle_path is None) == (table is None):
-        raise UserError("either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log")
+        raise UserError(
+            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log"
+        )
     if car is not None and table is not None:
         raise UserError("option --car: the table of --vehicles says which car a log is of")
     settings = key_values(pairs)
@@ -119,11 +144,11 @@ def fleet(
     code = _code(done)
     found = page.cars(done, frame)
     if as_json:
-        from tse.impl.results import say_json
+        from tse.report.results import say_json
 
         say_json(_document(done, found, code, [out / TABLE, out / PAGE]))
         return code
-    from tse.impl.results import CODES
+    from tse.report.results import CODES
 
     counts = {c: sum(not d.outcome.error and d.outcome.code == c for d in done) for c in CODES}
     bad = [d for d in done if d.outcome.error]
@@ -146,14 +171,16 @@ def fleet(
 
 
 def _code(done: Sequence[Done]) -> int:
-    from tse.impl.results import IN_PART, NOTHING, USABLE
+    from tse.report.results import IN_PART, NOTHING, USABLE
 
     codes = {NOTHING if d.outcome.error else d.outcome.code for d in done}
     return codes.pop() if len(codes) == 1 else IN_PART if codes else USABLE
 
 
-def _document(done: Sequence[Done], cars: Sequence[Any], code: int, written: Sequence[Path]) -> dict[str, Any]:
-    from tse.impl.results import CODES
+def _document(
+    done: Sequence[Done], cars: Sequence[Any], code: int, written: Sequence[Path]
+) -> dict[str, Any]:
+    from tse.report.results import CODES
 
     return {
         "logs": [

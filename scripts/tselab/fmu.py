@@ -9,8 +9,8 @@ from xml.sax.saxutils import quoteattr
 
 import click
 
-from tse.impl.core import Config
-from tse.impl.errors import NoFile, UserError
+from tse.library.core import Config
+from tse.library.errors import NoFile, UserError
 from tselab.options import FILE, JSON
 
 # ---- A vehicle as a parameter set of SSP (.ssv), for the estimator in any tool that connects FMUs.
@@ -94,18 +94,35 @@ def fmu() -> None:
 
 
 @fmu.command(short_help="Build the FMUs of this checkout.")
-@click.option("--out", metavar="DIR", type=FILE, default=Path("fmus"), show_default=True, help="Directory; made if needed.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    default=Path("fmus"),
+    show_default=True,
+    help="Directory; made if needed.",
+)
 @click.option("--all-platforms", is_flag=True, help="With binaries of all platforms.")
 @click.option("--platform", "chosen", multiple=True, type=click.Choice(PLATFORM_NAMES),
               help="With the binary of this platform; may be repeated.")  # fmt: skip
-@click.option("--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]")
+@click.option(
+    "--max-particles",
+    type=click.IntRange(16, 65535),
+    help="Particles that an estimator can hold.  [default: 512]",
+)
 @click.option("--real", type=click.Choice(REALS), default=REALS[0], show_default=True,
               help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
 @click.option("--fmi", type=click.Choice(("2", "3", "both")), default="both", show_default=True,
               help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).")  # fmt: skip
 @JSON
 def build(
-    out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str, fmi: str, as_json: bool
+    out: Path,
+    all_platforms: bool,
+    chosen: tuple[str, ...],
+    max_particles: int | None,
+    real: str,
+    fmi: str,
+    as_json: bool,
 ) -> None:
     """Build the FMUs of this checkout, and the system that connects them.
 
@@ -122,8 +139,8 @@ def build(
     Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one modelDescription.xml, which is of one
     version, so they are two files. Both compute the same bits; the system (SSP) holds those of 2.0.
     """
-    from tse.impl.files import check_directory
-    from tse.impl.results import say_json
+    from tse.library.files import check_directory
+    from tse.report.results import say_json
     from tselab.fmu_build import FMI
     from tselab.fmu_build import build as run
 
@@ -132,7 +149,9 @@ def build(
     versions = FMI if fmi == "both" else (fmi,)
     made = run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real, versions)
     if as_json:
-        say_json([{"path": f.path, "bytes": f.path.stat().st_size, "platforms": list(f.binaries)} for f in made])
+        say_json(
+            [{"path": f.path, "bytes": f.path.stat().st_size, "platforms": list(f.binaries)} for f in made]
+        )
         return
     for file in made:
         inside = ", ".join(file.binaries)
@@ -142,7 +161,12 @@ def build(
 @fmu.command(short_help="Write a vehicle as a parameter set of SSP.")
 @click.argument("path", metavar="FMU", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True, help="Vehicle file.")
-@click.option("--out", metavar="OUT.ssv", type=FILE, help="Default: the vehicle's name with .ssv, in the current directory.")
+@click.option(
+    "--out",
+    metavar="OUT.ssv",
+    type=FILE,
+    help="Default: the vehicle's name with .ssv, in the current directory.",
+)
 def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     """Write a vehicle as a parameter set of SSP (.ssv) for the estimator.
 
@@ -152,9 +176,9 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of resources/vehicle.ssv of
     StiffnessStudy.ssp. What is not in it has its start value: that of an ordinary car.
     """
-    from tse.impl.config import make_config
-    from tse.impl.files import atomic, check_distinct, check_writable
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.config import make_config
+    from tse.car.vehicle import read_vehicle
+    from tse.library.files import atomic, check_distinct, check_writable
 
     out = out or Path(f"{vehicle_path.stem}.ssv")
     check_distinct({"--out": out}, {"the FMU": path, "--vehicle": vehicle_path})

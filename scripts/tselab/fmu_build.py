@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tse.impl.errors import UserError
-from tse.impl.files import alone, atomic
+from tse.library.errors import UserError
+from tse.library.files import alone, atomic
 
 # ---- The platforms that binaries are for, and how one is cross-compiled: by the C compiler of the Python package ziglang,
 # which carries the C libraries of all of them.
@@ -119,7 +119,9 @@ def zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
     """Run its C compiler in a folder. `cache` keeps the C libraries of other platforms, which take a minute to make."""
     command = [sys.executable, "-m", "ziglang", "cc", *arguments]
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, errors="replace")
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, errors="replace"
+    )
     if done.returncode:
         raise UserError(f"zig cc says\n{done.stderr.strip()[-2000:]}")
 
@@ -164,7 +166,9 @@ def checkout() -> Path:
     """The checkout that this package belongs to."""
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
-        raise UserError("'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one")
+        raise UserError(
+            "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one"
+        )
     return root
 
 
@@ -174,7 +178,12 @@ def version_of(name: str) -> str:
 
 
 def build(
-    out: Path, wanted: Sequence[str], max_particles: int | None, say: Say, real: str = "double", fmi: Sequence[str] = FMI
+    out: Path,
+    wanted: Sequence[str],
+    max_particles: int | None,
+    say: Say,
+    real: str = "double",
+    fmi: Sequence[str] = FMI,
 ) -> list[Built]:
     """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to `out` once all of it has gone well."""
     root = checkout()
@@ -184,7 +193,9 @@ def build(
     there = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
     fmus = {name: folder for name, folder in there.items() if version_of(name) in fmi}
     if lacking := [v for v in fmi if not any(version_of(name) == v for name in fmus)]:
-        raise UserError(f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2")
+        raise UserError(
+            f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2"
+        )
     files = {name: content(folder) for name, folder in fmus.items()}
     for name, folder in fmus.items():
         for platform in wanted:
@@ -201,8 +212,14 @@ def build(
         sizes = {n.split("/")[1]: len(b) for n, b in inside.items() if n.startswith("binaries/")}
         built.append(Built(out / f"{name}.fmu", sizes))
     for system in sorted(stage.glob("*/SystemStructure.ssd")) if "2" in fmi else ():
-        parts = {f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes() for name in files if version_of(name) == "2"}
-        parts |= {f"resources/{p.name}": p.read_bytes() for p in sorted((system.parent / "resources").glob("*.ssv"))}
+        parts = {
+            f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes()
+            for name in files
+            if version_of(name) == "2"
+        }
+        parts |= {
+            f"resources/{p.name}": p.read_bytes() for p in sorted((system.parent / "resources").glob("*.ssv"))
+        }
         pack(out / f"{system.parent.name}.ssp", {"SystemStructure.ssd": system.read_bytes(), **parts})
         built.append(Built(out / f"{system.parent.name}.ssp", {}))
     return built
@@ -212,7 +229,11 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
     """Run the preset `fmu`; the folder in which the FMUs are laid out."""
     if shutil.which("cmake") is None:
         raise UserError("cmake is not installed: version 3.21 or later is needed")
-    kind = ["fmu", *([str(max_particles)] if max_particles is not None else []), *([real] if real != "double" else [])]
+    kind = [
+        "fmu",
+        *([str(max_particles)] if max_particles is not None else []),
+        *([real] if real != "double" else []),
+    ]
     folder = root / "build" / "-".join(kind)
     with alone(lock_of(folder)):
         _build_native(root, folder, max_particles, real, say)
@@ -227,7 +248,11 @@ def lock_of(folder: Path) -> Path:
 def _build_native(root: Path, folder: Path, max_particles: int | None, real: str, say: Say) -> None:
     _forget_foreign(folder, root)
     command = ["cmake", "--preset", "fmu", "-B", str(folder), f"-DTSE_REAL={real}"]
-    if not (folder / "CMakeCache.txt").is_file() and "CMAKE_GENERATOR" not in os.environ and shutil.which("ninja"):
+    if (
+        not (folder / "CMakeCache.txt").is_file()
+        and "CMAKE_GENERATOR" not in os.environ
+        and shutil.which("ninja")
+    ):
         command += ["-G", "Ninja"]
     for version in FMI:
         if (headers := root / ".venv" / "share" / f"fmi{version}").is_dir():
@@ -238,7 +263,9 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
     for step in (command, ["cmake", "--build", str(folder), "--target", "fmus"]):
         done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
         if done.returncode:
-            raise UserError(f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}")
+            raise UserError(
+                f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}"
+            )
 
 
 def _forget_foreign(folder: Path, root: Path) -> None:
@@ -260,4 +287,6 @@ def pack(path: Path, files: Mapping[str, bytes]) -> None:
 
 def content(folder: Path) -> dict[str, bytes]:
     """All files below a folder by their name in the archive."""
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tse.impl.errors import UserError
-from tse.impl.files import atomic, check_writable, make_directory, real
+from tse.library.errors import UserError
+from tse.library.files import atomic, check_writable, make_directory, real
 from tselab.options import FILE, JOBS, JSON, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
 
 if TYPE_CHECKING:
-    from tse.impl.rows import Reading
+    from tse.log.rows import Reading
 
 LOGS = click.argument("logs", metavar="LOG ...", type=FILE, nargs=-1, required=True)
 VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
@@ -25,13 +25,29 @@ OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Direc
 HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
-REPORT = click.option("--report", metavar="PAGE.html", type=Written(*PAGES), help="Also write the page there.")
-VERBOSE = click.option("--verbose", is_flag=True, help="Say all: what is left of each channel, and what no log could show.")
+REPORT = click.option(
+    "--report", metavar="PAGE.html", type=Written(*PAGES), help="Also write the page there."
+)
+VERBOSE = click.option(
+    "--verbose", is_flag=True, help="Say all: what is left of each channel, and what no log could show."
+)
 
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
     """What every command takes that runs the whole workflow: the arguments of _run(), by name."""
-    for take in (JSON, PROGRESS, JOBS, reading, VERBOSE, REPORT, ROAD, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
+    for take in (
+        JSON,
+        PROGRESS,
+        JOBS,
+        reading,
+        VERBOSE,
+        REPORT,
+        ROAD,
+        HELD,
+        OUT,
+        VEHICLE,
+        LOGS,
+    ):  # click lists the last one first
         command = take(command)
     return command
 
@@ -43,7 +59,9 @@ class Gap(click.Group):
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             near = difflib.get_close_matches(args[0], list(self.commands), 1, 0.75)
             if near and not Path(args[0]).exists():
-                raise UserError(f"gap {args[0]}: is no file and no command; did you mean 'tselab gap {near[0]}'?")
+                raise UserError(
+                    f"gap {args[0]}: is no file and no command; did you mean 'tselab gap {near[0]}'?"
+                )
             args = ["run", *args]
         return super().parse_args(ctx, args)
 
@@ -129,9 +147,9 @@ def _run(
     verbose: bool = False,
 ) -> int:
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
-    from tse.impl.gap.run import workflow
-    from tse.impl.gap.run.output import words, write_all
-    from tse.impl.road import read_road
+    from tse.gaps.run import workflow
+    from tse.gaps.run.output import words, write_all
+    from tse.roads.road import read_road
 
     _there(logs, hold_out)
     if report is not None:
@@ -147,9 +165,11 @@ def _run(
             file.write((out / "report.html").read_text(encoding="utf-8"))
     if as_json:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
-        from tse.impl import results
+        from tse.report import results
 
-        results.say_json({**verdict, "written": [out / f.name for f in written.files], "exit_code": result.exit_code})
+        results.say_json(
+            {**verdict, "written": [out / f.name for f in written.files], "exit_code": result.exit_code}
+        )
         return result.exit_code
     lines = [*result.words, *changes(result)]
     if result.undetectable:
@@ -190,8 +210,8 @@ def discover(**given: Any) -> int:
 
 def changes(result: Any) -> list[str]:
     """Return the residuals in three stages, in words."""
-    from tse.impl.gap.run import stages
-    from tse.impl.gap.run.workflow import FIT
+    from tse.gaps.run import stages
+    from tse.gaps.run.workflow import FIT
 
     return stages.words(result.stages, lambda part: "fitted logs" if part == FIT else "held-out logs")
 
@@ -223,9 +243,9 @@ def check(
     Exit code: 0 usable: every effect would be named at its typical size; 3 usable in part: some would; 4 nothing usable: none
     would; 2 bad input. --json says it for programs, --table writes a row for each effect.
     """
-    from tse.impl import results
-    from tse.impl.files import check_distinct
-    from tse.impl.gap.run.check import check as look
+    from tse.gaps.run.check import check as look
+    from tse.library.files import check_distinct
+    from tse.report import results
 
     check_distinct({"--table": table}, {"--vehicle": vehicle_path} | {str(p): p for p in logs})
     results.check_table(table)
@@ -233,7 +253,9 @@ def check(
     with saying(progress) as say:
         found = look(logs, vehicle_path, jobs, say, reading)
     if table is not None:
-        results.write_rows(table, [{"logs": " ".join(map(str, logs)), **e} for e in found.as_json()["effects"]])
+        results.write_rows(
+            table, [{"logs": " ".join(map(str, logs)), **e} for e in found.as_json()["effects"]]
+        )
     if as_json:
         results.say_json({"logs": logs, "vehicle": vehicle_path, **found.as_json(), "exit_code": found.code})
     else:
@@ -250,8 +272,8 @@ def catalogue(as_json: bool, table: Path | None) -> None:
     tselab gap catalogue
     tselab gap catalogue --table effects.csv
     """
-    from tse.impl import results
-    from tse.impl.core import library
+    from tse.library.core import library
+    from tse.report import results
 
     results.check_table(table)
     rows = [
@@ -273,13 +295,19 @@ def catalogue(as_json: bool, table: Path | None) -> None:
 
 
 @gap.command(short_help="Which manoeuvre tells two effects apart.")
-@click.option("--separate", metavar="ID,ID", required=True, help="The effects; ids as 'tselab gap check' lists them.")
+@click.option(
+    "--separate", metavar="ID,ID", required=True, help="The effects; ids as 'tselab gap check' lists them."
+)
 @VEHICLE
-@click.option("--top", type=click.IntRange(1, 100), default=6, show_default=True, help="Manoeuvres that are listed.")
+@click.option(
+    "--top", type=click.IntRange(1, 100), default=6, show_default=True, help="Manoeuvres that are listed."
+)
 @JOBS
 @PROGRESS
 @JSON
-def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool | None, as_json: bool) -> None:
+def plan(
+    separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool | None, as_json: bool
+) -> None:
     """Which manoeuvre tells two effects apart, and how long it must be driven.
 
     \b
@@ -289,15 +317,17 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
     with the stiffness; what it cannot copy is what tells them apart, in nats at the noise of the vehicle file's sensors. 8 nats
     are enough.
     """
-    from tse.impl.gap.run.plan import plan as make
+    from tse.gaps.run.plan import plan as make
 
     with saying(progress) as say:
         found = make(separate, vehicle_path, jobs, say)
     if as_json:
-        from tse.impl import results
+        from tse.report import results
 
         rows = [{**vars(o), "needed": o.needed} for o in found.options]
-        results.say_json({"effects": [found.first, found.second], "separable": found.separable, "manoeuvres": rows})
+        results.say_json(
+            {"effects": [found.first, found.second], "separable": found.separable, "manoeuvres": rows}
+        )
         return
     click.echo(found.text(top))
 

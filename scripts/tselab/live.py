@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
 from tselab.options import DATABASE, FILE, check_range, for_programs, key_values
 
 if TYPE_CHECKING:
-    from tse.impl.live.drive import Live
+    from tse.streaming.drive import Live
 
 EACH = 0.25  # s between two looks at the three lines
 LONGEST = 86400.0  # s
@@ -33,17 +33,41 @@ LONGEST = 86400.0  # s
               help="Vehicle file, as for 'tselab estimate'.")  # fmt: skip
 @click.option("--signals", "signals_path", metavar="SIGNALS.toml", type=FILE, help="Which signal is which channel; default: "
               "signals.toml beside the database, else they are proposed from what comes.")  # fmt: skip
-@click.option("--out", metavar="DIR", type=FILE, help="Folder of the record; default: live-DATE-TIME in the current directory.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    help="Folder of the record; default: live-DATE-TIME in the current directory.",
+)
 @click.option("--browser", is_flag=True, help="Also show plots in a browser, on a page of this machine.")
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
-@click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
-@click.option("--save-learnt", metavar="FILE", type=FILE, help="Write at the end what this drive teaches; may be the same file.")
-@click.option("--rate", metavar="HZ", type=float, help="Rows per second; default: the fastest channel's, up to 100.")
-@click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings; 'tselab settings' lists them.")
-@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
+@click.option(
+    "--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file."
+)
+@click.option(
+    "--save-learnt",
+    metavar="FILE",
+    type=FILE,
+    help="Write at the end what this drive teaches; may be the same file.",
+)
+@click.option(
+    "--rate", metavar="HZ", type=float, help="Rows per second; default: the fastest channel's, up to 100."
+)
+@click.option(
+    "--config",
+    "config_path",
+    metavar="FILTER.toml",
+    type=FILE,
+    help="Filter settings; 'tselab settings' lists them.",
+)
+@click.option(
+    "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
+)
 @click.option("--bus", "bus_pairs", metavar="KEY=VALUE", multiple=True, help="An option of the interface: bitrate=500000, fd=true, "
               "receive_own_messages=true ...; may be repeated.")  # fmt: skip
-@click.option("--duration", metavar="SECONDS", type=float, help="End by itself after so long; default: at Ctrl-C.")
+@click.option(
+    "--duration", metavar="SECONDS", type=float, help="End by itself after so long; default: at Ctrl-C."
+)
 @for_programs
 def live(
     interface: str,
@@ -103,15 +127,15 @@ def live(
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2 bad
     input. Ctrl-C is the usual end.
     """
-    from tse.impl import results
-    from tse.impl.answer import answer
-    from tse.impl.config import check_effect, make_config
-    from tse.impl.estimate import read_learnt, write_learnt
-    from tse.impl.files import check_distinct, check_writable
-    from tse.impl.live.drive import Live, bus_opener
-    from tse.impl.live.page import Page
-    from tse.impl.logs.signals import FASTEST, SLOWEST, read_signals
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.config import check_effect, make_config
+    from tse.car.vehicle import read_vehicle
+    from tse.channels.signals import FASTEST, SLOWEST, read_signals
+    from tse.estimation.answer import answer
+    from tse.estimation.estimate import read_learnt, write_learnt
+    from tse.library.files import check_distinct, check_writable
+    from tse.report import results
+    from tse.streaming.drive import Live, bus_opener
+    from tse.streaming.page import Page
 
     check_range("age", age, 0.0, 40000.0, "days")
     check_range("rate", rate, SLOWEST, FASTEST, "Hz")
@@ -141,7 +165,11 @@ def live(
         drive = Live(opener, databases, vehicle, config, signals, folder, learnt, rate, lines.say)
         page = Page(drive) if browser else None
         try:
-            for line in (*([f"started from: {learnt.note}"] if learnt else []), *notes, f"recorded in {folder}; Ctrl-C ends it"):
+            for line in (
+                *([f"started from: {learnt.note}"] if learnt else []),
+                *notes,
+                f"recorded in {folder}; Ctrl-C ends it",
+            ):
                 lines.say(line)
             if page is not None:
                 lines.say(f"plots: {page.url}")
@@ -178,7 +206,7 @@ def live(
 
 
 def _run(drive: Live, page: Any, lines: _Lines, stopped: Callable[[], bool], duration: float | None) -> None:
-    from tse.impl.answer import answer
+    from tse.estimation.answer import answer
 
     end = time.monotonic() + (duration if duration is not None else float("inf"))
     before = 0.0

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from tse.impl.errors import NoFile, UserError
+from tse.library.errors import NoFile, UserError
 
 FILE = click.Path(path_type=Path)
 TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
@@ -75,7 +75,9 @@ class _Form(click.Choice):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value == "sampled":
-            self.fail(f"'sampled' is gone, 'robust' takes its place. Allowed: {', '.join(FORMS)}.", param, ctx)
+            self.fail(
+                f"'sampled' is gone, 'robust' takes its place. Allowed: {', '.join(FORMS)}.", param, ctx
+            )
         return super().convert(value, param, ctx)
 
 
@@ -87,7 +89,9 @@ FORM = click.option(
     help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from diverging; neither is "
     "as safe as the default.",
 )
-PROGRESS = click.option("--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal.")
+PROGRESS = click.option(
+    "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
+)
 
 
 @contextmanager
@@ -112,9 +116,15 @@ def saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
 DATABASE = click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
                         "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.")  # fmt: skip
 ROAD = click.option(
-    "--road", "road_path", metavar="ROAD.csv", type=FILE, help="Bank and grade of the road, over distance and position."
+    "--road",
+    "road_path",
+    metavar="ROAD.csv",
+    type=FILE,
+    help="Bank and grade of the road, over distance and position.",
 )
-JSON = click.option("--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words.")
+JSON = click.option(
+    "--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words."
+)
 TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
 
 
@@ -131,12 +141,19 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def with_reading(
-        *args: Any, signals: Path | None, rate: float | None, strict: bool, databases: tuple[Path, ...], **kw: Any
+        *args: Any,
+        signals: Path | None,
+        rate: float | None,
+        strict: bool,
+        databases: tuple[Path, ...],
+        **kw: Any,
     ) -> Any:
-        from tse.impl.rows import Reading
+        from tse.log.rows import Reading
 
         if signals is not None and not signals.is_file():
-            raise NoFile(f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one")
+            raise NoFile(
+                f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one"
+            )
         return command(*args, reading=Reading(signals, rate, strict, databases), **kw)
 
     for option in (
@@ -151,9 +168,19 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     return with_reading
 
 
-JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes.")
+JOBS = click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    default=os.cpu_count() or 1,
+    show_default="all cores",
+    help="Processes.",
+)
 FIRST_SEED = click.option(
-    "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
+    "--first-seed",
+    type=click.IntRange(0, 2000000000),
+    default=1,
+    show_default=True,
+    help="Seed of the first run.",
 )
 RESTART = click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
 
@@ -161,18 +188,22 @@ RESTART = click.option("--restart", is_flag=True, help="Discard the runs that ar
 class Lazy(click.Command):
     """A command whose help ends in tables of the library."""
 
-    def __init__(self, *args: Any, tables: tuple[tuple[str, str | Callable[[], str]], ...] = (), **kwargs: Any):
+    def __init__(
+        self, *args: Any, tables: tuple[tuple[str, str | Callable[[], str]], ...] = (), **kwargs: Any
+    ):
         super().__init__(*args, **kwargs)
         self.tables = tables
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tse.impl import tables
+        from tse.report import tables
 
         super().format_epilog(ctx, formatter)
         for title, made in self.tables:
             formatter.write(f"\n{title}:\n")
             try:
-                formatter.write(textwrap.indent((made if callable(made) else getattr(tables, made))(), "  ") + "\n")
+                formatter.write(
+                    textwrap.indent((made if callable(made) else getattr(tables, made))(), "  ") + "\n"
+                )
             except UserError as error:
                 formatter.write(f"  ({error})\n")
 

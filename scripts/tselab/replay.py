@@ -11,7 +11,7 @@ from tselab.gap import VEHICLE
 from tselab.options import FILE, JSON, PAGES, ROAD, Written, key_values, reading
 
 if TYPE_CHECKING:
-    from tse.impl.rows import Reading
+    from tse.log.rows import Reading
 
 
 @click.command()
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 @VEHICLE
 @click.option("--out", metavar="TABLE.csv", type=Written(".csv"), help="Every row, measured and simulated.")
 @click.option("--report", metavar="PAGE.html", type=Written(*PAGES), help="The picture of it, for a browser.")
-@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the car; may be repeated.")
+@click.option(
+    "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the car; may be repeated."
+)
 @ROAD
 @reading
 @JSON
@@ -45,19 +47,19 @@ def replay(
     """
     from dataclasses import replace
 
-    from tse.impl.along import along, apart, drawn, sentences
-    from tse.impl.core import Config
-    from tse.impl.estimate import write_table
-    from tse.impl.files import check_distinct, check_writable
-    from tse.impl.logs.agree import MOST_ROWS, check_car
-    from tse.impl.logs.log import read_log
-    from tse.impl.plots import layout, lines
-    from tse.impl.report import write_page
-    from tse.impl.results import say_json
-    from tse.impl.road import read_road
-    from tse.impl.road_match import on_road
-    from tse.impl.rows import liveliest
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.vehicle import read_vehicle
+    from tse.channels.agree import MOST_ROWS, check_car
+    from tse.channels.log import read_log
+    from tse.estimation.estimate import write_table
+    from tse.library.core import Config
+    from tse.library.files import check_distinct, check_writable
+    from tse.log.rows import liveliest
+    from tse.report.plots import layout, lines
+    from tse.report.report import write_page
+    from tse.report.results import say_json
+    from tse.roads.road import read_road
+    from tse.roads.road_match import on_road
+    from tse.simulation.along import along, apart, drawn, sentences
 
     check_distinct({"--out": out, "--report": report}, {"LOG": log_path, "--vehicle": vehicle_path, "--signals": reading.signals,
                                                          "--road": road_path})  # fmt: skip
@@ -84,7 +86,9 @@ def replay(
     written = [str(p) for p in (out, report) if p is not None]
     if as_json:
         parts = {c: vars(a) for c, a in found.items()}
-        say_json({"log": log_path, "vehicle": vehicle_path, "apart": parts, "notes": notes, "written": written})
+        say_json(
+            {"log": log_path, "vehicle": vehicle_path, "apart": parts, "notes": notes, "written": written}
+        )
         return
     for line in notes:
         click.echo(f"note: {line}", err=True)

@@ -10,23 +10,34 @@ import click
 from tselab.options import DATABASE, FILE, JSON, Written
 
 if TYPE_CHECKING:
-    from tse.impl.logs.proposal import Line, Proposal
-    from tse.impl.logs.recording import Recording
+    from tse.channels.proposal import Line, Proposal
+    from tse.readers.recording import Recording
 
 MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 
 
 @click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
-@click.option("--write", "out", metavar="SIGNALS.toml", type=Written(".toml"), help="Write the proposal there.")
 @click.option(
-    "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Radii, wheelbase and steering ratio make the guesses sharper."
+    "--write", "out", metavar="SIGNALS.toml", type=Written(".toml"), help="Write the proposal there."
+)
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    help="Radii, wheelbase and steering ratio make the guesses sharper.",
 )
 @DATABASE
 @JSON
 @click.option("--all", "every", is_flag=True, help="List all signals, however many.")
 def signals(
-    log_path: Path, out: Path | None, vehicle_path: Path | None, databases: tuple[Path, ...], as_json: bool, every: bool
+    log_path: Path,
+    out: Path | None,
+    vehicle_path: Path | None,
+    databases: tuple[Path, ...],
+    as_json: bool,
+    every: bool,
 ) -> int:
     """What a log holds, and which signal is probably which channel.
 
@@ -51,13 +62,13 @@ def signals(
 
     Exit code: 0 all channels found, 3 some are missing, 2 bad input.
     """
-    from tse.impl.errors import UserError
-    from tse.impl.files import atomic, check_writable
-    from tse.impl.logs.proposal import listing, propose, toml_text
-    from tse.impl.logs.readers import read_recording
-    from tse.impl.logs.signals import find_signals
-    from tse.impl.results import say_json
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.vehicle import read_vehicle
+    from tse.channels.proposal import listing, propose, toml_text
+    from tse.channels.signals import find_signals
+    from tse.library.errors import UserError
+    from tse.library.files import atomic, check_writable
+    from tse.readers.readers import read_recording
+    from tse.report.results import say_json
 
     check_writable(out)
     if out is not None and out.exists():
@@ -83,15 +94,24 @@ def signals(
 
 
 def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bool) -> str:
-    from tse.impl.logs.proposal import headline
-    from tse.impl.tables import text_table
+    from tse.channels.proposal import headline
+    from tse.report.tables import text_table
 
     rows = [["signal", "unit", "Hz", "least", "most", "missing", "proposed for"]]
     shown = (
-        lines if every or len(lines) <= MOST_ROWS else [x for x in lines if x.used] + [x for x in lines if not x.used][:MOST_ROWS]
+        lines
+        if every or len(lines) <= MOST_ROWS
+        else [x for x in lines if x.used] + [x for x in lines if not x.used][:MOST_ROWS]
     )
-    rows += [[x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used] for x in shown]
-    parts = [f"{recording.path}: {recording.format}, {len(lines)} signals", "", text_table(rows, right=(2, 3, 4, 5))]
+    rows += [
+        [x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used]
+        for x in shown
+    ]
+    parts = [
+        f"{recording.path}: {recording.format}, {len(lines)} signals",
+        "",
+        text_table(rows, right=(2, 3, 4, 5)),
+    ]
     if len(shown) < len(lines):
         parts.append(f"and {len(lines) - len(shown)} more, which --all lists")
     parts.append("")
@@ -99,7 +119,9 @@ def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bo
         parts += [headline(g), *(f"  {f}" for f in g.figures)]
     if proposal.missing:
         parts.append(f"not found: {', '.join(proposal.missing)}")
-        parts += [f"  {channel}: {why}" for channel in proposal.missing for why in proposal.nearest.get(channel, ())]
+        parts += [
+            f"  {channel}: {why}" for channel in proposal.missing for why in proposal.nearest.get(channel, ())
+        ]
     parts += [f"warning: {w}" for w in proposal.warnings]
     parts += [f"note: {n}" for n in recording.notes]
     return "\n".join(parts)
@@ -110,7 +132,9 @@ def _as_json(recording: Recording, proposal: Proposal, lines: list[Line]) -> dic
         "log": recording.path,
         "format": recording.format,
         "signals": [vars(x) for x in lines],
-        "proposal": {g.channel: {k: v for k, v in vars(g).items() if k != "channel"} for g in proposal.guesses},
+        "proposal": {
+            g.channel: {k: v for k, v in vars(g).items() if k != "channel"} for g in proposal.guesses
+        },
         "missing": proposal.missing,
         "nearest": proposal.nearest,
         "warnings": proposal.warnings,

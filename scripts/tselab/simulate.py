@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from tse.impl import maneuvers
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
+from tse.simulation import maneuvers
 from tselab.options import FILE, JSON, PROGRESS, ROAD, Lazy, Written, check_range, key_values, show_progress
 
 
@@ -16,10 +16,24 @@ def _listed() -> str:
     )
 
 
-@click.command(cls=Lazy, tables=(("Manoeuvres", _listed), ("Settings of the simulator (--set)", "sim_settings_table")))
+@click.command(
+    cls=Lazy, tables=(("Manoeuvres", _listed), ("Settings of the simulator (--set)", "sim_settings_table"))
+)
 @click.option("--maneuver", metavar="NAME", required=True, help="What is driven; list below.")
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; default: the built-in car.")
-@click.option("--out", metavar="LOG.csv", type=Written(".csv"), required=True, help="The log, as 'tselab estimate' reads it.")
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    help="Vehicle file; default: the built-in car.",
+)
+@click.option(
+    "--out",
+    metavar="LOG.csv",
+    type=Written(".csv"),
+    required=True,
+    help="The log, as 'tselab estimate' reads it.",
+)
 @click.option("--truth", metavar="TRUTH.csv", type=Written(".csv"), help="Also write what really happened.")
 @click.option("--with-ref", is_flag=True, help="Put the truth into ref_ columns of the log.")
 @click.option("--seed", type=int, help="Seed of the random numbers.")
@@ -27,11 +41,20 @@ def _listed() -> str:
 @click.option("--sample-time", type=float, help="Time between rows, s.  [default: 0.01]")
 @click.option("--speed", type=float, help="Start speed, m/s.")
 @click.option("--amplitude", type=float, help="Amplitude; what it means is in the list below.")
-@click.option("--road-change", metavar="TIME:LEVEL", multiple=True, help="From TIME on all stiffness times LEVEL; may be repeated.")
+@click.option(
+    "--road-change",
+    metavar="TIME:LEVEL",
+    multiple=True,
+    help="From TIME on all stiffness times LEVEL; may be repeated.",
+)
 @click.option("--spread", type=float, help="Sample-to-sample sd of all three stiffnesses, share of the mean.")
 @click.option("--noise", type=float, help="Sensor noise, times the sd of the vehicle file.")
 @click.option(
-    "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the simulator or vehicle; may be repeated."
+    "--set",
+    "pairs",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Any setting of the simulator or vehicle; may be repeated.",
 )
 @ROAD
 @PROGRESS
@@ -66,13 +89,13 @@ def simulate(
     travelled. The log has the positions of the road there, but the car steers as the
     manoeuvre says, whatever the bends of the road.
     """
-    from tse.impl.core import STIFFNESS, Config, SimConfig
-    from tse.impl.estimate import write_table
-    from tse.impl.files import check_distinct, check_writable
-    from tse.impl.road import read_road
-    from tse.impl.simulate import simulate as run
-    from tse.impl.simulate import with_references
-    from tse.impl.vehicle import default_vehicle, read_vehicle
+    from tse.car.vehicle import default_vehicle, read_vehicle
+    from tse.estimation.estimate import write_table
+    from tse.library.core import STIFFNESS, Config, SimConfig
+    from tse.library.files import check_distinct, check_writable
+    from tse.roads.road import read_road
+    from tse.simulation.simulate import simulate as run
+    from tse.simulation.simulate import with_references
 
     check_distinct({"--out": out, "--truth": truth}, {"--vehicle": vehicle_path, "--road": road_path})
     check_writable(out, truth)
@@ -105,7 +128,7 @@ def simulate(
     if truth is not None:
         write_table(result.truth, truth)
     if as_json:
-        from tse.impl import results
+        from tse.report import results
 
         results.say_json(
             {"maneuver": maneuver, "vehicle": vehicle.name, "rows": len(plan.time), "seconds": float(plan.time[-1]),
@@ -116,12 +139,14 @@ def simulate(
         click.echo(f"filled in: {line}")
     for line in vehicle.notes:
         click.echo(f"note: {line}", err=True)
-    click.echo(f"{maneuver}, {vehicle.name}: {len(plan.time)} rows, {plan.time[-1]:g} s, seed {sim_config.seed}")
+    click.echo(
+        f"{maneuver}, {vehicle.name}: {len(plan.time)} rows, {plan.time[-1]:g} s, seed {sim_config.seed}"
+    )
     click.echo(f"Log written to {out}" + (f", truth to {truth}" if truth else ""))
 
 
 def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
-    from tse.impl.core import SIM_INPUT, library
+    from tse.library.core import SIM_INPUT, library
 
     level = library().field(SIM_INPUT, "road_level")
     changes = []
@@ -129,8 +154,12 @@ def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
         try:
             time, value = (float(x) for x in pair.split(":"))
         except ValueError:
-            raise UserError(f"option --road-change: {pair!r} is not TIME:LEVEL, for instance 20:0.7") from None
+            raise UserError(
+                f"option --road-change: {pair!r} is not TIME:LEVEL, for instance 20:0.7"
+            ) from None
         if not time >= 0 or not level.low <= value <= level.high:
-            raise UserError(f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. {level.high:g}")
+            raise UserError(
+                f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. {level.high:g}"
+            )
         changes.append((time, value))
     return changes

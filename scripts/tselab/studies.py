@@ -5,9 +5,20 @@ from typing import Any
 
 import click
 
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FIRST_SEED, FORM, JOBS, JSON, PROGRESS, RESTART, Lazy, key_values, show_progress
+from tselab.options import (
+    FILE,
+    FIRST_SEED,
+    FORM,
+    JOBS,
+    JSON,
+    PROGRESS,
+    RESTART,
+    Lazy,
+    key_values,
+    show_progress,
+)
 
 
 def _listed() -> str:
@@ -16,10 +27,16 @@ def _listed() -> str:
 
 @click.command(cls=Lazy, tables=(("Studies, with their usual number of runs of each case", _listed),))
 @click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
-@click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study.")
+@click.option(
+    "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
+)
 @JOBS
-@click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786.")
-@click.option("--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]")
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786."
+)
+@click.option(
+    "--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]"
+)
 @click.option("--cases", metavar="A,B", help="Only these cases of the study.")
 @FIRST_SEED
 @FORM
@@ -63,7 +80,7 @@ def montecarlo(
 
     Writes NAME.csv, NAME.md and runs.csv.
     """
-    from tse.impl.core import Config, SimConfig
+    from tse.library.core import Config, SimConfig
 
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
@@ -76,7 +93,18 @@ def montecarlo(
         group[key] = value
     wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
     plan = {"form": form, "settings": settings, "sim_settings": sim_settings, "cases": wanted}
-    _study(name, runs, first_seed, out or Path(f"montecarlo-{name}"), plan, jobs, scheduler, restart, progress, as_json)
+    _study(
+        name,
+        runs,
+        first_seed,
+        out or Path(f"montecarlo-{name}"),
+        plan,
+        jobs,
+        scheduler,
+        restart,
+        progress,
+        as_json,
+    )
 
 
 def _study(
@@ -94,7 +122,7 @@ def _study(
     rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
     text, files = write(todo, rows, out)
     if as_json:
-        from tse.impl import results
+        from tse.report import results
 
         results.say_json({"study": name, "text": text, "written": files})
         return
@@ -103,14 +131,26 @@ def _study(
 
 
 @click.command()
-@click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each.  [default: 200]")
+@click.option(
+    "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each.  [default: 200]"
+)
 @JOBS
-@click.option("--out", metavar="DIR", type=FILE, default=Path("paper"), show_default=True, help="Made if needed.")
+@click.option(
+    "--out", metavar="DIR", type=FILE, default=Path("paper"), show_default=True, help="Made if needed."
+)
 @FIRST_SEED
 @RESTART
 @PROGRESS
 @JSON
-def paper(runs: int | None, jobs: int, out: Path, first_seed: int, restart: bool, progress: bool | None, as_json: bool) -> None:
+def paper(
+    runs: int | None,
+    jobs: int,
+    out: Path,
+    first_seed: int,
+    restart: bool,
+    progress: bool | None,
+    as_json: bool,
+) -> None:
     """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its numbers beside ours.
 
     \b

@@ -15,7 +15,14 @@ SKIPPED = 77
 
 
 def instructions(bench: str, rows: int) -> int:
-    command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", bench, str(PARTICLES), str(rows)]
+    command = [
+        "valgrind",
+        "--tool=callgrind",
+        "--callgrind-out-file=/dev/null",
+        bench,
+        str(PARTICLES),
+        str(rows),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     line = next(x for x in done.stderr.splitlines() if "Collected" in x)
     return int(line.split(":")[1])

@@ -17,13 +17,24 @@ def main() -> None:
     p.add_argument("--cars", type=int, default=5)
     p.add_argument("--seed", type=int, default=1)
     p.add_argument(
-        "--scenario", choices=SCENARIOS, default="dry", help="; ".join(f"{k}: {v}" for k, v in SCENARIOS.items()).replace("%", "%%")
+        "--scenario",
+        choices=SCENARIOS,
+        default="dry",
+        help="; ".join(f"{k}: {v}" for k, v in SCENARIOS.items()).replace("%", "%%"),
     )
-    p.add_argument("--event-time", type=float, help="s, from when on the scenario may begin; default: drawn from the middle")
+    p.add_argument(
+        "--event-time",
+        type=float,
+        help="s, from when on the scenario may begin; default: drawn from the middle",
+    )
     p.add_argument("--no-hills", action="store_true", help="no slope, no crossfall, no superelevation")
     p.add_argument("--grade", type=float, help="rms of the slope in %%; default: drawn per car")
     p.add_argument("--even", action="store_true", help="no unevenness of the road")
-    p.add_argument("--clean", action="store_true", help="sensors without noise, bias, steps and mounting; their latencies stay")
+    p.add_argument(
+        "--clean",
+        action="store_true",
+        help="sensors without noise, bias, steps and mounting; their latencies stay",
+    )
     p.add_argument("--mass-error", type=float, default=0.0, help="of the vehicle file, relative")
     p.add_argument("--cg-error", type=float, default=0.0, help="of the vehicle file, m")
     p.add_argument("--tell-inertia", action="store_true", help="the vehicle file has the yaw inertia")

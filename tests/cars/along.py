@@ -18,16 +18,24 @@ import pandas as pd
 import tse
 from tests.cars import ROADS, make_logs
 from tests.cars.study import RESULTS
-from tse.impl.core import Config, Filter
-from tse.impl.identify.slip import longitudinal
-from tse.impl.logs.log import read_frame
-from tse.impl.rows import Log
-from tse.impl.tables import markdown_table
-from tse.impl.vehicle import SHAPE, Vehicle, fill_sensors, make_vehicle, ordinary_car
+from tse.car.vehicle import SHAPE, Vehicle, fill_sensors, make_vehicle, ordinary_car
+from tse.channels.log import read_frame
+from tse.identify.slip import longitudinal
+from tse.library.core import Config, Filter
+from tse.log.rows import Log
+from tse.report.tables import markdown_table
 
 OFF, SMOOTH, FEWEST = 0.1, 61, 500  # relative error; rows; rows
 SHOWN = 0.2  # ln: sd below which a log has shown the stiffness
-MANOEUVRES = ("square-waves", "double-lane-change", "step-steer", "sine-sweep", "constant-radius", "straight", "stop-and-go")
+MANOEUVRES = (
+    "square-waves",
+    "double-lane-change",
+    "step-steer",
+    "sine-sweep",
+    "constant-radius",
+    "straight",
+    "stop-and-go",
+)
 SECONDS = 120.0
 # The simulator's manoeuvres drive the front axle
 CARS: dict[str, dict[str, Any]] = {
@@ -52,11 +60,18 @@ CARS: dict[str, dict[str, Any]] = {
 def line_of(log: Log, vehicle: Vehicle) -> float:
     """Return mass over the slope of slip over accel_x, by least squares: straight rows
     above 4 m/s without braking, means of 0.6 s; NaN: none. N"""
-    front, rear = (vehicle.values[f"wheel_radius_{a}"] * log.data[f"wheel_speed_{a}"] for a in ("front", "rear"))
+    front, rear = (
+        vehicle.values[f"wheel_radius_{a}"] * log.data[f"wheel_speed_{a}"] for a in ("front", "rear")
+    )
     free, driven = (front, rear) if vehicle.driven_axle == "rear" else (rear, front)
-    mean = [pd.Series(x).rolling(SMOOTH, center=True, min_periods=1).mean() for x in (free, driven - free, log.data["accel_x"])]
+    mean = [
+        pd.Series(x).rolling(SMOOTH, center=True, min_periods=1).mean()
+        for x in (free, driven - free, log.data["accel_x"])
+    ]
     v, ahead, pull = (x.to_numpy(float) for x in mean)
-    turns = np.abs(v * log.data["yaw_rate"].rolling(SMOOTH, center=True, min_periods=1).mean().to_numpy(float))
+    turns = np.abs(
+        v * log.data["yaw_rate"].rolling(SMOOTH, center=True, min_periods=1).mean().to_numpy(float)
+    )
     use = (v > 4.0) & (pull > -0.1) & (turns < 1.0) & (np.abs(log.data["steer_angle"].to_numpy(float)) < 0.03)
     if use.sum() < FEWEST:
         return np.nan
@@ -106,7 +121,11 @@ def manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
     config = config_of(vehicle, log)
     true, before = about["longitudinal_stiffness_front"], config.longitudinal_stiffness_front
     mean, sd = longitudinal(config, {}, [log], vehicle)
-    off = {"class": before / true, "line": line_of(log, vehicle) / true, "calibrate": before * np.exp(mean) / true}
+    off = {
+        "class": before / true,
+        "line": line_of(log, vehicle) / true,
+        "calibrate": before * np.exp(mean) / true,
+    }
     held = abs(np.log(off["calibrate"])) < 1.96 * sd
     return {"car": car, "manoeuvre": name, **{k: x - 1.0 for k, x in off.items()}, "sd": sd, "held": held}
 
@@ -122,7 +141,9 @@ def straight(seed: int) -> list[float]:
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cars", type=int, default=12)
     parser.add_argument("--first", type=int, default=611, help="seed of the driven cars")
     parser.add_argument("--minutes", type=float, default=6.0, help="of each road")
@@ -137,7 +158,13 @@ def main(arguments: list[str]) -> int:
     ]
     runs = [manoeuvre(c, m, s) for c in CARS for m in MANOEUVRES for s in range(1, given.seeds + 1)]
     rows = [
-        [r["car"], r["manoeuvre"], *(signed(r[k]) for k in ("class", "line", "calibrate")), f"{100 * r['sd']:.0f}"] for r in runs
+        [
+            r["car"],
+            r["manoeuvre"],
+            *(signed(r[k]) for k in ("class", "line", "calibrate")),
+            f"{100 * r['sd']:.0f}",
+        ]
+        for r in runs
     ]
     shown = [r for r in runs if r["sd"] < SHOWN]
     parts.append(
@@ -154,7 +181,9 @@ def main(arguments: list[str]) -> int:
             f"Cars of tests/cars from seed {given.first}, {given.minutes:g} minutes on each road, all drives together; "
             "error and sd in %."
         )
-        parts.append("\n".join(markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2)))
+        parts.append(
+            "\n".join(markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2))
+        )
     if given.straight:
         valid, off, last = np.array([straight(seed) for seed in range(1, given.straight + 1)]).T
         parts.append(

@@ -151,7 +151,10 @@ def roll_arm(p: dict[str, float]) -> float:
     """Height of the body's centre of gravity above the roll axis, m."""
     _, height, ahead = sprung(p)
     wheelbase = p["lf"] + p["lr"]
-    axis = p["roll_centre_rear"] + (p["roll_centre_front"] - p["roll_centre_rear"]) * (p["lr"] + ahead) / wheelbase
+    axis = (
+        p["roll_centre_rear"]
+        + (p["roll_centre_front"] - p["roll_centre_rear"]) * (p["lr"] + ahead) / wheelbase
+    )
     return height - axis
 
 
@@ -167,7 +170,11 @@ def roll_gradient(p: dict[str, float]) -> float:
 
 
 def draw_car(
-    rng: np.random.Generator, mass_error: float = 0.0, cg_error: float = 0.0, tell_inertia: bool = False, name: str = "car"
+    rng: np.random.Generator,
+    mass_error: float = 0.0,
+    cg_error: float = 0.0,
+    tell_inertia: bool = False,
+    name: str = "car",
 ) -> Car:
     """A plausible passenger car.
 
@@ -238,7 +245,10 @@ def _draw_suspension(p: dict[str, float], rng: np.random.Generator) -> None:
     u = rng.uniform
     mass, _, ahead = sprung(p)
     wheelbase = p["lf"] + p["lr"]
-    corner = {"front": 0.5 * mass * (p["lr"] + ahead) / wheelbase, "rear": 0.5 * mass * (p["lf"] - ahead) / wheelbase}
+    corner = {
+        "front": 0.5 * mass * (p["lr"] + ahead) / wheelbase,
+        "rear": 0.5 * mass * (p["lf"] - ahead) / wheelbase,
+    }
     frequency = u(1.15, 1.45)
     damping = u(0.26, 0.4)
     for axle, f in (("front", frequency), ("rear", frequency * u(1.05, 1.2))):
@@ -297,7 +307,10 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
     return {
         "latency": {c: float(u(0.0, 0.06)) for c in CHANNELS}
         # both axles' wheels come from the same controller, in messages of their own
-        | {"wheel_speed_front": float(wheel_latency), "wheel_speed_rear": float(np.clip(wheel_latency + u(-0.01, 0.01), 0, 0.06))},
+        | {
+            "wheel_speed_front": float(wheel_latency),
+            "wheel_speed_rear": float(np.clip(wheel_latency + u(-0.01, 0.01), 0, 0.06)),
+        },
         "jitter": 0.003,  # s, uniform, either side
         "late": 0.005,  # share of the rows whose message is not there yet: the last one is held
         "period": {c: wheels if c.startswith("wheel") else 0.01 for c in CHANNELS},
@@ -305,7 +318,9 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
         "steering_wheel_offset": float(u(-1.0, 1.0)) * degree,
         "wheel_step": float(rng.choice([0.01, 0.01, 0.03125, 0.05625, 0.06])) / 3.6,
         "wheel_pulses": int(rng.choice([0, 43, 48, 96])),  # teeth; 0: a continuous speed with noise
-        "wheel_pitch_sd": float(u(0.0005, 0.002)),  # of a tooth's place, in teeth x 100 %: repeats itself every turn
+        "wheel_pitch_sd": float(
+            u(0.0005, 0.002)
+        ),  # of a tooth's place, in teeth x 100 %: repeats itself every turn
         "wheel_noise_sd": float(u(0.003, 0.02)),  # m/s, of one wheel, where there are no pulses
         "accel_step": float(rng.choice([0.01, 0.02, 0.0271267])),
         "accel_sd": float(u(0.015, 0.06)),

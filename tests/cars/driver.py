@@ -53,7 +53,13 @@ class Drivers:
     """A driver for each car. decide() sets steering_wheel, drive, brake for the next CONTROL seconds."""
 
     def __init__(
-        self, cars: list[Car], fleet: Fleet, road: Road, surface: Surface, streams: list[np.random.Generator], steps: int
+        self,
+        cars: list[Car],
+        fleet: Fleet,
+        road: Road,
+        surface: Surface,
+        streams: list[np.random.Generator],
+        steps: int,
     ) -> None:
         self.fleet, self.road, self.surface = fleet, road, surface
         n = fleet.n
@@ -61,7 +67,12 @@ class Drivers:
         self.t = {k: np.array([t[k] for t in traits]) for k in TRAITS}
         noise = [
             np.stack(
-                [_wander(rng, steps, t["remnant_time"]), _wander(rng, steps, 6.0), _wander(rng, steps, 0.7), rng.random(steps)]
+                [
+                    _wander(rng, steps, t["remnant_time"]),
+                    _wander(rng, steps, 6.0),
+                    _wander(rng, steps, 0.7),
+                    rng.random(steps),
+                ]
             )
             for rng, t in zip(streams, traits, strict=True)
         ]
@@ -70,12 +81,21 @@ class Drivers:
         self.understeer = np.array([c.understeer() for c in cars]) * (1 + self.t["misjudged"])
         self.wheelbase = p.lf + p.lr
         # hands and the car's yaw rate answer late; the road is read that much earlier
-        self.early = 2 * self.t["arms_damping"] / self.t["arms"] + 2 * p.steering_damping / p.steering_frequency + 0.06
-        self.s, self.e, self.psi = (np.zeros(n), np.zeros(n), np.zeros(n))  # m, m, rad: along, beside and against the road
+        self.early = (
+            2 * self.t["arms_damping"] / self.t["arms"] + 2 * p.steering_damping / p.steering_frequency + 0.06
+        )
+        self.s, self.e, self.psi = (
+            np.zeros(n),
+            np.zeros(n),
+            np.zeros(n),
+        )  # m, m, rad: along, beside and against the road
         self.correction = np.zeros(n)  # 1/m
         self.steering_wheel, self.turning = np.zeros(n), np.zeros(n)
         self.accel = np.zeros(n)  # m/s2, wanted
-        self.pedal, self.changing = (np.ones(n), np.zeros(n))  # 1 throttle, 0 neither, -1 brake; s left until the foot is there
+        self.pedal, self.changing = (
+            np.ones(n),
+            np.zeros(n),
+        )  # 1 throttle, 0 neither, -1 brake; s left until the foot is there
         self.thrust, self.braking = np.zeros(n), np.zeros(n)  # N, after engine and brakes
         self.gear, self.shifting = np.zeros(n), np.zeros(n)
         self.antilock, self.traction = np.ones((2, 1, n)), np.ones((2, 1, n))
@@ -115,10 +135,14 @@ class Drivers:
         v = np.maximum(f.vx, 0.5)
         look = np.maximum(v * t["preview"], t["least_preview"])
         # where the car will be heading once it has answered what the hands do already
-        heading = self.psi + f.vy / np.maximum(v, 3.0) + self.early * (f.r - v * road.at(road.curvature, self.s))
+        heading = (
+            self.psi + f.vy / np.maximum(v, 3.0) + self.early * (f.r - v * road.at(road.curvature, self.s))
+        )
         miss = road.at(road.offset, self.s + look) - self.e - look * np.sin(np.clip(heading, -0.7, 0.7))
         due = np.clip(t["gain"] * 2 * miss / look**2, -0.08, 0.08)
-        notice = (self.noise[3, k] < CONTROL / t["attention"]) | (np.abs(due - self.correction) * look**2 > 2 * t["startles"])
+        notice = (self.noise[3, k] < CONTROL / t["attention"]) | (
+            np.abs(due - self.correction) * look**2 > 2 * t["startles"]
+        )
         self.correction = np.where(notice, due, self.correction)
         bend = road.at(road.curvature, self.s + v * self.early)
         grip = 0.75 * self.surface.known * GRAVITY / (v * v)
@@ -129,7 +153,9 @@ class Drivers:
         wanted += t["remnant"] * (0.6 + 12 / (v + 5)) * self.noise[0, k]
         wanted = np.where(f.vx < 0.3, self.steering_wheel, wanted)
         w = t["arms"]
-        self.turning += CONTROL * (w * w * (wanted - self.steering_wheel) - 2 * t["arms_damping"] * w * self.turning)
+        self.turning += CONTROL * (
+            w * w * (wanted - self.steering_wheel) - 2 * t["arms_damping"] * w * self.turning
+        )
         self.turning = np.clip(self.turning, -FREEST, FREEST)
         self.turning = np.where(f.vx < 0.3, 0.8 * self.turning, self.turning)
         self.steering_wheel = self.steering_wheel + CONTROL * self.turning
@@ -143,7 +169,10 @@ class Drivers:
         slippery = known < 0.9
         if slippery.any():  # slower, and as the next curve allows
             bend = np.maximum.reduce(
-                [np.abs(road.at(road.curvature, self.s + x * np.maximum(v, 4.0))) for x in (0.5, 1.5, 3.0, 4.5)]
+                [
+                    np.abs(road.at(road.curvature, self.s + x * np.maximum(v, 4.0)))
+                    for x in (0.5, 1.5, 3.0, 4.5)
+                ]
             )
             careful = np.minimum(0.8 * wanted, np.sqrt(0.3 * known * GRAVITY / np.maximum(bend, 1e-4)))
             wanted = np.where(slippery, np.maximum(careful, 2.0), wanted)
@@ -154,7 +183,11 @@ class Drivers:
         self.stopping |= ~self.standing & (need > 0.7 * t["stops_with"]) & np.isfinite(left)
         accel = np.where(self.stopping, -np.clip(need, 0.5, t["brake"]), accel)
         accel = np.where(self.lost, -4.0, accel)
-        accel = np.clip(accel, -np.minimum(t["brake"], 0.45 * known * GRAVITY), np.minimum(t["accelerate"], 0.25 * known * GRAVITY))
+        accel = np.clip(
+            accel,
+            -np.minimum(t["brake"], 0.45 * known * GRAVITY),
+            np.minimum(t["accelerate"], 0.25 * known * GRAVITY),
+        )
         # feet move at their own pace; only for a stop are they sure
         most = CONTROL * np.where(accel < -2, 2, 1) * t["jerk"]
         self.accel = self.accel + np.clip(accel - self.accel, -most, most)
@@ -181,23 +214,35 @@ class Drivers:
         self.pedal = np.where(self.changing > 0, 0.0, want)
         # gears: the torque is gone while one is changed, upwards only
         gear = (v[None] > GEARS[:, None]).sum(0)
-        self.shifting = np.where((gear > self.gear) & (self.pedal > 0), p.gearbox_gap, np.maximum(self.shifting - CONTROL, 0))
+        self.shifting = np.where(
+            (gear > self.gear) & (self.pedal > 0), p.gearbox_gap, np.maximum(self.shifting - CONTROL, 0)
+        )
         self.gear = np.where(
-            gear > self.gear, gear, np.where(v < 0.75 * GEARS[np.maximum(self.gear - 1, 0).astype(int)], gear, self.gear)
+            gear > self.gear,
+            gear,
+            np.where(v < 0.75 * GEARS[np.maximum(self.gear - 1, 0).astype(int)], gear, self.gear),
         )
         throttle = np.minimum(np.maximum(need, 0), p.power / np.maximum(v, 4.0)) * (self.shifting <= 0)
-        thrust = np.where(self.pedal > 0, throttle, np.where(v > 2.0, -p.engine_drag * np.minimum((v - 2) / 3, 1), 0))
+        thrust = np.where(
+            self.pedal > 0, throttle, np.where(v > 2.0, -p.engine_drag * np.minimum((v - 2) / 3, 1), 0)
+        )
         hold = p.mass * (1.2 + 1.2 * GRAVITY * np.abs(grade))
         braking = np.where(
-            self.standing, hold, np.where(self.pedal < 0, np.maximum(-need - np.where(v > 2.0, p.engine_drag, 0), 0), 0)
+            self.standing,
+            hold,
+            np.where(self.pedal < 0, np.maximum(-need - np.where(v > 2.0, p.engine_drag, 0), 0), 0),
         )
         self.thrust += CONTROL / 0.12 * (thrust - self.thrust)
         self.braking += CONTROL / 0.07 * (braking - self.braking)
         # anti-lock and traction control by axle, on the slip of its worse wheel
         slip = (f.rolling_radius * f.spin - f.vx) / np.maximum(np.abs(f.vx), 2.5)
         locks, spins = slip.min(1, keepdims=True) < -0.12, slip.max(1, keepdims=True) > 0.1
-        self.antilock = np.where(locks, np.maximum(0.75 * self.antilock, 0.05), np.minimum(self.antilock + 0.04, 1))
-        self.traction = np.where(spins, np.maximum(0.75 * self.traction, 0.05), np.minimum(self.traction + 0.02, 1))
+        self.antilock = np.where(
+            locks, np.maximum(0.75 * self.antilock, 0.05), np.minimum(self.antilock + 0.04, 1)
+        )
+        self.traction = np.where(
+            spins, np.maximum(0.75 * self.traction, 0.05), np.minimum(self.traction + 0.02, 1)
+        )
         radius = 0.5 * (p.radius_front + p.radius_rear)
         held = np.where(self.standing, 1.0, self.antilock)
         self.drive = f.drive_share * (self.thrust * radius) * self.traction

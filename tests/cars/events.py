@@ -24,15 +24,22 @@ import tables
 from tests.cars import SCENARIOS, make_cars, make_logs
 from tests.cars.road import LASTS
 from tests.cars.study import PRIOR, RESULTS, driven, estimated
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, Library
-from tse.impl.rows import Log
-from tse.impl.tables import markdown_table
+from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, Library
+from tse.log.rows import Log
+from tse.report.tables import markdown_table
 
 EVENTS = [s for s in SCENARIOS if s != "dry"]
 ON = ("highway", "mountain")
-OFF, AFTER, ROW, SMOOTH = 0.2, 60.0, 0.01, 51  # relative error; s; s; rows of the truth: half a second of a new road
+OFF, AFTER, ROW, SMOOTH = (
+    0.2,
+    60.0,
+    0.01,
+    51,
+)  # relative error; s; s; rows of the truth: half a second of a new road
 SURE = 1.96  # sd
-CHANGE_SD = float(tables.read("constants")["events"]["CHANGE_SD"]["value"])  # of a stiffness that may have changed, relative
+CHANGE_SD = float(
+    tables.read("constants")["events"]["CHANGE_SD"]["value"]
+)  # of a stiffness that may have changed, relative
 
 
 def share(of: np.ndarray, among: np.ndarray) -> float:
@@ -42,16 +49,26 @@ def share(of: np.ndarray, among: np.ndarray) -> float:
 
 def behind(log: Log, row: int) -> Log:
     """Return a log from a row on."""
-    parts = {k: v[row:] for k, v in vars(log).items() if isinstance(v, np.ndarray | pd.DataFrame) and len(v) == len(log.time)}
-    return replace(log, **{k: v.reset_index(drop=True) if isinstance(v, pd.DataFrame) else v for k, v in parts.items()})
+    parts = {
+        k: v[row:]
+        for k, v in vars(log).items()
+        if isinstance(v, np.ndarray | pd.DataFrame) and len(v) == len(log.time)
+    }
+    return replace(
+        log, **{k: v.reset_index(drop=True) if isinstance(v, pd.DataFrame) else v for k, v in parts.items()}
+    )
 
 
-def shown_after(log: Log, config: Config, stiffness: dict[str, float], moved: dict[str, float], began: float) -> float:
+def shown_after(
+    log: Log, config: Config, stiffness: dict[str, float], moved: dict[str, float], began: float
+) -> float:
     """Return after how many seconds a filter that starts at the change, and knows of each stiffness that it may be another by
     CHANGE_SD, would tell one of them from that of before with 95 %; AFTER where it does not. The sd of the mass, which is in both,
     does not count."""
     rest = behind(log, int(np.searchsorted(log.time - log.time[0], began)))
-    start = {NOMINAL[k]: stiffness[k] for k in STIFFNESS} | {f"initial_{PRIOR[k]}_sd": CHANGE_SD for k in STIFFNESS}
+    start = {NOMINAL[k]: stiffness[k] for k in STIFFNESS} | {
+        f"initial_{PRIOR[k]}_sd": CHANGE_SD for k in STIFFNESS
+    }
     out, mass = Filter(Config.exact(config.as_dict() | start)).over(rest.rows()), config.mass_sd
     var = {key: (out[f"{key}_sd"] / out[key]) ** 2 - mass**2 for key in STIFFNESS}
     sure = np.flatnonzero(np.any([np.log(moved[key]) ** 2 > SURE**2 * var[key] for key in STIFFNESS], axis=0))
@@ -62,12 +79,16 @@ def without_slip(about: dict[str, Any], road: str, key: str, of: np.ndarray, bef
     """Return the true stiffness at no slip, a value per row: that of the dry road times what the event leaves of it. Along the car
     that of the dry road is what the filter has found, `before`: rolling radii and pitch make it another than the tyres'."""
     event, linear = about["logs"][road]["event"], about["linear_stiffness"]
-    axle = {"cy_front": [0], "cy_rear": [1]}.get(key, {"front": [0], "rear": [1]}.get(about["driven_axle"], [0, 1]))
+    axle = {"cy_front": [0], "cy_rear": [1]}.get(
+        key, {"front": [0], "rear": [1]}.get(about["driven_axle"], [0, 1])
+    )
     left = float(np.mean(np.array(event["along" if key == "cx_front" else "across"])[axle]))
     since = of - event["time"]
     there = (since > 0) & (since <= LASTS.get(about["logs"][road]["scenario"], np.inf))
     share = np.clip(since / event["takes"], 0.0, 1.0) if event["takes"] else there.astype(float)
-    return (before if key == "cx_front" else linear.get(f"{key}_effective", linear[key])) * (1 + (left - 1) * share)
+    return (before if key == "cx_front" else linear.get(f"{key}_effective", linear[key])) * (
+        1 + (left - 1) * share
+    )
 
 
 def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> list[dict[str, Any]]:
@@ -78,11 +99,15 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
     time = log.time - log.time[0]
     of = time - out["estimate_age"]  # the time of which the estimates are
     told = (out["p_changed"] + out["p_axle"] + out["p_sliding"]) > 0.5
-    about = json.loads((folder / f"{scenario}_{road}" / f"car{car}" / "truth.json").read_text(encoding="utf-8"))
+    about = json.loads(
+        (folder / f"{scenario}_{road}" / f"car{car}" / "truth.json").read_text(encoding="utf-8")
+    )
     rows = []
     before, after = (of > began - AFTER / 2) & (of <= began), (of > began) & (of <= began + AFTER)
     true_of = {key: np.interp(of, time, truth[key]) for key in STIFFNESS}
-    ratio = {key: float(np.nanmedian(true[after]) / np.nanmedian(true[before])) for key, true in true_of.items()}
+    ratio = {
+        key: float(np.nanmedian(true[after]) / np.nanmedian(true[before])) for key, true in true_of.items()
+    }
     moved = {key: r if np.isfinite(r) else 1.0 for key, r in ratio.items()}
     found = {key: getattr(config, NOMINAL[key]) * float(out[key][before][-1]) for key in STIFFNESS}
     shown = shown_after(log, config, found, moved, began)
@@ -137,28 +162,42 @@ def table(found: pd.DataFrame) -> list[str]:
             return " / ".join(f"{scale * float(g[what].mean()):.0f}" for g in by)
 
         def seconds(what: str, by: list[pd.DataFrame] = by) -> str:
-            return "; ".join(" / ".join(f"{float(g[what].quantile(q)):.1f}" for g in by) for q in (0.5, 0.9, 1.0))
+            return "; ".join(
+                " / ".join(f"{float(g[what].quantile(q)):.1f}" for g in by) for q in (0.5, 0.9, 1.0)
+            )
 
         moved = " / ".join(f"{float(g['moved'].median()):.2f}" for g in by)
         told = f"{100 * float(by[0]['told'].mean()):.0f}"
         shown = ", ".join(f"{float(by[0]['shown'].quantile(q)):.1f}" for q in (0.5, 0.9))
         valid = (three("valid before"), three("valid after"))
-        rows.append([scenario, f"{len(by[0])}", moved, *valid, seconds("wrong"), seconds("no slip"), told, shown])
+        rows.append(
+            [scenario, f"{len(by[0])}", moved, *valid, seconds("wrong"), seconds("no slip"), told, shown]
+        )
     return markdown_table(heads, rows)
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--calibrated", type=Path, required=True, help="with car<k>/calibrated.toml; the logs go there, too")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--calibrated", type=Path, required=True, help="with car<k>/calibrated.toml; the logs go there, too"
+    )
     parser.add_argument("--first", type=int, default=501, help="the first seed of those cars (default: 501)")
-    parser.add_argument("--minutes", type=float, default=3.0, help="length of each log; the event is at a third (default: 3)")
+    parser.add_argument(
+        "--minutes", type=float, default=3.0, help="length of each log; the event is at a third (default: 3)"
+    )
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-events.md", help="the table")
     given = parser.parse_args(arguments)
     cars = len(list(given.calibrated.glob("car*/calibrated.toml")))
     jobs = drive(given.calibrated, cars, given.first, given.minutes)
     with multiprocessing.Pool(given.jobs) as pool:
-        found = [row for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr) for row in rows]
+        found = [
+            row
+            for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr)
+            for row in rows
+        ]
     head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
 
 `python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after

@@ -16,8 +16,8 @@ from tqdm import tqdm
 from scripts.fixed import library
 from tests.cars import ROADS
 from tests.cars.study import driven, estimated, parser_of_kept, score, shares
-from tse.impl.core import STIFFNESS, Library
-from tse.impl.tables import markdown_table
+from tse.library.core import STIFFNESS, Library
+from tse.report.tables import markdown_table
 
 REALS = ("double", "float", "fixed")
 
@@ -46,7 +46,9 @@ def table(runs: pd.DataFrame) -> list[str]:
     rows = []
     for real, g in runs.groupby("real", sort=False):
         cells = [str(real), three([100 * float(g[f"{k} error"].median()) for k in STIFFNESS], 2)]
-        cells += [shares(g, what, of, 1) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+        cells += [
+            shares(g, what, of, 1) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+        ]
         rows.append([*cells, three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3)])
     head = "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|from double, rms [sd of the estimate]"
     return markdown_table(head.split("|"), rows, 6)
@@ -58,7 +60,9 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     builds = {real: library(real) for real in REALS}
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
-    runs = pd.DataFrame([row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)])
+    runs = pd.DataFrame(
+        [row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)]
+    )
     head = f"""# Float and fixed point beside double, on cars
 
 `python -m tests.cars.formats --keep DIR --cars {given.cars} --first {given.first}` after

@@ -17,10 +17,10 @@ import pandas as pd
 from tqdm import tqdm
 
 from tests.cars.study import RESULTS, SETTLED, SLOW, TRUTH, estimated, truth_of
-from tse.impl.core import NOMINAL
-from tse.impl.logs.log import read_log
-from tse.impl.rows import Log
-from tse.impl.tables import markdown_table
+from tse.channels.log import read_log
+from tse.library.core import NOMINAL
+from tse.log.rows import Log
+from tse.report.tables import markdown_table
 
 LATE, SHARES = 0.12, (0.0, 0.1, 0.2, 0.3)  # s; of the rows
 TENTH, JITTER = 0.1, 0.02  # s between rows; its relative sd
@@ -31,7 +31,13 @@ def thinned(time: np.ndarray, share: float | None, rng: np.random.Generator) -> 
     step = float(np.median(np.diff(time)))
     keep, at = [0], 0.0
     while True:
-        at += TENTH * (1 + JITTER * rng.standard_normal()) if share is None else LATE if rng.random() < share else 2 * step
+        at += (
+            TENTH * (1 + JITTER * rng.standard_normal())
+            if share is None
+            else LATE
+            if rng.random() < share
+            else 2 * step
+        )
         index = round(at / step)
         if index >= len(time):
             return np.unique(keep)
@@ -74,13 +80,19 @@ def late_table(found: pd.DataFrame) -> list[str]:
                               if what == "bias" else f"{100 * float(x.mean()):.0f}")  # fmt: skip
             cells.append(" / ".join(values))
         lines.append(cells)
-    return markdown_table(["rows", "bias less that of all rows in time [%]", "valid [%]", "interval holds [%]"], lines, 4)
+    return markdown_table(
+        ["rows", "bias less that of all rows in time [%]", "valid [%]", "interval holds [%]"], lines, 4
+    )
 
 
 def main(arguments: list[str]) -> int:
     """Run the study and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--calibrated", type=Path, required=True, help="what tests.cars.study --keep has left")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--calibrated", type=Path, required=True, help="what tests.cars.study --keep has left"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the rows that come late (default: 1)")
     parser.add_argument("--out", type=Path, default=RESULTS / "late.md", help="the table")
     given = parser.parse_args(arguments)

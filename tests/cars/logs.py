@@ -53,7 +53,9 @@ class CarLog:
         file = folder / "truth.json"
         truth = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
         logs = truth.get("logs", {}) if truth.get("parameters") == self.truth["parameters"] else {}
-        truth = {k: v for k, v in self.truth.items() if k != "log"} | {"logs": logs | {road: self.truth["log"]}}
+        truth = {k: v for k, v in self.truth.items() if k != "log"} | {
+            "logs": logs | {road: self.truth["log"]}
+        }
         file.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
 
 
@@ -70,10 +72,18 @@ def _stream(seed: int, car: int, what: str) -> np.random.Generator:
 
 
 def make_cars(
-    cars: int, seed: int, mass_error: float = 0.0, cg_error: float = 0.0, tell_inertia: bool = False, clean: bool = False
+    cars: int,
+    seed: int,
+    mass_error: float = 0.0,
+    cg_error: float = 0.0,
+    tell_inertia: bool = False,
+    clean: bool = False,
 ) -> list[Car]:
     """Cars 0 .. cars - 1 of a seed. See draw_car(); clean: sensors without noise, bias and steps."""
-    drawn = [draw_car(_stream(seed, i, "car"), mass_error, cg_error, tell_inertia, f"car {i} of seed {seed}") for i in range(cars)]
+    drawn = [
+        draw_car(_stream(seed, i, "car"), mass_error, cg_error, tell_inertia, f"car {i} of seed {seed}")
+        for i in range(cars)
+    ]
     return [replace(c, sensors=clean_sensors(c.sensors)) if clean else c for c in drawn]
 
 
@@ -101,8 +111,12 @@ def make_logs(
     the same car on every road, for any number of cars, and drives the same road in every scenario.
     """
     if road not in ROADS or scenario not in SCENARIOS:
-        raise ValueError(f"no road {road!r} or scenario {scenario!r}; there are {ROADS} and {tuple(SCENARIOS)}")
-    fleet = make_cars(cars, seed, mass_error, cg_error, tell_inertia, clean) if isinstance(cars, int) else cars
+        raise ValueError(
+            f"no road {road!r} or scenario {scenario!r}; there are {ROADS} and {tuple(SCENARIOS)}"
+        )
+    fleet = (
+        make_cars(cars, seed, mass_error, cg_error, tell_inertia, clean) if isinstance(cars, int) else cars
+    )
     done: list[CarLog] = []
     for first in range(0, len(fleet), BATCH):
         batch = fleet[first : first + BATCH]
@@ -129,7 +143,9 @@ def make_logs(
             }
             done.append(_finish(car, record, i, surface, about, noise[i]))
             if pedals:
-                done[-1].log |= pedals_of(car.sensors, done[-1].reference, _stream(seed, first + i, f"{road} pedals"))
+                done[-1].log |= pedals_of(
+                    car.sensors, done[-1].reference, _stream(seed, first + i, f"{road} pedals")
+                )
     return done
 
 
@@ -147,7 +163,12 @@ RECORDED = (*REFERENCE[1:20], "cx_front_tyre", "cx_rear_tyre", "cy_front_tyre", 
 
 
 def drive(
-    cars: list[Car], fleet: Fleet, road: Road, surface: Surface, streams: list[np.random.Generator], duration: float
+    cars: list[Car],
+    fleet: Fleet,
+    road: Road,
+    surface: Surface,
+    streams: list[np.random.Generator],
+    duration: float,
 ) -> Record:
     """Drive for SETTLE and a duration, s."""
     settle, steps = round(SETTLE / CONTROL), round((SETTLE + duration) / CONTROL)
@@ -158,7 +179,9 @@ def drive(
     ahead = STEP * np.arange(1, fine * part + 1)[:, None, None]
     for k in range(steps):
         drivers.decide(k)
-        if surface.follow((k - settle) * CONTROL, drivers.s, drivers.asked() if surface.scenario != "dry" else drivers.e):
+        if surface.follow(
+            (k - settle) * CONTROL, drivers.s, drivers.asked() if surface.scenario != "dry" else drivers.e
+        ):
             fleet.set_road(*surface.now)
         grade, bank = road.at(road.grade, drivers.s), road.at(road.bank, drivers.s)
         # the road's plane turns with its slope: what a crest takes from the load
@@ -188,18 +211,27 @@ def _state(f: Fleet) -> np.ndarray:
     return out
 
 
-def _note(out: np.ndarray, f: Fleet, d: Drivers, surface: Surface, grade: np.ndarray, bank: np.ndarray) -> None:
+def _note(
+    out: np.ndarray, f: Fleet, d: Drivers, surface: Surface, grade: np.ndarray, bank: np.ndarray
+) -> None:
     """RECORDED, now. Slips and forces are those of the single track: see cars.py."""
     p = f.p
     cos, sin = np.cos(f.steer), np.sin(f.steer)
     lateral = f.vy + p.lf * f.r
-    radius, spin = 0.5 * (f.rolling_radius[:, 0] + f.rolling_radius[:, 1]), 0.5 * (f.spin[:, 0] + f.spin[:, 1])
+    radius, spin = (
+        0.5 * (f.rolling_radius[:, 0] + f.rolling_radius[:, 1]),
+        0.5 * (f.spin[:, 0] + f.spin[:, 1]),
+    )
     slips = []
     for rolling, v in zip(radius * spin, (f.vx * cos + lateral * sin, f.vx), strict=True):
         slips.append((rolling - v) / np.maximum(np.maximum(np.abs(v), np.abs(rolling)), 1.0))
     towards = np.arctan2(lateral, np.maximum(f.vx, 0.5))
     (fx, fy), taken = f.force[:, :, 0] + f.force[:, :, 1], 0.5 * (f.slip[:, :, 0] + f.slip[:, :, 1])
-    ground = (1.0, 1.0) if surface.scenario == "dry" else (surface.now[0].mean((0, 1)), surface.now[2].mean((0, 1)))
+    ground = (
+        (1.0, 1.0)
+        if surface.scenario == "dry"
+        else (surface.now[0].mean((0, 1)), surface.now[2].mean((0, 1)))
+    )
     out[:-2] = (
         f.vx, f.vy, f.r, f.roll, f.pitch, f.steering_wheel, f.steer, grade, bank, d.s, d.e,
         *slips, f.steer - towards, -np.arctan2(f.vy - p.lr * f.r, np.maximum(f.vx, 0.5)),
@@ -215,7 +247,9 @@ def _secant(force: np.ndarray, slip: np.ndarray, least: float, ok: np.ndarray) -
         return np.where(ok & (np.abs(slip) >= least), force / slip, np.nan)
 
 
-def _finish(car: Car, record: Record, i: int, surface: Surface, about: dict[str, Any], rng: np.random.Generator) -> CarLog:
+def _finish(
+    car: Car, record: Record, i: int, surface: Surface, about: dict[str, Any], rng: np.random.Generator
+) -> CarLog:
     settle = round(SETTLE / CONTROL)
     n = len(record.reference)
     time = np.arange(len(record.state)) * FINE - SETTLE
@@ -237,9 +271,16 @@ def _finish(car: Car, record: Record, i: int, surface: Surface, about: dict[str,
     found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], LEAST_ANGLE, ok)
     found["cy_rear_axle"] = 1 / (1 / found["cy_rear_tyre"] + car.parameters["compliance_rear"])
     began = float(surface.time[i])
-    event = {"time": began, "place": float(surface.place[i]), "takes": float(surface.takes[i])} if np.isfinite(began) else None
+    event = (
+        {"time": began, "place": float(surface.place[i]), "takes": float(surface.takes[i])}
+        if np.isfinite(began)
+        else None
+    )
     if event:
-        event |= {name: surface.end[k, :, :, i].tolist() for k, name in enumerate(("friction", "along", "across", "radius"))}
+        event |= {
+            name: surface.end[k, :, :, i].tolist()
+            for k, name in enumerate(("friction", "along", "across", "radius"))
+        }
     truth = {
         "parameters": car.parameters,
         "driven_axle": car.driven_axle,

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from tests.cars import ROADS
 from tests.cars.study import SETTLED, SLOW, driven, estimated, parser_of_kept, score, table
-from tse.impl.calibrate import output, workflow
+from tse.calibration import output, workflow
 
 
 def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
@@ -51,7 +51,13 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
 def main(arguments: list[str]) -> int:
     """Write the table."""
     parser = parser_of_kept(__doc__, "minutes.md")
-    parser.add_argument("--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0, 10.0], help="lengths (default: 0.4 1 3 10)")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        nargs="+",
+        default=[0.4, 1.0, 3.0, 10.0],
+        help="lengths (default: 0.4 1 3 10)",
+    )
     given = parser.parse_args(arguments)
     jobs = [(given.keep / f"car{k}", m) for m in given.minutes for k in range(given.cars)]
     runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])
@@ -64,7 +70,9 @@ another of each. Front longitudinal / front cornering / rear cornering; rows
 after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars-fresh.md).
 
 """
-    text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+    text = (
+        head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+    )
     given.out.write_text(text, encoding="utf-8")
     print(f"{given.out}: {given.cars} cars")
     return 0

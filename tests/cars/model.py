@@ -47,7 +47,9 @@ class Fleet:
         n = self.n
         self.state = np.zeros((STATES, n))
         self.vx, self.vy, self.r = self.state[:3]  # m/s, m/s, rad/s
-        self.heave, self.dheave, self.roll, self.droll, self.pitch, self.dpitch = self.state[3:]  # m, rad, 1/s: away from rest
+        self.heave, self.dheave, self.roll, self.droll, self.pitch, self.dpitch = self.state[
+            3:
+        ]  # m, rad, 1/s: away from rest
         self.vx[:] = speed
         self.travel = np.zeros((2, 2, 2, n))  # m, m/s: of the wheels' centres and its rate
         self.spin = speed / (self.radius + p.radius_by_speed * speed**2)  # rad/s
@@ -92,9 +94,13 @@ class Fleet:
         x_body = self.x - ahead
         self.x_body = x_body
         self.y_pair, self.x_pair = np.array([self.y, self.y]), np.array([x_body, x_body])
-        self.spring = -np.array([_wheels(p.spring_front, p.spring_rear), _wheels(p.damper_front, p.damper_rear)])
+        self.spring = -np.array(
+            [_wheels(p.spring_front, p.spring_rear), _wheels(p.damper_front, p.damper_rear)]
+        )
         track = np.array([p.track_front, p.track_rear])
-        self.bar = full((np.array([p.bar_front, p.bar_rear]) / track**2)[:, None])  # N per m between both sides
+        self.bar = full(
+            (np.array([p.bar_front, p.bar_rear]) / track**2)[:, None]
+        )  # N per m between both sides
         unsprung = _wheels(p.unsprung_front, p.unsprung_rear)
         self.h_unsprung, self.h_static = h / unsprung, h * self.static / unsprung
         self.tyre_spring = full(p.tyre_spring)
@@ -103,7 +109,9 @@ class Fleet:
         # car's force
         radius = np.array([p.radius_front, p.radius_rear])
         own = 2 * np.array([p.unsprung_front, p.unsprung_rear]) / (2 * self.static[:, 0] / GRAVITY)
-        self.link_roll = (np.array([p.roll_centre_front, p.roll_centre_rear]) * (1 - own) + own * radius) / track
+        self.link_roll = (
+            np.array([p.roll_centre_front, p.roll_centre_rear]) * (1 - own) + own * radius
+        ) / track
         wheels = 2 * (p.unsprung_front * p.radius_front + p.unsprung_rear * p.radius_rear)
         link = (mass * p.pitch_centre + wheels) / p.mass / (2 * wheelbase)
         self.link_pitch = _wheels(-link, link)
@@ -115,7 +123,9 @@ class Fleet:
         self.brake_share = 0.5 * _wheels(p.brake_front, 1 - p.brake_front)
         self.resistance = p.rolling_resistance * self.static * self.radius
         self.roll_steer = _wheels(-p.roll_steer_front, p.roll_steer_rear)
-        self.toe = np.array([[-p.toe_front, p.toe_front], [-p.toe_rear, p.toe_rear]])  # inwards: the left wheel to the right
+        self.toe = np.array(
+            [[-p.toe_front, p.toe_front], [-p.toe_rear, p.toe_rear]]
+        )  # inwards: the left wheel to the right
         self.ackermann = p.ackermann * p.track_front / (2 * wheelbase)
         self.by_wheel = 1 / p.steering_ratio
         self.keep_dsteer = 1 - 2 * h * p.steering_damping * p.steering_frequency
@@ -123,7 +133,12 @@ class Fleet:
 
         # tyres
         self.relax = h / np.array([full(p.relaxation_x), full(p.relaxation_y)])
-        stiffness = np.array([_wheels(p.slip_stiffness_front, p.slip_stiffness_rear), _wheels(p.cornering_front, p.cornering_rear)])
+        stiffness = np.array(
+            [
+                _wheels(p.slip_stiffness_front, p.slip_stiffness_rear),
+                _wheels(p.cornering_front, p.cornering_rear),
+            ]
+        )
         carcass = stiffness / np.array([p.relaxation_x, p.relaxation_y])[:, None, None]  # N/m
         damping = 2 * CARCASS_DAMPING * np.sqrt(carcass * p.mass / 4)
         self.slip_by_damping = damping / stiffness  # s/m: as slip, per m/s of the contact patch
@@ -132,7 +147,9 @@ class Fleet:
         self.by_peak_load = full(1 / p.cornering_peak_load)
         # cornering stiffness 2 c u/(1 + u^2), u = load/peak load, through its value at static load; along, per load
         self.cornering_per_load = (
-            _wheels(p.cornering_front, p.cornering_rear) * (1 + (self.static * self.by_peak_load) ** 2) / self.static
+            _wheels(p.cornering_front, p.cornering_rear)
+            * (1 + (self.static * self.by_peak_load) ** 2)
+            / self.static
         )
         self.slip_per_load = _wheels(p.slip_stiffness_front, p.slip_stiffness_rear) / self.static
         self.ratio = full(p.mu_x_ratio)
@@ -140,7 +157,9 @@ class Fleet:
         self.bend, self.bend_x = full(p.curvature_y), full(p.curvature_x - p.curvature_y)
         self.trail, self.trail_mechanical = full(p.trail_pneumatic), full(p.trail_mechanical)
 
-    def set_road(self, friction: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.ndarray) -> None:
+    def set_road(
+        self, friction: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.ndarray
+    ) -> None:
         """What the road and the pressure make of friction, stiffness along and across, rolling radius: factors, (2, 2,
         cars)."""
         p = self.p
@@ -165,7 +184,13 @@ class Fleet:
         cars); brake: N m per wheel, positive; gravity: (3, cars), m/s2, along x, y of the road's plane and into it, with what
         crests and dips add; uneven: height of the road under each wheel at each step, m, (steps, 2, 2, cars)."""
         p, h, n = self.p, STEP, self.n
-        state, spread, sums, sliding, rolled = self.state, self._spread, self._sums, self._sliding, self._rolled
+        state, spread, sums, sliding, rolled = (
+            self.state,
+            self._spread,
+            self._sums,
+            self._sliding,
+            self._rolled,
+        )
         vx, vy, r, _, _, roll, _, pitch, _ = state
         u_vx, u_vy, u_r, _, _, u_roll, _, _, _ = spread
         u_heaves, u_rolls, u_pitches = spread[3:5], spread[5:7], spread[7:9]
@@ -199,7 +224,9 @@ class Fleet:
             # -- velocity of the wheels along and across themselves, loads, rolling radii
             u, v = u_vx - self.y * u_r, u_vy + self.x * u_r
             along = u * cos + v * sin
-            load = np.maximum((ground if uneven is None else ground[k]) - self.tyre_spring * travel, LEAST_LOAD)
+            load = np.maximum(
+                (ground if uneven is None else ground[k]) - self.tyre_spring * travel, LEAST_LOAD
+            )
             radius = free_radius - self.deflection * load
             # -- slips: first-order relaxation over the distance rolled
             np.subtract(radius * self.spin, along, out=sliding[0])

@@ -1,4 +1,4 @@
-"""An uncalibrated car, estimated with and without a calibration on the log itself (tse/impl/calibrate/own.py): cars of a study,
+"""An uncalibrated car, estimated with and without a calibration on the log itself (tse/calibration/own.py): cars of a study,
 and real logs. The manoeuvres of the simulator (uncalibrated.py) are too short or too straight for one.
 
     python -m tests.cars.own --keep DIR --first SEED [--cars N] [--out FILE]
@@ -20,16 +20,20 @@ from tests.cars import ROADS
 from tests.cars.real import DATA
 from tests.cars.real import row as real_row
 from tests.cars.study import OFF, SETTLED, driven, parser_of_kept, score, table
-from tse.impl.calibrate import own
-from tse.impl.config import make_config
-from tse.impl.core import Config, Filter
-from tse.impl.logs.log import read_log
-from tse.impl.rows import Log
-from tse.impl.tables import markdown_table
-from tse.impl.vehicle import Vehicle, filter_values, read_vehicle
+from tse.calibration import own
+from tse.car.config import make_config
+from tse.car.vehicle import Vehicle, filter_values, read_vehicle
+from tse.channels.log import read_log
+from tse.library.core import Config, Filter
+from tse.log.rows import Log
+from tse.report.tables import markdown_table
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
-SHARES = (0.5, 0.7, np.inf)  # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
+SHARES = (
+    0.5,
+    0.7,
+    np.inf,
+)  # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
 AXLES = ("cy_front", "cy_rear")
 
 
@@ -68,7 +72,9 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
             **{named(s): lambda v=itself, log=log, s=s: with_share(v, log, s) for s in SHARES},
         }
         if (other := car / "calibrated.toml").exists():
-            ways[f"{OTHERS}, {others} cars"] = lambda other=other, log=log: make_config(read_vehicle(other), log)[0]
+            ways[f"{OTHERS}, {others} cars"] = lambda other=other, log=log: make_config(
+                read_vehicle(other), log
+            )[0]
         for who, made in ways.items():
             config = made()
             rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
@@ -90,7 +96,10 @@ def of_real(scratch: Path) -> list[str]:
         for who, file in files.items():
             r = real_row(name, who, file, "")
             found = made.found.get("stiffness", {}) if who == ITSELF else {}
-            said = ", ".join(f"{s['value'] / 1e3:.0f} ({s['low'] / 1e3:.0f} .. {s['high'] / 1e3:.0f})" for s in found.values())
+            said = ", ".join(
+                f"{s['value'] / 1e3:.0f} ({s['low'] / 1e3:.0f} .. {s['high'] / 1e3:.0f})"
+                for s in found.values()
+            )
             if who == CLASS and not made.text:
                 said = made.found["why"]
             keys = ("cy_front", "cy_front valid", "cy_rear", "cy_rear valid", "changes", "sideslip")

@@ -19,8 +19,8 @@ import pandas as pd
 from tests.cars.logs import PEDALS
 from tests.cars.sensors import pedals_of
 from tests.cars.study import RESULTS, ROADS, driven, estimated, score, shares
-from tse.impl.tables import markdown_table
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.report.tables import markdown_table
 
 WAYS = {"none": (), "brake switch": PEDALS[:1], "wheel torques": PEDALS[1:], "both": PEDALS}
 KEY = "cx_front"
@@ -44,14 +44,21 @@ def runs(car: Path) -> list[dict[str, Any]]:
 
 def line(name: list[str], group: pd.DataFrame) -> list[str]:
     """Return a group of runs as a row of the table."""
-    parts = [shares(group, what, of, keys=[KEY]) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+    parts = [
+        shares(group, what, of, keys=[KEY])
+        for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+    ]
     error = f"{100 * np.nanmedian(group[f'{KEY} error']):.1f}"
     return [*name, str(len(group)), error, *parts, f"{group['changes'].sum():.0f}"]
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--drives", type=Path, required=True, help="cars as tests.cars.study --keep leaves them")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--drives", type=Path, required=True, help="cars as tests.cars.study --keep leaves them"
+    )
     parser.add_argument("--first", type=int, default=0, help="leave out cars before this one")
     parser.add_argument("--out", type=Path, default=RESULTS / "pedals.md", help="the table")
     given = parser.parse_args(arguments)

@@ -18,15 +18,18 @@ import numpy as np
 import pandas as pd
 
 from tests.cars.study import RESULTS, changes, estimated
-from tse.impl.calibrate import output, workflow
-from tse.impl.config import make_config
-from tse.impl.core import NOMINAL, Config
-from tse.impl.logs.log import read_log
-from tse.impl.vehicle import read_vehicle
+from tse.calibration import output, workflow
+from tse.car.config import make_config
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.library.core import NOMINAL, Config
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SAME_CAR = (("genesis_cpg_fast", "genesis_rfs"),)
-ALIGNED = (*SAME_CAR[0], "stanford_250lm_a")  # whose ref_vel_y is that of the car: the RAV4's is a phone's, as it was mounted
+ALIGNED = (
+    *SAME_CAR[0],
+    "stanford_250lm_a",
+)  # whose ref_vel_y is that of the car: the RAV4's is a phone's, as it was mounted
 SETTLED, FAST = 20.0, 8.0  # s, m/s: rows that count
 CORNERING = ("cy_front", "cy_rear")
 
@@ -35,7 +38,10 @@ def halves(path: Path, folder: Path) -> dict[str, Path]:
     """The log, and both halves of it as logs of their own."""
     table = pd.read_csv(path)
     parts = {"whole": path}
-    for name, rows in (("first half", table.iloc[: len(table) // 2]), ("second half", table.iloc[len(table) // 2 :])):
+    for name, rows in (
+        ("first half", table.iloc[: len(table) // 2]),
+        ("second half", table.iloc[len(table) // 2 :]),
+    ):
         parts[name] = folder / f"{path.parent.name}_{name.replace(' ', '_')}.csv"
         rows.to_csv(parts[name], index=False)
     return parts
@@ -59,7 +65,10 @@ def posterior(vehicle: Path) -> tuple[str, str]:
     covariance = np.array(known["covariance"])
     at = [known["names"].index(key) for key in CORNERING]
     rest_known = np.linalg.inv(np.linalg.pinv(covariance)[np.ix_(at, at)])
-    return tuple(" / ".join(f"{100 * np.sqrt(v):.0f}" for v in np.diag(c)) for c in (covariance[np.ix_(at, at)], rest_known))
+    return tuple(
+        " / ".join(f"{100 * np.sqrt(v):.0f}" for v in np.diag(c))
+        for c in (covariance[np.ix_(at, at)], rest_known)
+    )
 
 
 def formula(config: Config, out: np.ndarray) -> np.ndarray:
@@ -106,7 +115,9 @@ def row(name: str, told: str, vehicle: Path, converged: str) -> dict[str, Any]:
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--keep", type=Path, help="keep the calibrated files in this directory")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--out", type=Path, default=RESULTS / "real.md", help="the table")
@@ -118,13 +129,23 @@ def main(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory() as scratch, multiprocessing.Pool(given.jobs) as pool:
         folder = given.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        jobs = [(n, path, part, folder) for n in names for part, path in halves(DATA / n / "data.csv", folder).items()]
+        jobs = [
+            (n, path, part, folder)
+            for n in names
+            for part, path in halves(DATA / n / "data.csv", folder).items()
+        ]
         files = {(n, part): (path, done) for n, part, path, done in pool.imap(calibrated, jobs)}
         rows = []
         for n in names:
             rows.append(row(n, "as in the file", DATA / n / "vehicle.toml", "-"))
-            others = [other for pair in SAME_CAR if n in pair for other in pair if other != n and other in names]
-            parts = [(n, "whole", "the log itself"), (n, "first half", "its first half"), (n, "second half", "its second half")]
+            others = [
+                other for pair in SAME_CAR if n in pair for other in pair if other != n and other in names
+            ]
+            parts = [
+                (n, "whole", "the log itself"),
+                (n, "first half", "its first half"),
+                (n, "second half", "its second half"),
+            ]
             for of, part, told in [*parts, *((other, "whole", other) for other in others)]:
                 path, done = files[of, part]
                 rows.append(row(n, told, path, "yes" if done else "no"))

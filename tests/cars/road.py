@@ -16,7 +16,11 @@ KMH = 1 / 3.6
 ROADS = ("highway", "mountain", "city")
 LANE = 3.6  # m
 TABLE = 40_000  # points of the unevenness, 0.1 m each; the road repeats itself after 4 km
-GRADE_RMS = {"highway": (0.0, 0.02), "mountain": (0.01, 0.04), "city": (0.0, 0.02)}  # drawn in here unless it is asked for
+GRADE_RMS = {
+    "highway": (0.0, 0.02),
+    "mountain": (0.01, 0.04),
+    "city": (0.0, 0.02),
+}  # drawn in here unless it is asked for
 SCENARIOS = {
     "dry": "nothing happens",
     "ice": "friction 0.25 .. 0.4 of the dry road's, stiffness 0.4 .. 0.65, from a place on",
@@ -84,7 +88,9 @@ def _unevenness() -> np.ndarray:
 
     both, left, right = waves(), waves(), waves()
     common = 1 / (1 + (n / 0.3) ** 2)
-    tracks = [np.fft.irfft(np.sqrt(common) * both + np.sqrt(1 - common) * own, TABLE) for own in (left, right)]
+    tracks = [
+        np.fft.irfft(np.sqrt(common) * both + np.sqrt(1 - common) * own, TABLE) for own in (left, right)
+    ]
     return np.stack(tracks, -1)
 
 
@@ -111,7 +117,9 @@ def _arcs(rng: np.random.Generator, n: int, straight: tuple[float, float], radiu
     return _smooth(curvature, transition)
 
 
-def _pieces(rng: np.random.Generator, n: int, length: tuple[float, float], values: tuple[float, float]) -> np.ndarray:
+def _pieces(
+    rng: np.random.Generator, n: int, length: tuple[float, float], values: tuple[float, float]
+) -> np.ndarray:
     x, at = np.empty(n), 0.0
     while at < n:
         end = at + rng.uniform(*length)
@@ -177,7 +185,11 @@ def _city(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
 
 DRAW = {"highway": _highway, "mountain": _mountain, "city": _city}
 COMFORT = {"highway": (1.5, 2.5), "mountain": (2.3, 4.2), "city": (1.8, 3.2)}  # m/s2, lateral, in curves
-BRAKING = {"highway": (0.8, 1.6), "mountain": (1.5, 2.8), "city": (1.3, 2.3)}  # m/s2, where the road asks for less speed
+BRAKING = {
+    "highway": (0.8, 1.6),
+    "mountain": (1.5, 2.8),
+    "city": (1.3, 2.3),
+}  # m/s2, where the road asks for less speed
 FASTEST = {"highway": 37.0, "mountain": 26.0, "city": 18.0}  # m/s, how much road is needed
 SLOWEST = {"highway": 22.0, "mountain": 3.0, "city": 1.5}  # m/s
 
@@ -192,7 +204,12 @@ def _waves(rng: np.random.Generator, n: int, rms: float, lengths: tuple[float, f
 
 
 def draw_roads(
-    name: str, streams: list[np.random.Generator], duration: float, hills: bool, grade_rms: float | None, even: bool
+    name: str,
+    streams: list[np.random.Generator],
+    duration: float,
+    hills: bool,
+    grade_rms: float | None,
+    even: bool,
 ) -> Road:
     """A road for each car from its own stream, long enough for a duration in s. hills: slopes and crossfall at all;
     grade_rms: rad, None: drawn; even: no unevenness."""
@@ -210,7 +227,18 @@ def draw_roads(
         roughness, start = rng.uniform(0.4, 2.2 if name != "highway" else 1.2), rng.integers(TABLE)
         flat = 1.0 if hills else 0.0
         columns.append(
-            (curvature, speed, offset, flat * grade, flat * bank, stops, waits, braking, 0.0 if even else roughness, start)
+            (
+                curvature,
+                speed,
+                offset,
+                flat * grade,
+                flat * bank,
+                stops,
+                waits,
+                braking,
+                0.0 if even else roughness,
+                start,
+            )
         )
     most = max(len(c[5]) for c in columns) + 1
     stop_at, stop_for = np.full((most, len(columns)), np.inf), np.zeros((most, len(columns)))
@@ -223,7 +251,14 @@ def draw_roads(
     for i in range(n - 2, -1, -1):  # brake in time
         np.minimum(square[i], square[i + 1] + 2 * braking, out=square[i])
     return Road(
-        curvature, np.sqrt(square), offset, grade, bank, stop_at, stop_for, *(np.array([c[k] for c in columns]) for k in (8, 9))
+        curvature,
+        np.sqrt(square),
+        offset,
+        grade,
+        bank,
+        stop_at,
+        stop_for,
+        *(np.array([c[k] for c in columns]) for k in (8, 9)),
     )
 
 
@@ -239,7 +274,12 @@ class Surface:
     SLOW: ClassVar[tuple[str, ...]] = ("front_axle", "rear_axle", "pressure")  # over time, not at a place
 
     def __init__(
-        self, scenario: str, streams: list[np.random.Generator], duration: float, event_time: float | None, x: np.ndarray
+        self,
+        scenario: str,
+        streams: list[np.random.Generator],
+        duration: float,
+        event_time: float | None,
+        x: np.ndarray,
     ) -> None:
         """event_time: s, None: drawn from the middle of the log; x: places of the wheels, m, (2, 2, cars)."""
         n = len(streams)

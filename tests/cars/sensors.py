@@ -32,7 +32,14 @@ class Motion:
 
 def _mount(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Matrix that gives a vector's components in axes turned by these angles (yaw first), rad."""
-    cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
+    cr, sr, cp, sp, cy, sy = (
+        np.cos(roll),
+        np.sin(roll),
+        np.cos(pitch),
+        np.sin(pitch),
+        np.cos(yaw),
+        np.sin(yaw),
+    )
     return np.array(
         [
             [cy * cp, sy * cp, -sp],
@@ -66,7 +73,9 @@ def imu(car: Car, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
     fx, fz = fx * cp - fz * sp, fz * cp + fx * sp  # nose down: what holds the car up points backwards in it
     fy, fz = fy * cr + fz * sr, fz * cr - fy * sr
-    turn = np.array([middle("droll") - r * sp, middle("dpitch") * cr + r * sr * cp, r * cr * cp - middle("dpitch") * sr])
+    turn = np.array(
+        [middle("droll") - r * sp, middle("dpitch") * cr + r * sr * cp, r * cr * cp - middle("dpitch") * sr]
+    )
     mount = _mount(q["imu_roll"], q["imu_pitch"], q["imu_yaw"])
     force, turn = mount @ np.array([fx, fy, fz]), mount @ turn
     return motion.time[:-1] + 0.5 * FINE, np.array([force[0], force[1], turn[2]])
@@ -76,7 +85,9 @@ def _quantised(x: np.ndarray, step: float) -> np.ndarray:
     return np.round(x / step) * step if step > 0 else x
 
 
-def _instants(rows: np.ndarray, latency: float, period: float, sensors: dict[str, Any], rng: np.random.Generator) -> np.ndarray:
+def _instants(
+    rows: np.ndarray, latency: float, period: float, sensors: dict[str, Any], rng: np.random.Generator
+) -> np.ndarray:
     """When what each row holds was sampled, s; a row that holds an older sample has its instant. Mean age: the latency."""
     every = round(period / ROW)
     jitter = rng.uniform(-1, 1, len(rows)) * sensors["jitter"]
@@ -100,7 +111,9 @@ def _pulses(
     """Speed of a wheel, rad/s, from the pulses that its toothed ring gave within a window before each instant, and how old
     that is on average, s. pitch: what each tooth is misplaced by, in teeth. None in 0.3 s: standing still."""
     step = 2 * np.pi / teeth
-    turned = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(0.5 * (spin[1:] + spin[:-1])) * FINE])) / step
+    turned = (
+        np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(0.5 * (spin[1:] + spin[:-1])) * FINE])) / step
+    )
     turned += 1e-9 * np.arange(len(turned))  # np.interp wants it to rise
     tooth = np.arange(1, int(turned[-1]) + 1)
     if len(tooth) < 3:
@@ -110,14 +123,18 @@ def _pulses(
     first = np.minimum(np.searchsorted(when, at - window, side="right") - 1, last - 1)
     ok = (first >= 0) & (last >= 1)
     first, last = np.maximum(first, 0), np.maximum(last, 1)
-    took = np.maximum(when[last] - when[first], at - when[last])  # it cannot be faster than the pulse that is missing
+    took = np.maximum(
+        when[last] - when[first], at - when[last]
+    )  # it cannot be faster than the pulse that is missing
     speed = np.where(ok & (at - when[last] < 0.3), step * (last - first) / np.maximum(took, 1e-6), 0.0)
     fast = ok & (speed > 15.0)
     age = float(np.mean((at - 0.5 * (when[last] + when[first]))[fast])) if fast.any() else 0.5 * window
     return speed, age
 
 
-def log_of(car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def log_of(
+    car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """The log at times of rows, s, (begins at 0), and the latency of each channel, s, as it came out."""
     q, m, nominal = car.sensors, motion.state, car.vehicle
     log = {"time": rows - rows[0]}
@@ -138,11 +155,17 @@ def log_of(car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator)
             noise = q["wheel_noise_sd"] * rng.standard_normal(n)
             if q["wheel_pulses"]:
                 window = q["period"][name]
-                speed, age = _pulses(motion.time, spin, at[name] + 0.5 * window, q["wheel_pulses"], window, pitch)
+                speed, age = _pulses(
+                    motion.time, spin, at[name] + 0.5 * window, q["wheel_pulses"], window, pitch
+                )
                 speed, age = speed * radius, age - 0.5 * window
             else:
                 speed = np.interp(at[name], motion.time, spin) * radius
-                speed = np.where(np.abs(speed) > 0.3, speed + _per_sample(at[name], noise), 0.0 if q["wheel_step"] else speed)
+                speed = np.where(
+                    np.abs(speed) > 0.3,
+                    speed + _per_sample(at[name], noise),
+                    0.0 if q["wheel_step"] else speed,
+                )
             speeds.append(_quantised(speed, q["wheel_step"]))
             ages.append(age)
         log[name] = 0.5 * (speeds[0] + speeds[1]) / radius
@@ -161,7 +184,9 @@ def log_of(car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator)
     return log, latency
 
 
-def pedals_of(q: dict[str, Any], reference: dict[str, np.ndarray], rng: np.random.Generator) -> dict[str, np.ndarray]:
+def pedals_of(
+    q: dict[str, Any], reference: dict[str, np.ndarray], rng: np.random.Generator
+) -> dict[str, np.ndarray]:
     """Return brake switch and wheel torques as sensors q log them: by a model of the engine and the brakes' pressure, each with a
     scale that is off, all late."""
     time, n = reference["time"], len(reference["time"])

@@ -19,10 +19,21 @@ from tqdm import tqdm
 from scripts.fixed import library
 from tests.cars import ROADS
 from tests.cars.real import CORNERING, DATA, FAST, SAME_CAR, lively
-from tests.cars.study import CONSTANT, SETTLED, SLOW, constant, driven, estimated, parser_of_kept, relaxed, score, shares
-from tse.impl.core import NOMINAL, STIFFNESS, Library
-from tse.impl.logs.log import read_log
-from tse.impl.tables import markdown_table
+from tests.cars.study import (
+    CONSTANT,
+    SETTLED,
+    SLOW,
+    constant,
+    driven,
+    estimated,
+    parser_of_kept,
+    relaxed,
+    score,
+    shares,
+)
+from tse.channels.log import read_log
+from tse.library.core import NOMINAL, STIFFNESS, Library
+from tse.report.tables import markdown_table
 
 FULL, LITTLE, FIXED = "full", "small", "small, fixed point"
 
@@ -62,7 +73,9 @@ def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None])
             nominal = getattr(config, NOMINAL[key]) / 1000.0
             mean, sd = np.median(out[key][end]), np.median(out[f"{key}_sd"][end])
             cells.append(f"{nominal * mean:.0f} +- {1.96 * nominal * sd:.0f}")
-        cells.append(" / ".join(f"{100 * np.mean(out[f'{key}_valid'][excited] == 0):.0f}" for key in CORNERING))
+        cells.append(
+            " / ".join(f"{100 * np.mean(out[f'{key}_valid'][excited] == 0):.0f}" for key in CORNERING)
+        )
         cells.append(f"{np.degrees(np.sqrt(np.mean((off / out['vel_x'][counts]) ** 2))):.2f}")
         lines.append([*cells, f"{100 * np.mean(np.abs(off) < 1.96 * out['vel_y_sd'][counts]):.0f}"])
     return lines
@@ -72,14 +85,26 @@ def table(runs: pd.DataFrame) -> list[str]:
     """A line per road and build; no longitudinal stiffness in the small one."""
 
     def rms(group: pd.DataFrame) -> str:
-        return " / ".join(f"{100 * np.sqrt(group[f'{k} square'].sum() / group[f'{k} rows'].sum()):.1f}" for k in CORNERING)
+        return " / ".join(
+            f"{100 * np.sqrt(group[f'{k} square'].sum() / group[f'{k} rows'].sum()):.1f}" for k in CORNERING
+        )
 
     rows = []
     for (road, who), g in runs.groupby(["road", "who"], sort=False):
-        cells = [str(road), str(who), " / ".join(f"{100 * float(g[f'{k} error'].median()):.1f}" for k in CORNERING), rms(g)]
-        cells += [shares(g, what, of, keys=CORNERING) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+        cells = [
+            str(road),
+            str(who),
+            " / ".join(f"{100 * float(g[f'{k} error'].median()):.1f}" for k in CORNERING),
+            rms(g),
+        ]
+        cells += [
+            shares(g, what, of, keys=CORNERING)
+            for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+        ]
         rows.append([*cells, f"{g['changes'].sum() / g['hours'].sum():.1f}"])
-    head = "road|build|median error [%]|rms error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour"
+    head = (
+        "road|build|median error [%]|rms error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour"
+    )
     return markdown_table(head.split("|"), rows, 7)
 
 
@@ -88,9 +113,15 @@ def main(arguments: list[str]) -> int:
     parser = parser_of_kept(__doc__, "small.md")
     parser.add_argument("--real", type=Path, help="that of python -m tests.cars.real")
     given = parser.parse_args(arguments)
-    builds: dict[str, Library | None] = {FULL: None, LITTLE: library("double", small=True), FIXED: library("fixed", small=True)}
+    builds: dict[str, Library | None] = {
+        FULL: None,
+        LITTLE: library("double", small=True),
+        FIXED: library("fixed", small=True),
+    }
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
-    runs = pd.DataFrame([row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)])
+    runs = pd.DataFrame(
+        [row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)]
+    )
     head = f"""# A smaller state
 
 `python -m tests.cars.small --keep DIR --first {given.first} --cars {given.cars} --real DIR` after
@@ -100,7 +131,9 @@ the calibration. Front / rear cornering; median error, *valid*, *off*, *holds* a
 without relaxation; *rms error*: of all rows with a truth.
 
 """
-    text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+    text = (
+        head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+    )
     if given.real:
         lines = []
         for name, other in (SAME_CAR[0], SAME_CAR[0][::-1]):

@@ -19,16 +19,21 @@ from tqdm import tqdm
 from tests.cars import ROADS
 from tests.cars.events import EVENTS, ON
 from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, driven
-from tse.impl import regimes
-from tse.impl.config import make_config
-from tse.impl.core import STIFFNESS, Config
-from tse.impl.estimate import Estimate, estimate
-from tse.impl.tables import markdown_table
-from tse.impl.vehicle import read_vehicle
-from tse.impl.verdict import findings
+from tse.car.config import make_config
+from tse.car.vehicle import read_vehicle
+from tse.estimation import regimes
+from tse.estimation.estimate import Estimate, estimate
+from tse.estimation.verdict import findings
+from tse.library.core import STIFFNESS, Config
+from tse.report.tables import markdown_table
 
 OFF, LEAST, SHORTEST = 0.1, 100, 5.0  # relative error; rows with a truth; s
-LAST, MEAN, SHOWN, SMOOTHED = "last row", "mean of the valid rows", "last valid row, else the last", "smoothed"
+LAST, MEAN, SHOWN, SMOOTHED = (
+    "last row",
+    "mean of the valid rows",
+    "last valid row, else the last",
+    "smoothed",
+)
 
 
 Answer = tuple[float, float, bool]  # value, half of the 95 % interval, valid
@@ -84,14 +89,19 @@ def table(found: pd.DataFrame) -> list[str]:
         cells = [[f"{len(g)}" for g in by]]
         cells += [[f"{100 * g['error'].median():.1f}" for g in by]]
         cells += [[f"{100 * np.sqrt((g['error'] ** 2).mean()):.0f}" for g in by]]
-        cells += [[f"{100 * g['held'].mean():.0f}" for g in by], [f"{100 * g['sd'].median():.1f}" for g in by]]
+        cells += [
+            [f"{100 * g['held'].mean():.0f}" for g in by],
+            [f"{100 * g['sd'].median():.1f}" for g in by],
+        ]
         cells += [[f"{100 * g[c].mean():.0f}" for g in by] for c in ("valid", "off")]
         lines.append([who, *(" / ".join(c) for c in cells)])
     return markdown_table(["", *columns], lines)
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--calibrated", type=Path, required=True, help="what the other studies have left")
     parser.add_argument("--cars", type=int, default=4, help="how many (default: 4)")
     parser.add_argument("--first", type=int, default=501, help="the first seed of those cars (default: 501)")

@@ -22,15 +22,15 @@ from tqdm import tqdm
 from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
 from tests.cars.logs import LEAST_ANGLE
-from tse.impl.calibrate import output, workflow
-from tse.impl.calibrate.result import Result
-from tse.impl.config import make_config
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, Library
-from tse.impl.identify.unknowns import LATENCY
-from tse.impl.logs.log import read_log
-from tse.impl.rows import Log
-from tse.impl.tables import markdown_table
-from tse.impl.vehicle import read_vehicle
+from tse.calibration import output, workflow
+from tse.calibration.result import Result
+from tse.car.config import make_config
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.identify.unknowns import LATENCY
+from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, Library
+from tse.log.rows import Log
+from tse.report.tables import markdown_table
 
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
 TRUTH = {"cx_front": "cx_front_tyre", "cy_front": "cy_front_steered", "cy_rear": "cy_rear_axle"}
@@ -140,13 +140,18 @@ def changes(out: np.ndarray, counts: np.ndarray) -> int:
     return int(((age[1:] > 0) & ((age[:-1] == 0) | (age[1:] < age[:-1]))).sum())
 
 
-def score(out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray], of: str = "_secant") -> dict[str, float]:
+def score(
+    out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray], of: str = "_secant"
+) -> dict[str, float]:
     """Return, per stiffness, rows with a truth, valid, valid and off, inside their interval; changes, rows at fault.
 
     of: "_secant" of a truth that is a secant, "" of one that is the stiffness at no slip"""
     time = log.time - log.time[0]
     counts = (time > SETTLED) & (out["vel_x"] > SLOW)
-    found: dict[str, float] = {"hours": float(counts.mean() * time[-1] / 3600), "changes": changes(out, counts)}
+    found: dict[str, float] = {
+        "hours": float(counts.mean() * time[-1] / 3600),
+        "changes": changes(out, counts),
+    }
     found["fault"] = float((out["p_fault"][counts] > 0.5).mean())
     for key in STIFFNESS:
         true = np.interp(time - out["estimate_age"], time, truth[key])
@@ -159,7 +164,9 @@ def score(out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray
         found[f"{key} rows"] = float(known.sum())
         found[f"{key} valid"] = float(valid.sum())
         found[f"{key} off"] = float((valid & (np.abs(error) > OFF)).sum())
-        found[f"{key} held"] = float((known & (np.abs(error) < interval)).sum()) if np.isfinite(interval).any() else np.nan
+        found[f"{key} held"] = (
+            float((known & (np.abs(error) < interval)).sum()) if np.isfinite(interval).any() else np.nan
+        )
         found[f"{key} error"] = float(np.median(np.abs(error[known]))) if known.any() else np.nan
     return found
 
@@ -180,12 +187,23 @@ def physical(car: str, result: Result, truth: dict[str, Any]) -> list[dict[str, 
         by = true[PHYSICAL[f.name]] if f.name in RELATIVE else 1.0
         off = (f.value - true[PHYSICAL[f.name]]) / by
         before = (f.prior - true[PHYSICAL[f.name]]) / by
-        rows.append({"car": car, "name": f.name, "off": off, "before": before, "sd": f.sd / by, "shown": f.shown})
+        rows.append(
+            {"car": car, "name": f.name, "off": off, "before": before, "sd": f.sd / by, "shown": f.shown}
+        )
     found = output.values(result)
     for name, key in STIFF.items():
         both = truth["linear_stiffness"][key]
         before = getattr(result.config, name) / both - 1
-        rows.append({"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": None, "shown": True})
+        rows.append(
+            {
+                "car": car,
+                "name": name,
+                "off": found[name] / both - 1,
+                "before": before,
+                "sd": None,
+                "shown": True,
+            }
+        )
     return rows
 
 
@@ -201,7 +219,14 @@ def calibrate(folder: Path) -> dict[str, Any]:
         channel = f.name.removesuffix(LATENCY)
         true = float(np.mean([d["latency"][channel] - d["latency"]["yaw_rate"] for d in drives]))
         latencies.append(
-            {"car": folder.name, "channel": channel, "true": true, "found": f.value, "sd": f.sd, "shown": bool(f.shown)}
+            {
+                "car": folder.name,
+                "channel": channel,
+                "true": true,
+                "found": f.value,
+                "sd": f.sd,
+                "shown": bool(f.shown),
+            }
         )
     found = {
         "converged": bool(result.fit.converged),
@@ -225,7 +250,9 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
         alone[road] = reference["cy_rear_tyre"].to_numpy(float)
         late[road] = relaxed(reference, truth_of_car)
     linear = truth_of_car["linear_stiffness"]
-    middle = {key: float(np.nanmedian(np.concatenate([t[key] for t in truths.values()]))) for key in STIFFNESS}
+    middle = {
+        key: float(np.nanmedian(np.concatenate([t[key] for t in truths.values()]))) for key in STIFFNESS
+    }
     for road, log in logs.items():
         for who, (out, config) in (
             (BEST, best(calibrated, log, middle)),
@@ -238,7 +265,9 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
         tyres = truths[road] | {"cy_rear": truth_of(dict.fromkeys(TRUTH.values(), alone[road]))["cy_rear"]}
         scores.append({**run, "who": TYRES, **score(out, config, log, tyres)})
         scores.append({**run, "who": RELAXED, **score(out, config, log, late[road])})
-        rest = {k: np.where(np.isfinite(t), linear[STIFF[NOMINAL[k]]], np.nan) for k, t in truths[road].items()}
+        rest = {
+            k: np.where(np.isfinite(t), linear[STIFF[NOMINAL[k]]], np.nan) for k, t in truths[road].items()
+        }
         scores.append({**run, "who": AT_REST, **score(out, config, log, rest, "")})
     return scores, found["latencies"], found["physical"]
 
@@ -250,8 +279,16 @@ def table(runs: pd.DataFrame) -> list[str]:
     for (road, who), group in runs.groupby(["road", "who"], sort=False):
         medians = [100 * float(np.nanmedian(group[f"{k} error"])) for k in STIFFNESS]
         cells = [road, who, " / ".join(f"{m:.1f}" for m in medians)]
-        cells += [shares(group, what, of) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
-        lines.append([*cells, f"{group['changes'].sum() / group['hours'].sum():.1f}", f"{100 * group['fault'].mean():.1f}"])
+        cells += [
+            shares(group, what, of) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+        ]
+        lines.append(
+            [
+                *cells,
+                f"{group['changes'].sum() / group['hours'].sum():.1f}",
+                f"{100 * group['fault'].mean():.1f}",
+            ]
+        )
     head = "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour|rows at fault [%]"
     return markdown_table(head.split("|"), lines, 6)
 
@@ -272,7 +309,9 @@ def latency_table(found: pd.DataFrame) -> list[str]:
         within = [f"{100 * float((error < limit).mean()):.0f}" for limit in (0.002, 0.005)]
         count, middle = f"{len(shown)} of {len(group)}", f"{1000 * float(error.median()):.1f}"
         rows.append([channel, count, middle, *within, f"{holds:.0f}"])
-    head = "channel|shown in|error, median of those [ms]|within 2 ms [%]|within 5 ms [%]|95 % interval holds [%]"
+    head = (
+        "channel|shown in|error, median of those [ms]|within 2 ms [%]|within 5 ms [%]|95 % interval holds [%]"
+    )
     return markdown_table(head.split("|"), rows)
 
 
@@ -302,13 +341,19 @@ def parser_of_kept(about: str | None, table_file: str) -> argparse.ArgumentParse
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cars", type=int, default=8, help="how many (default: 8)")
     parser.add_argument("--first", type=int, default=501, help="the first seed (default: 501)")
     parser.add_argument("--minutes", type=float, default=4.0, help="length of each log (default: 4)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
-    parser.add_argument("--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again")
-    parser.add_argument("--again", action="store_true", help="with --keep: the calibrations of an earlier run")
+    parser.add_argument(
+        "--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again"
+    )
+    parser.add_argument(
+        "--again", action="store_true", help="with --keep: the calibrations of an earlier run"
+    )
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-fresh.md", help="the table")
     given = parser.parse_args(arguments)
     scores, latencies, cars_found = [], [], []
@@ -322,7 +367,9 @@ def main(arguments: list[str]) -> int:
             scores += rows
             latencies += late
             cars_found += found
-            print("", *table(pd.DataFrame(rows)), *latency_table(pd.DataFrame(late)), sep="\n", file=sys.stderr)
+            print(
+                "", *table(pd.DataFrame(rows)), *latency_table(pd.DataFrame(late)), sep="\n", file=sys.stderr
+            )
     runs, late = pd.DataFrame(scores), pd.DataFrame(latencies)
     converged = int(runs.groupby("car")["converged"].first().sum())
     head = f"""# Ordinary cars with 14 degrees of freedom, calibrated

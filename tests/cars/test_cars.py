@@ -31,11 +31,26 @@ class Rig:
         """wheel: rad, mean angle of the road wheels that a stiff steering would give; brake: N m on each wheel."""
         f, p, none = self.f, self.f.p, np.zeros((2, 2, self.n))
         for _ in range(round(seconds / FINE)):
-            force = 3.0 * p.mass * (self.speed - f.vx) + f.drag * f.vx**2 + p.mass * GRAVITY * p.rolling_resistance
+            force = (
+                3.0 * p.mass * (self.speed - f.vx)
+                + f.drag * f.vx**2
+                + p.mass * GRAVITY * p.rolling_resistance
+            )
             drive = f.drive_share * (force * p.radius_front) if hold else none
             if keep:
-                self.kept.append(np.vstack([f.state[[0, 1, 2, 5, 6, 7, 8, 4]], f.steering_wheel[None], f.spin.reshape(4, -1)]))
-            f.advance(round(FINE / model.STEP), wheel * p.steering_ratio + 0 * f.vx, drive, none + brake, self.gravity, None)
+                self.kept.append(
+                    np.vstack(
+                        [f.state[[0, 1, 2, 5, 6, 7, 8, 4]], f.steering_wheel[None], f.spin.reshape(4, -1)]
+                    )
+                )
+            f.advance(
+                round(FINE / model.STEP),
+                wheel * p.steering_ratio + 0 * f.vx,
+                drive,
+                none + brake,
+                self.gravity,
+                None,
+            )
         return f
 
     def motion(self, i):
@@ -64,7 +79,11 @@ def test_a_gentle_turn_has_the_yaw_rate_of_the_linear_single_track(turning):
     handbook = f.vx * rig.wheel / (wheelbase + understeer * f.vx**2)
     np.testing.assert_allclose(f.r, handbook, rtol=0.03)
     load = f.p.mass * f.vx * f.r / wheelbase  # and the sideslip of its rear axle
-    rear = load * (f.p.lf - f.p.trail_pneumatic) / np.array([car.linear_stiffness()["cy_rear_effective"] for car in rig.cars])
+    rear = (
+        load
+        * (f.p.lf - f.p.trail_pneumatic)
+        / np.array([car.linear_stiffness()["cy_rear_effective"] for car in rig.cars])
+    )
     angle = -(f.vy - f.p.lr * f.r) / f.vx
     np.testing.assert_allclose(angle + f.p.roll_steer_rear * f.roll, rear, rtol=0.03)
 
@@ -165,7 +184,9 @@ def test_half_the_step_is_the_same_drive(monkeypatch):
     coarse = drive()
     monkeypatch.setattr(model, "STEP", model.STEP / 2)
     fine = drive()
-    for a, b, most in zip(coarse.state[:3], fine.state[:3], (0.01, 0.003, 0.003), strict=True):  # in transients half a step apart
+    for a, b, most in zip(
+        coarse.state[:3], fine.state[:3], (0.01, 0.003, 0.003), strict=True
+    ):  # in transients half a step apart
         np.testing.assert_allclose(a, b, atol=most)
 
 
@@ -191,14 +212,22 @@ def test_no_tyre_gives_more_than_friction_and_locked_wheels_stop_turning():
 
 def test_standing_on_a_grade_the_accelerometer_reads_gravity():
     grade, bank = 0.06, 0.04
-    gravity = (-GRAVITY * np.sin(grade), -GRAVITY * np.sin(bank) * np.cos(grade), GRAVITY * np.cos(grade) * np.cos(bank))
+    gravity = (
+        -GRAVITY * np.sin(grade),
+        -GRAVITY * np.sin(bank) * np.cos(grade),
+        GRAVITY * np.cos(grade) * np.cos(bank),
+    )
     rig = Rig(0.0, gravity=gravity)
     rig.run(3.0, hold=False, brake=800.0)
     rig.run(0.2, hold=False, brake=800.0, keep=True)
     for i, car in enumerate(rig.cars):
         _, found = imu(car, rig.motion(i))
-        assert found[0].mean() == pytest.approx(GRAVITY * np.sin(grade - rig.f.pitch[i]), abs=0.01)  # uphill: forward
-        assert found[1].mean() == pytest.approx(GRAVITY * np.sin(bank + rig.f.roll[i]), abs=0.01)  # left side up: left
+        assert found[0].mean() == pytest.approx(
+            GRAVITY * np.sin(grade - rig.f.pitch[i]), abs=0.01
+        )  # uphill: forward
+        assert found[1].mean() == pytest.approx(
+            GRAVITY * np.sin(bank + rig.f.roll[i]), abs=0.01
+        )  # left side up: left
         assert found[0].mean() == pytest.approx(GRAVITY * np.sin(grade), rel=0.12)  # the body leans, too
         assert abs(found[2].mean()) < 1e-4
 
@@ -212,8 +241,12 @@ def test_in_a_left_turn_accel_y_is_speed_times_yaw_rate_and_what_the_body_rolls(
         assert found[1].mean() == pytest.approx(f.vx[i] * f.r[i] + GRAVITY * f.roll[i], rel=0.01)
         moved = replace(car, sensors={**car.sensors, "imu_x": 0.5, "imu_y": 0.2, "imu_yaw": 0.02})
         _, other = imu(moved, rig.motion(i))
-        assert other[1].mean() - found[1].mean() == pytest.approx(-0.2 * f.r[i] ** 2 - 0.02 * found[0].mean(), abs=2e-3)
-        assert other[0].mean() - found[0].mean() == pytest.approx(0.02 * found[1].mean() - 0.5 * f.r[i] ** 2, abs=2e-3)
+        assert other[1].mean() - found[1].mean() == pytest.approx(
+            -0.2 * f.r[i] ** 2 - 0.02 * found[0].mean(), abs=2e-3
+        )
+        assert other[0].mean() - found[0].mean() == pytest.approx(
+            0.02 * found[1].mean() - 0.5 * f.r[i] ** 2, abs=2e-3
+        )
 
 
 def test_small_slips_have_the_linear_stiffness(turning):
@@ -274,21 +307,36 @@ def test_channels_are_as_late_as_the_truth_says(logs):
     for x in logs["mountain"]:
         r, told = x.reference, x.truth["log"]["latency"]
         assert set(told) == set(CHANNELS) and all(-1e-9 <= v < 0.062 for v in told.values())
-        assert delay_of(x.log["steer_angle"], r["steering_wheel"]) == pytest.approx(told["steer_angle"], abs=0.0015)
+        assert delay_of(x.log["steer_angle"], r["steering_wheel"]) == pytest.approx(
+            told["steer_angle"], abs=0.0015
+        )
         assert delay_of(x.log["yaw_rate"], r["yaw_rate"]) == pytest.approx(told["yaw_rate"], abs=0.0015)
         for axle in ("front", "rear"):
             v = r["vel_x"] if axle == "rear" else r["vel_x"] * np.cos(r["road_wheel"]) + (
                 r["vel_y"] + x.car.parameters["lf"] * r["yaw_rate"]) * np.sin(r["road_wheel"])  # fmt: skip
             s = r[f"slip_{axle}"]
             spin = np.where(s > 0, v / (1 - s), v * (1 + s)) / r[f"radius_{axle}"]
-            assert delay_of(x.log[f"wheel_speed_{axle}"], spin) == pytest.approx(told[f"wheel_speed_{axle}"], abs=0.002)
+            assert delay_of(x.log[f"wheel_speed_{axle}"], spin) == pytest.approx(
+                told[f"wheel_speed_{axle}"], abs=0.002
+            )
         p = x.car.parameters
-        above = (p["cg_height"] - sprung(p)[1] + roll_arm(p), p["cg_height"] - p["pitch_centre"])  # of the IMU over the axes
+        above = (
+            p["cg_height"] - sprung(p)[1] + roll_arm(p),
+            p["cg_height"] - p["pitch_centre"],
+        )  # of the IMU over the axes
         ddroll, ddpitch = (np.gradient(np.gradient(r[k], 0.01), 0.01) for k in ("roll", "pitch"))
-        side = np.gradient(r["vel_y"], 0.01) + r["vel_x"] * r["yaw_rate"] + GRAVITY * np.sin(r["bank"] + r["roll"])
+        side = (
+            np.gradient(r["vel_y"], 0.01)
+            + r["vel_x"] * r["yaw_rate"]
+            + GRAVITY * np.sin(r["bank"] + r["roll"])
+        )
         side -= above[0] * ddroll
         assert delay_of(x.log["accel_y"], side) == pytest.approx(told["accel_y"], abs=0.002)
-        push = np.gradient(r["vel_x"], 0.01) - r["vel_y"] * r["yaw_rate"] + GRAVITY * np.sin(r["grade"] - r["pitch"])
+        push = (
+            np.gradient(r["vel_x"], 0.01)
+            - r["vel_y"] * r["yaw_rate"]
+            + GRAVITY * np.sin(r["grade"] - r["pitch"])
+        )
         push += above[1] * ddpitch
         assert delay_of(x.log["accel_x"], push) == pytest.approx(told["accel_x"], abs=0.002)
 
@@ -319,7 +367,9 @@ def test_pulses_of_a_wheel_are_its_speed_and_none_while_it_stands():
     late = latency["wheel_speed_rear"]
     assert late == pytest.approx(0.03, abs=0.006)
     there = rows > 5
-    np.testing.assert_allclose(log["wheel_speed_rear"][there], np.interp(rows - late, time, spin)[there], atol=0.15)
+    np.testing.assert_allclose(
+        log["wheel_speed_rear"][there], np.interp(rows - late, time, spin)[there], atol=0.15
+    )
     assert (log["wheel_speed_rear"][rows < 1.9] == 0).all()
 
 
@@ -327,7 +377,9 @@ def test_while_the_car_waits_wheels_stand_and_it_stays(logs):
     for x in logs["city"]:
         r = x.reference
         standing = r["time"] < 0.4
-        assert (np.abs(r["vel_x"][standing]) < 0.01).all() and (x.log["wheel_speed_rear"][standing] == 0).all()
+        assert (np.abs(r["vel_x"][standing]) < 0.01).all() and (
+            x.log["wheel_speed_rear"][standing] == 0
+        ).all()
         assert np.isnan(r["cy_front"][standing]).all()
         assert r["vel_x"].max() > 1
 
@@ -342,7 +394,11 @@ def test_a_driver_stops_where_told_waits_and_goes_on():
     speed, place = record.reference[:, RECORDED.index("vel_x")], record.reference[:, RECORDED.index("place")]
     waits = (speed < 0.1) & (place > 14)
     assert (np.abs(np.where(waits, place, 24) - 24) < 3).all()
-    assert ((waits.sum(0) > 100) & (waits.sum(0) < 300)).all() and (place[-1] > 25).all() and (speed.min(0) > -0.1).all()
+    assert (
+        ((waits.sum(0) > 100) & (waits.sum(0) < 300)).all()
+        and (place[-1] > 25).all()
+        and (speed.min(0) > -0.1).all()
+    )
 
 
 def test_secants_are_near_the_linear_stiffness_and_fall_on_ice(logs):
@@ -357,7 +413,9 @@ def test_secants_are_near_the_linear_stiffness_and_fall_on_ice(logs):
         r, event = x.reference, x.truth["log"]["event"]
         assert 2.0 <= event["time"] < 5.0
         ice = r["time"] > event["time"] + 0.5
-        assert (r["road_friction"][r["time"] < event["time"]] == 1).all() and (r["road_friction"][ice] < 0.45).all()
+        assert (r["road_friction"][r["time"] < event["time"]] == 1).all() and (
+            r["road_friction"][ice] < 0.45
+        ).all()
         fallen = np.nanmedian(r["cx_front_tyre"][ice]) / x.truth["linear_stiffness"]["cx_front"]
         assert fallen == pytest.approx(event["along"][0][0], rel=0.25)
 
@@ -390,18 +448,26 @@ def test_roads_that_change_do_so_where_the_car_is_calm(scenario):
     assert begun == (10.0 if scenario in Surface.SLOW else 12.0)
     friction, along, across, radius = seen[round(2 * begun) + 3]
     if scenario in ("ice", "low_limit", "snow", "wet"):
-        assert (friction < (0.9 if scenario == "wet" else 0.65)).all() and (seen[-1] == surface.end[..., 0]).all()
+        assert (friction < (0.9 if scenario == "wet" else 0.65)).all() and (
+            seen[-1] == surface.end[..., 0]
+        ).all()
     if scenario == "split":
         assert ((friction < 0.5).all(0)).sum() == 1 and ((friction == 1).all(0)).sum() == 1
     if scenario == "aquaplaning":
-        assert (friction[0] < friction[1]).all() and (seen[-1] == 1).all() and (seen[round(2 * (begun + 4))] == 1).all()
+        assert (
+            (friction[0] < friction[1]).all()
+            and (seen[-1] == 1).all()
+            and (seen[round(2 * (begun + 4))] == 1).all()
+        )
     if scenario == "pressure":
         changed = (seen[-1, 2] < 0.85) & (seen[-1, 3] < 1)
         assert changed.sum() == 1 and (seen[:, 0] == 1).all() and (np.diff(seen[:, 2].min((1, 2))) <= 0).all()
     if scenario in ("front_axle", "rear_axle"):
         axle = int(scenario == "rear_axle")
         assert (seen[-1, 1:3, axle] == 0.8).all() and (seen[:, :, 1 - axle] == 1).all()
-        assert (seen[round(2 * (begun + 20)), 2, axle] == 0.8).all() and (seen[round(2 * (begun + 10)), 2, axle] == 0.9).all()
+        assert (seen[round(2 * (begun + 20)), 2, axle] == 0.8).all() and (
+            seen[round(2 * (begun + 10)), 2, axle] == 0.9
+        ).all()
     assert (across < 1).any() == (scenario != "low_limit") and (along <= 1).all() | (scenario == "pressure")
     assert (radius == 1).all() | (scenario == "pressure")
 
@@ -409,23 +475,38 @@ def test_roads_that_change_do_so_where_the_car_is_calm(scenario):
 def test_a_car_that_floats_for_three_seconds_stays_on_its_road():
     x = make_logs("highway", 0.07, 2, seed=2, scenario="aquaplaning", event_time=0.1)
     for log in x:
-        assert all(np.isfinite(c).all() for c in log.log.values()) and (np.abs(log.reference["beside"]) < 8).all()
+        assert (
+            all(np.isfinite(c).all() for c in log.log.values())
+            and (np.abs(log.reference["beside"]) < 8).all()
+        )
         assert log.reference["road_friction"].min() < 0.6 and log.reference["road_friction"][-1] == 1
 
 
 def test_cars_are_plausible():
     for car in make_cars(60, 11):
         p, c = car.parameters, car.linear_stiffness()
-        assert 1100 <= p["mass"] <= 2300 and 2.3 < p["lf"] + p["lr"] < 3.05 and 0.35 < p["lf"] / (p["lf"] + p["lr"]) < 0.55
-        assert 0.8 <= p["yaw_inertia"] / (p["mass"] * p["lf"] * p["lr"]) <= 1.2 and 0.0005 < car.understeer() < 0.009
+        assert (
+            1100 <= p["mass"] <= 2300
+            and 2.3 < p["lf"] + p["lr"] < 3.05
+            and 0.35 < p["lf"] / (p["lf"] + p["lr"]) < 0.55
+        )
+        assert (
+            0.8 <= p["yaw_inertia"] / (p["mass"] * p["lf"] * p["lr"]) <= 1.2
+            and 0.0005 < car.understeer() < 0.009
+        )
         load = p["mass"] * GRAVITY * p["lr"] / (p["lf"] + p["lr"])
         assert 6 < c["cy_front"] / load < 26 and 15 < c["cx_front"] / load < 34
         v = car.vehicle
-        assert v["mass"] == pytest.approx(p["mass"], abs=0.1) and v["lf"] + v["lr"] == pytest.approx(v["wheelbase"], abs=1e-3)
+        assert v["mass"] == pytest.approx(p["mass"], abs=0.1) and v["lf"] + v["lr"] == pytest.approx(
+            v["wheelbase"], abs=1e-3
+        )
         assert 0 <= 1 - p["radius_front"] / v["wheel_radius_front"] <= 0.01
         assert abs(p["steering_ratio"] / v["steering_ratio"] - 1) <= 0.03 and "yaw_inertia" not in v
     heavier = make_cars(1, 11, mass_error=0.1, cg_error=0.05, tell_inertia=True)[0]
-    assert heavier.vehicle["mass"] == pytest.approx(1.1 * heavier.parameters["mass"], abs=0.1) and "yaw_inertia" in heavier.vehicle
+    assert (
+        heavier.vehicle["mass"] == pytest.approx(1.1 * heavier.parameters["mass"], abs=0.1)
+        and "yaw_inertia" in heavier.vehicle
+    )
     assert heavier.vehicle["lf"] == pytest.approx(heavier.parameters["lf"] + 0.05, abs=1e-3)
 
 
@@ -449,7 +530,10 @@ def test_no_sensor_tells_rear_tyres_from_a_suspension_that_gives_in_with_their_f
     own, tyres = car.parameters, 2 * car.parameters["cornering_rear"]
     stiffer = 1.1 * tyres
     soft = 1 / tyres - 1 / stiffer  # rad/N: what a suspension gives in, so that the axle is as before
-    others = ({"cornering_rear": stiffer / 2, "compliance_rear": own["compliance_rear"] + soft}, {"cornering_rear": stiffer / 2})
+    others = (
+        {"cornering_rear": stiffer / 2, "compliance_rear": own["compliance_rear"] + soft},
+        {"cornering_rear": stiffer / 2},
+    )
     read = []
     for change in ({}, *others):
         rig = Rig(25.0, cars=[replace(car, parameters=own | change)])

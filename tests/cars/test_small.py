@@ -5,10 +5,10 @@ import pytest
 
 from scripts.fixed import library
 from tests.cars import make_logs
-from tse.impl.config import make_config
-from tse.impl.core import STIFFNESS, Config, Filter
-from tse.impl.logs.log import read_log
-from tse.impl.vehicle import read_vehicle
+from tse.car.config import make_config
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.library.core import STIFFNESS, Config, Filter
 
 CORNERING = STIFFNESS[1:]
 
@@ -20,13 +20,21 @@ def estimates(tmp_path_factory):
     make_logs("mountain", minutes=1, cars=1, seed=5, hills=False)[0].write(folder, "mountain")
     log = read_log(folder / "log_mountain.csv")
     config, _ = make_config(read_vehicle(folder / "car.toml"), log)
-    builds = {"full": library("double"), "small": library("double", small=True), "fixed": library("fixed", small=True)}
-    return {who: Filter(Config.exact(config.as_dict(), lib=lib)).over(log.rows()) for who, lib in builds.items()}
+    builds = {
+        "full": library("double"),
+        "small": library("double", small=True),
+        "fixed": library("fixed", small=True),
+    }
+    return {
+        who: Filter(Config.exact(config.as_dict(), lib=lib)).over(log.rows()) for who, lib in builds.items()
+    }
 
 
 def test_fixed_point_follows_double_within_5_per_cent_of_the_sd(estimates):
     for key in CORNERING:
-        apart = (estimates["fixed"][key].astype(float) - estimates["small"][key]) / estimates["small"][f"{key}_sd"]
+        apart = (estimates["fixed"][key].astype(float) - estimates["small"][key]) / estimates["small"][
+            f"{key}_sd"
+        ]
         assert np.abs(apart).max() < 0.05, key
 
 

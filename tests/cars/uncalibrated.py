@@ -18,16 +18,23 @@ import pandas as pd
 from tqdm import tqdm
 
 from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
-from tse.impl import maneuvers
-from tse.impl.config import make_config
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
-from tse.impl.logs.log import read_frame
-from tse.impl.simulate import simulate
-from tse.impl.tables import markdown_table
-from tse.impl.vehicle import filter_values, make_vehicle
+from tse.car.config import make_config
+from tse.car.vehicle import filter_values, make_vehicle
+from tse.channels.log import read_frame
+from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
+from tse.report.tables import markdown_table
+from tse.simulation import maneuvers
+from tse.simulation.simulate import simulate
 
 RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad per m/s2
-CAR = {"mass": 1500.0, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32, "driven_axle": "front"}
+CAR = {
+    "mass": 1500.0,
+    "lf": 1.2,
+    "lr": 1.5,
+    "wheel_radius_front": 0.32,
+    "wheel_radius_rear": 0.32,
+    "driven_axle": "front",
+}
 SPREAD = 0.2  # sd of ln of the true stiffness over that of the class
 LEAST = 40.0  # s: what a shorter manoeuvre lasts here
 
@@ -39,9 +46,14 @@ FACTS = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     """Simulate a manoeuvre, and return what the filter made of it: rows with an estimate, valid, off, outside their interval."""
     maneuver, relaxation, roll, seed, which = job
-    effects, rng = {"relaxation_length": relaxation, "body_roll_gain": roll}, np.random.default_rng([seed, 71])
+    effects, rng = (
+        {"relaxation_length": relaxation, "body_roll_gain": roll},
+        np.random.default_rng([seed, 71]),
+    )
     of_class = which == CARS[0]
-    facts = CAR if of_class else {key: getattr(Config.exact(), key) for key in FACTS} | {"driven_axle": "front"}
+    facts = (
+        CAR if of_class else {key: getattr(Config.exact(), key) for key in FACTS} | {"driven_axle": "front"}
+    )
     vehicle = make_vehicle(dict(facts), Path("car.toml"))
     car = Config.exact((filter_values(vehicle) if of_class else {}) | effects)
     factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
@@ -52,7 +64,12 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     config, _ = make_config(vehicle, log)
     out = Filter(config).over(log.rows())
     counts = (log.time > SETTLED) & (out["vel_x"] > SLOW)
-    found: dict[str, float | str] = {"car": which, "maneuver": maneuver, "relaxation": relaxation, "roll": roll}
+    found: dict[str, float | str] = {
+        "car": which,
+        "maneuver": maneuver,
+        "relaxation": relaxation,
+        "roll": roll,
+    }
     for key in STIFFNESS:
         true = factor[key] * getattr(car, NOMINAL[key]) / getattr(config, NOMINAL[key])
         error = out[key][counts] - true
@@ -68,11 +85,15 @@ def table(runs: pd.DataFrame, by: str) -> list[str]:
     """Return Markdown, a line per value of `by`."""
     pairs = (("valid", "rows"), ("off", "valid"), ("valid outside", "valid"), ("outside", "rows"))
     rows = [[str(v), *(shares(g, what, of) for what, of in pairs)] for v, g in runs.groupby(by, sort=False)]
-    return markdown_table([by, "valid [%]", "of these off [%]", "of these outside [%]", "of all outside [%]"], rows, 5)
+    return markdown_table(
+        [by, "valid [%]", "of these off [%]", "of these outside [%]", "of all outside [%]"], rows, 5
+    )
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=10, help="of each case (default: 10)")
     parser.add_argument("--first", type=int, default=1, help="the first seed (default: 1)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
@@ -81,7 +102,9 @@ def main(arguments: list[str]) -> int:
     seeds = range(given.first, given.first + given.seeds)
     jobs = list(product(maneuvers.KINDS, RELAXATION, ROLL, seeds, CARS))
     with ProcessPoolExecutor(given.jobs) as pool:
-        runs = pd.DataFrame(tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr))
+        runs = pd.DataFrame(
+            tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr)
+        )
     lengths, rolls = (", ".join(map(str, x)) for x in (RELAXATION, ROLL))
     head = f"""# Not calibrated
 

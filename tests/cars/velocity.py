@@ -18,10 +18,10 @@ import pandas as pd
 
 from tests.cars.real import DATA
 from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score, shares
-from tse.impl.core import NOMINAL
-from tse.impl.logs.log import read_log
-from tse.impl.rows import Log
-from tse.impl.tables import markdown_table
+from tse.channels.log import read_log
+from tse.library.core import NOMINAL
+from tse.log.rows import Log
+from tse.report.tables import markdown_table
 
 LATE, RATE, SPEED_SD, COURSE_SD, INS_SD = 0.1, 10.0, 0.1, np.radians(0.5), 0.03
 REAL = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs")
@@ -39,7 +39,10 @@ def measured(
         return {}
     if way == "INS":
         noise = INS_SD * random.standard_normal((2, len(t)))
-        return {"ins_vel_x": np.interp(t - clock, t, vx) + noise[0], "ins_vel_y": np.interp(t - clock, t, vy) + noise[1]}
+        return {
+            "ins_vel_x": np.interp(t - clock, t, vx) + noise[0],
+            "ins_vel_y": np.interp(t - clock, t, vy) + noise[1],
+        }
     heading = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t)))
     course = heading + np.arctan2(vy, vx) + random.uniform(-np.pi, np.pi)
     at = np.unique(np.searchsorted(t, np.arange(LATE + clock, t[-1], 1.0 / RATE)))
@@ -47,7 +50,10 @@ def measured(
     found = {name: np.full(len(t), np.nan) for name in ("gnss_speed", "gnss_course")}
     angle = np.interp(then, t, course) + COURSE_SD * random.standard_normal(len(at))
     speed = np.interp(then, t, np.hypot(vx, vy)) + SPEED_SD * random.standard_normal(len(at))
-    found["gnss_course"][at], found["gnss_speed"][at] = (angle + np.pi) % (2 * np.pi) - np.pi, np.maximum(speed, 0.0)
+    found["gnss_course"][at], found["gnss_speed"][at] = (
+        (angle + np.pi) % (2 * np.pi) - np.pi,
+        np.maximum(speed, 0.0),
+    )
     return found if way != "GNSS course" else {"gnss_course": found["gnss_course"]}
 
 
@@ -73,8 +79,12 @@ def real_rows(data: Path) -> list[str]:
     lines = []
     for name in (n for n in REAL if (data / n / "data.csv").is_file()):
         log = read_log(data / name / "data.csv")
-        known = {c: log.ref[c].to_numpy(float) for c in ("ref_vel_x", "ref_vel_y")} | {"r": log.data["yaw_rate"].to_numpy(float)}
-        vx, vy, rate = (np.interp(log.time, log.time[np.isfinite(x)], x[np.isfinite(x)]) for x in known.values())
+        known = {c: log.ref[c].to_numpy(float) for c in ("ref_vel_x", "ref_vel_y")} | {
+            "r": log.data["yaw_rate"].to_numpy(float)
+        }
+        vx, vy, rate = (
+            np.interp(log.time, log.time[np.isfinite(x)], x[np.isfinite(x)]) for x in known.values()
+        )
         t = log.time - log.time[0]
         for way in WAYS:
             # the gyro is what the heading is made of; its bias is in both, and so in neither
@@ -89,7 +99,11 @@ def real_rows(data: Path) -> list[str]:
                 cells.append(f"{nominal * mean:.0f} +- {nominal * interval:.0f}")
             found = sideslip(out, log, known["ref_vel_x"], known["ref_vel_y"], FAST["real"])
             cells += [" / ".join(f"{100 * np.mean(out[f'{k}_valid'][settled] == 0):.0f}" for k in CORNERING)]
-            cells += [f"{found['sideslip']:.2f}", f"{100 * found['holds']:.0f}", f"{changes(out, t > SETTLED)}"]
+            cells += [
+                f"{found['sideslip']:.2f}",
+                f"{100 * found['holds']:.0f}",
+                f"{changes(out, t > SETTLED)}",
+            ]
             lines.append(cells)
     return markdown_table([*head.split("|"), "changes reported"], lines, 2)
 
@@ -101,8 +115,13 @@ def car_rows(drives: Path) -> list[str]:
         clocks = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8"))["logs"]
         for road in ROADS:
             log, reference, truth = driven(car / "test", road)
-            vx, vy, rate = (np.interp(log.time, reference["time"], reference[c]) for c in ("vel_x", "vel_y", "yaw_rate"))
-            for who, path in (("calibrated", car / "calibrated.toml"), ("of its class", car / "fit" / "car.toml")):
+            vx, vy, rate = (
+                np.interp(log.time, reference["time"], reference[c]) for c in ("vel_x", "vel_y", "yaw_rate")
+            )
+            for who, path in (
+                ("calibrated", car / "calibrated.toml"),
+                ("of its class", car / "fit" / "car.toml"),
+            ):
                 for way in WAYS:
                     columns = measured(way, log, vx, vy, rate, clocks[road]["latency"]["yaw_rate"], 1)
                     out, config = estimated(path, log, columns, late(columns))
@@ -114,15 +133,24 @@ def car_rows(drives: Path) -> list[str]:
     for (road, who, way), group in pd.DataFrame(found).groupby(["road", "who", "way"], sort=False):
         errors = " / ".join(f"{100 * np.nanmedian(group[f'{k} error']):.1f}" for k in CORNERING)
         sideslips = f"{np.sqrt(np.mean(group['sideslip'] ** 2)):.2f}", f"{100 * group['holds'].mean():.0f}"
-        parts = [shares(group, *of, keys=CORNERING) for of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+        parts = [
+            shares(group, *of, keys=CORNERING)
+            for of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+        ]
         lines.append([road, who, way, *sideslips, errors, *parts, f"{100 * group['left out'].mean():.1f}"])
-    return markdown_table([*head.split("|"), "valid [%]", "of these off [%]", "interval holds [%]", "left out [%]"], lines, 3)
+    return markdown_table(
+        [*head.split("|"), "valid [%]", "of these off [%]", "interval holds [%]", "left out [%]"], lines, 3
+    )
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=DATA, help="the real logs")
-    parser.add_argument("--drives", type=Path, help="cars as tests.cars.study --keep leaves them; default: none")
+    parser.add_argument(
+        "--drives", type=Path, help="cars as tests.cars.study --keep leaves them; default: none"
+    )
     parser.add_argument("--out", type=Path, default=RESULTS / "velocity.md", help="the table")
     given = parser.parse_args(arguments)
     parts = [real_rows(given.data), car_rows(given.drives) if given.drives else []]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from test_can import ROOT, run, tool
 
-from tse.impl.formula import Number, c_header, parse
+from tse.car.formula import Number, c_header, parse
 
 DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 FORMATS = ("double", "float", "fixed")
@@ -27,7 +27,9 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module", params=FORMATS)
-def both(request: pytest.FixtureRequest, two: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Path]:
+def both(
+    request: pytest.FixtureRequest, two: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, Path, Path]:
     """Number format; the library from its sources as an archive; the two files as another."""
     cc, ar, folder = tool("cc"), tool("ar"), tmp_path_factory.mktemp(request.param)
     sources = sorted((ROOT / "src").rglob("*.c"))
@@ -57,7 +59,10 @@ def test_the_same_sources_give_the_same_bytes(two: Path, tmp_path: Path) -> None
 def test_the_two_files_stand_alone_and_say_what_they_are(two: Path) -> None:
     header, source = (two / "tse.h").read_text(), (two / "tse.c").read_text()
     assert set(re.findall(r'#\s*include\s+"([^"]+)"', header)) == set()
-    assert set(re.findall(r'#\s*include\s+"([^"]+)"', source)) == {"tse.h", "tse_formula.h"}  # the latter with TSE_FORMULA only
+    assert set(re.findall(r'#\s*include\s+"([^"]+)"', source)) == {
+        "tse.h",
+        "tse_formula.h",
+    }  # the latter with TSE_FORMULA only
     version = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include/tse/version.h").read_text())
     for text in (header, source):
         assert f"tse {version[1]}," in text.partition("*/")[0]
@@ -71,18 +76,32 @@ def test_the_two_files_stand_alone_and_say_what_they_are(two: Path) -> None:
 def test_no_compiler_warns(two: Path, tmp_path: Path, compiler: str, real: str, effects: str) -> None:
     """-O1: gcc warns of more when it looks at the flow."""
     flags = ["-DTSE_NO_EFFECTS=1"] if effects == "without" else []
-    run(tool(compiler), *WARNINGS, "-O1", f"-DTSE_REAL_{real.upper()}=1", *flags, "-c", two / "tse.c", "-o", tmp_path / "tse.o")
+    run(
+        tool(compiler),
+        *WARNINGS,
+        "-O1",
+        f"-DTSE_REAL_{real.upper()}=1",
+        *flags,
+        "-c",
+        two / "tse.c",
+        "-o",
+        tmp_path / "tse.o",
+    )
 
 
 def test_header_and_source_are_cxx_too(two: Path) -> None:
     run(tool("g++"), "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", two / "tse.c")
 
 
-def test_the_two_files_compute_what_the_library_computes(both: tuple[str, Path, Path], two: Path, tmp_path: Path) -> None:
+def test_the_two_files_compute_what_the_library_computes(
+    both: tuple[str, Path, Path], two: Path, tmp_path: Path
+) -> None:
     real, library, archive = both
     expected = numbers(tmp_path, real, "-I", ROOT / "include", library)
     assert expected.count("\n") > 30
-    assert "-" not in re.sub(r"-?0 |learnt", "", expected.partition("table")[0]), "no setting of same.c is refused"
+    assert "-" not in re.sub(r"-?0 |learnt", "", expected.partition("table")[0]), (
+        "no setting of same.c is refused"
+    )
     assert numbers(tmp_path, real, "-DONE_FILE", "-I", two, archive) == expected
 
 
@@ -125,12 +144,18 @@ def test_fast_math_is_refused(two: Path) -> None:
 
 
 def test_options_are_defaults_that_a_macro_overrides(tmp_path: Path) -> None:
-    cc, folder = tool("cc"), amalgamated(tmp_path / "two", "--real", "float", "--max-particles", "64", "--no-effects")
+    cc, folder = (
+        tool("cc"),
+        amalgamated(tmp_path / "two", "--real", "float", "--max-particles", "64", "--no-effects"),
+    )
     (tmp_path / "say.c").write_text(
         '#include <stdio.h>\n#include "tse.h"\nint main(void) { tse_build b; tse_describe_build(&b);\n'
         'printf("%s %d %d", b.format, (int)b.capacity, (int)b.sim_bytes); return 0; }\n'
     )
-    for flags, expected in ((), "float 64 0"), (("-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=32"), "double 32 0"):
+    for flags, expected in (
+        ((), "float 64 0"),
+        (("-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=32"), "double 32 0"),
+    ):
         run(cc, *flags, "-I", folder, tmp_path / "say.c", folder / "tse.c", "-o", tmp_path / "say", "-lm")
         assert run(tmp_path / "say") == expected
 
@@ -138,7 +163,9 @@ def test_options_are_defaults_that_a_macro_overrides(tmp_path: Path) -> None:
 def test_without_rows_for_late_channels_the_rest_is_the_same(two: Path, tmp_path: Path) -> None:
     """The numbers of a drive; a late channel is refused by its name; a filter is sound."""
     folder = amalgamated(tmp_path / "none", "--latency-rows", "0")
-    said, usual = (numbers(tmp_path, "double", "-DONE_FILE", "-I", x, x / "tse.c").splitlines() for x in (folder, two))
+    said, usual = (
+        numbers(tmp_path, "double", "-DONE_FILE", "-I", x, x / "tse.c").splitlines() for x in (folder, two)
+    )
     assert said[1:] == usual[1:]  # but the first, the sizes
     assert len(said) > 30
     (tmp_path / "late.c").write_text(
@@ -148,14 +175,36 @@ def test_without_rows_for_late_channels_the_rest_is_the_same(two: Path, tmp_path
         "c.steer_angle_latency = -0.01;\nint refused = tse_prepare(&c, &p, &wrong);\n"
         'printf("%d %d %d %s", reset, sound, refused == TSE_E_CONFIG, wrong);\nreturn 0;\n}\n'
     )
-    run(tool("cc"), *WARNINGS, "-I", folder, tmp_path / "late.c", folder / "tse.c", "-o", tmp_path / "late", "-lm")
+    run(
+        tool("cc"),
+        *WARNINGS,
+        "-I",
+        folder,
+        tmp_path / "late.c",
+        folder / "tse.c",
+        "-o",
+        tmp_path / "late",
+        "-lm",
+    )
     assert run(tmp_path / "late") == "0 0 1 steer_angle_latency"
 
 
 def test_a_formula_is_compiled_in(two: Path, tmp_path: Path) -> None:
-    formula = parse("offset", "an offset of the angle", "front_angle", "k*steer_angle", [Number("k", 0.1, "1")])
+    formula = parse(
+        "offset", "an offset of the angle", "front_angle", "k*steer_angle", [Number("k", 0.1, "1")]
+    )
     (tmp_path / "tse_formula.h").write_text(c_header(formula))
-    run(tool("cc"), *WARNINGS, "-DTSE_FORMULA=1", "-I", tmp_path, "-c", two / "tse.c", "-o", tmp_path / "tse.o")
+    run(
+        tool("cc"),
+        *WARNINGS,
+        "-DTSE_FORMULA=1",
+        "-I",
+        tmp_path,
+        "-c",
+        two / "tse.c",
+        "-o",
+        tmp_path / "tse.o",
+    )
 
 
 def test_the_makefile_of_the_page_builds_a_program(two: Path, tmp_path: Path) -> None:

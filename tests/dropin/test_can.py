@@ -51,9 +51,16 @@ int main(void)
 
 def run(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:
     done = subprocess.run(
-        [str(c) for c in command], cwd=cwd, env=os.environ | (env or {}), capture_output=True, text=True, check=False
+        [str(c) for c in command],
+        cwd=cwd,
+        env=os.environ | (env or {}),
+        capture_output=True,
+        text=True,
+        check=False,
     )
-    assert done.returncode == 0, f"{' '.join(map(str, command))}: {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
+    assert done.returncode == 0, (
+        f"{' '.join(map(str, command))}: {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
+    )
     return done.stdout
 
 
@@ -71,7 +78,14 @@ def test_readings_and_times_are_those_of_the_bus(real: str, tmp_path: Path) -> N
     (tmp_path / "tse.h").write_text('#include "tse/tse.h"\n')
     sources = [ROOT / "scripts/dropin/can/control_loop.c", *sorted((ROOT / "src").rglob("*.c"))]
     folders = (tmp_path, ROOT / "include", ROOT / "src", ROOT / "scripts/dropin/can")
-    command = ["cc", "-std=c99", "-O1", "-ffp-contract=off", f"-DTSE_REAL_{real}=1", *(f"-I{f}" for f in folders)]
+    command = [
+        "cc",
+        "-std=c99",
+        "-O1",
+        "-ffp-contract=off",
+        f"-DTSE_REAL_{real}=1",
+        *(f"-I{f}" for f in folders),
+    ]
     run(*command, tmp_path / "main.c", *sources, "-o", tmp_path / "loop", "-lm")
     said = dict(line.split(" ", 1) for line in run(tmp_path / "loop").splitlines())
     assert said["start"] == "0"
@@ -106,25 +120,53 @@ def test_a_plain_configure_builds_the_library(option: list[str], tmp_path: Path)
     assert "FETCHCONTENT_SOURCE_DIR_UNITY" in said
     assert "the FMUs are not built" in said
     assert "FETCHCONTENT_SOURCE_DIR_FMI2" in said
-    assert cache(tmp_path) == {"TSE_BUILD_TESTS": "OFF", "TSE_BUILD_FMU": "OFF", "TSE_BUILD_BENCH": "OFF", "TSE_BUILD_FUZZ": "OFF"}
+    assert cache(tmp_path) == {
+        "TSE_BUILD_TESTS": "OFF",
+        "TSE_BUILD_FMU": "OFF",
+        "TSE_BUILD_BENCH": "OFF",
+        "TSE_BUILD_FUZZ": "OFF",
+    }
     if option:
         run(tool("cmake"), "--build", tmp_path)
         assert list((tmp_path / "src").glob("*tse.*"))
 
 
 @pytest.mark.parametrize("compiler", [{}, {"CXX": "/nowhere/c++"}], ids=["", "no C++"])
-def test_tests_and_fmus_are_built_where_their_sources_are_given(compiler: dict[str, str], tmp_path: Path) -> None:
+def test_tests_and_fmus_are_built_where_their_sources_are_given(
+    compiler: dict[str, str], tmp_path: Path
+) -> None:
     if not (SHARE / "unity/src/unity.c").is_file() or not (SHARE / "fmi2/headers/fmi2Functions.h").is_file():
         pytest.skip("scripts/setup.sh has not put Unity and the FMI headers into .venv/share")
-    said = run(tool("cmake"), "-S", ROOT, "-B", tmp_path, *GIVEN, "-DFETCHCONTENT_FULLY_DISCONNECTED=ON", env=NOWHERE | compiler)
+    said = run(
+        tool("cmake"),
+        "-S",
+        ROOT,
+        "-B",
+        tmp_path,
+        *GIVEN,
+        "-DFETCHCONTENT_FULLY_DISCONNECTED=ON",
+        env=NOWHERE | compiler,
+    )
     assert "not built" not in said
     assert ("no C++ compiler" in said) == (bool(compiler) or not shutil.which("c++"))
-    assert cache(tmp_path) == {"TSE_BUILD_TESTS": "ON", "TSE_BUILD_FMU": "ON", "TSE_BUILD_BENCH": "OFF", "TSE_BUILD_FUZZ": "OFF"}
+    assert cache(tmp_path) == {
+        "TSE_BUILD_TESTS": "ON",
+        "TSE_BUILD_FMU": "ON",
+        "TSE_BUILD_BENCH": "OFF",
+        "TSE_BUILD_FUZZ": "OFF",
+    }
 
 
-@pytest.mark.parametrize(("wanted", "named"), [("TESTS", "FETCHCONTENT_SOURCE_DIR_UNITY"), ("FMU", "FETCHCONTENT_SOURCE_DIR_FMI2")])
+@pytest.mark.parametrize(
+    ("wanted", "named"), [("TESTS", "FETCHCONTENT_SOURCE_DIR_UNITY"), ("FMU", "FETCHCONTENT_SOURCE_DIR_FMI2")]
+)
 def test_what_is_asked_for_is_not_left_out(wanted: str, named: str, tmp_path: Path) -> None:
-    options = ["-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF", f"-DTSE_BUILD_{wanted}=ON", "-DFETCHCONTENT_FULLY_DISCONNECTED=ON"]
+    options = [
+        "-DTSE_BUILD_TESTS=OFF",
+        "-DTSE_BUILD_FMU=OFF",
+        f"-DTSE_BUILD_{wanted}=ON",
+        "-DFETCHCONTENT_FULLY_DISCONNECTED=ON",
+    ]
     command = [str(x) for x in (tool("cmake"), "-S", ROOT, "-B", tmp_path, *options)]
     done = subprocess.run(command, env=os.environ | NOWHERE, capture_output=True, text=True, check=False)
     assert done.returncode != 0

@@ -29,7 +29,9 @@ def command(*words: str) -> str:
 
 def test_the_same_bits_where_machines_differ_most() -> None:
     if all(x.missing() for x in m.machines() if x.short):
-        pytest.skip("none of the compilers and emulators for other machines is installed (scripts/setup.sh machines)")
+        pytest.skip(
+            "none of the compilers and emulators for other machines is installed (scripts/setup.sh machines)"
+        )
     assert "FAILED" not in command("scripts/platforms.py", "--short")
 
 
@@ -39,15 +41,27 @@ def test_a_row_stays_within_the_limits() -> None:
 
 
 def test_a_limit_that_is_passed_is_found() -> None:
-    x = budgets.Measured("a target", {"mean": {"limit": 100}, "stack": {"limit": 10, "goal": 5}}, values={"mean": 101, "stack": 10})
+    x = budgets.Measured(
+        "a target",
+        {"mean": {"limit": 100}, "stack": {"limit": 10, "goal": 5}},
+        values={"mean": 101, "stack": 10},
+    )
     assert x.passed() == ["a target: mean 101, the limit is 100"]
 
 
 def test_the_deepest_path_is_that_of_the_largest_frames(tmp_path: Path) -> None:
     node = 'node: {{ title: "{0}" label: "{0}\\nf.c:1:1\\n{1} bytes (static)" }}\n'
     edge = 'edge: {{ sourcename: "{0}" targetname: "{1}" label: "" }}\n'
-    text = "".join(node.format(*x) for x in (("tse_step_f32", 10), ("f.c:small", 20), ("f.c:large", 200), ("f.c:leaf", 5)))
-    calls = (("tse_step_f32", "f.c:small"), ("tse_step_f32", "f.c:large"), ("f.c:large", "f.c:leaf"), ("f.c:leaf", "memcpy"))
+    text = "".join(
+        node.format(*x)
+        for x in (("tse_step_f32", 10), ("f.c:small", 20), ("f.c:large", 200), ("f.c:leaf", 5))
+    )
+    calls = (
+        ("tse_step_f32", "f.c:small"),
+        ("tse_step_f32", "f.c:large"),
+        ("f.c:large", "f.c:leaf"),
+        ("f.c:leaf", "memcpy"),
+    )
     (tmp_path / "f.ci").write_text(text + "".join(edge.format(*x) for x in calls))
     assert budgets.deepest(tmp_path, "tse_step") == 10 + 200 + 5 + budgets.EXTERNAL
 
@@ -55,8 +69,18 @@ def test_the_deepest_path_is_that_of_the_largest_frames(tmp_path: Path) -> None:
 def test_a_control_loop_on_a_bus_has_the_bits_of_the_log(tmp_path: Path) -> None:
     """scripts/dropin/can on an emulated Cortex-M4F of 62.5 million instructions a second: each frame of the drive in its period."""
     m4f, example = machine("Cortex-M4F"), ROOT / "scripts" / "dropin" / "can"
-    flags = ("-DTSE_NO_EFFECTS", "-DTSE_NO_DESCRIBE", f"-I{example}", "-DPERIOD_MS=10", "-DICOUNT_SHIFT=4", "-Wall", "-Wextra")
-    program = m.build(m.Work(tmp_path), m4f, "float", "can_board.c", "can", *flags, beside=[example / "control_loop.c"])
+    flags = (
+        "-DTSE_NO_EFFECTS",
+        "-DTSE_NO_DESCRIBE",
+        f"-I{example}",
+        "-DPERIOD_MS=10",
+        "-DICOUNT_SHIFT=4",
+        "-Wall",
+        "-Wextra",
+    )
+    program = m.build(
+        m.Work(tmp_path), m4f, "float", "can_board.c", "can", *flags, beside=[example / "control_loop.c"]
+    )
     said = dict(re.findall(r"^(\w+) (\w+)$", m.run(m4f, program, "-icount", "shift=4,sleep=off"), re.M))
     assert said["hash"] == m.golden("float")["default, scheme 0"]
     assert int(said["rows"]) == m.rows().count("\n")

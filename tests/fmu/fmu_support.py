@@ -20,8 +20,8 @@ from fmpy import read_model_description
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Warning
 from fmpy.fmi3 import FMU3Slave
 
-from tse.impl.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
-from tse.impl.files import alone
+from tse.library.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
+from tse.library.files import alone
 from tselab.fmu_build import FMI, PLATFORMS, compile_for, lock_of, native, version_of, zig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -99,7 +99,11 @@ class Unit:
 
     @property
     def binary(self) -> Path:
-        return next((self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob("*.*"))
+        return next(
+            (self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob(
+                "*.*"
+            )
+        )
 
 
 def exported(binary: Path) -> set[str]:
@@ -135,7 +139,10 @@ class Instance:
         self._callbacks = fmi2CallbackFunctions()
         self._callbacks.logger = fmi2CallbackLoggerTYPE(say)  # kept: ctypes does not
         self.slave = FMU2Slave(
-            guid=of.guid if guid is None else guid, unzipDirectory=str(of.folder), modelIdentifier=of.identifier, instanceName=name
+            guid=of.guid if guid is None else guid,
+            unzipDirectory=str(of.folder),
+            modelIdentifier=of.identifier,
+            instanceName=name,
         )
         whole = ("setInteger", "getInteger")
         self._of_type = {"Real": ("setReal", "getReal"), "Integer": whole, "Enumeration": whole,
@@ -211,7 +218,10 @@ class Instance3:
     def __init__(self, of: Unit, *, token: str | None = None, events: bool = False):
         self.unit, self.log = of, []
         self.slave = FMU3Slave(
-            guid=token or of.guid, unzipDirectory=str(of.folder), modelIdentifier=of.identifier, instanceName="three"
+            guid=token or of.guid,
+            unzipDirectory=str(of.folder),
+            modelIdentifier=of.identifier,
+            instanceName="three",
         )
 
         def say(_: Any, status: int, category: bytes, text: bytes) -> None:
@@ -240,12 +250,16 @@ class Instance3:
             if not group:
                 continue
             counts = [v.shape[0] if v.dimensions else 0 for v in group]
-            values = getattr(self.slave, f"get{function}")([v.valueReference for v in group], nValues=sum(n or 1 for n in counts))
+            values = getattr(self.slave, f"get{function}")(
+                [v.valueReference for v in group], nValues=sum(n or 1 for n in counts)
+            )
             for v, n in zip(group, counts, strict=True):
                 found[v.name] = [values.pop(0) for _ in range(n)] if n else values.pop(0)
         return found
 
-    def start(self, parameters: dict[str, float] | None = None, inputs: dict[str, float] | None = None) -> Instance3:
+    def start(
+        self, parameters: dict[str, float] | None = None, inputs: dict[str, float] | None = None
+    ) -> Instance3:
         self.set(parameters or {})
         self.slave.enterInitializationMode(startTime=0.0)
         self.set(inputs or {})
@@ -277,7 +291,9 @@ class Log:
 
     def step(self, i: int) -> float:
         """To the next row; the last one as long as the one before."""
-        return float(self.time[i + 1] - self.time[i] if i + 1 < len(self) else self.time[i] - self.time[i - 1])
+        return float(
+            self.time[i + 1] - self.time[i] if i + 1 < len(self) else self.time[i] - self.time[i - 1]
+        )
 
     def part(self, first: int, last: int) -> Log:
         return Log(self.time[first:last], self.channels[first:last])
@@ -296,7 +312,9 @@ class Log:
         filter_.step_into(rows, outputs)
         return outputs
 
-    def through_fmu(self, instance: Instance, first: int = 0, last: int | None = None) -> list[dict[str, float]]:
+    def through_fmu(
+        self, instance: Instance, first: int = 0, last: int | None = None
+    ) -> list[dict[str, float]]:
         """One dictionary of the FMU's outputs per row."""
         rows = []
         for i in range(first, len(self) if last is None else last):
@@ -308,7 +326,11 @@ class Log:
 
 def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
     """Settings under the estimator's names; what is not among them is as in tse_config_exact()."""
-    known = {n.partition(".")[2].replace(".", "_"): n for n, v in of.variables.items() if v.causality == "parameter"}
+    known = {
+        n.partition(".")[2].replace(".", "_"): n
+        for n, v in of.variables.items()
+        if v.causality == "parameter"
+    }
     return {**KNOWN, **{known[name]: value for name, value in settings.items()}}
 
 
@@ -356,7 +378,9 @@ def expect_same_rows(got: Iterable[Mapping[str, float]], expected: Iterable[Mapp
 
 def recorded_drive(rows: int | None = None) -> Log:
     """tests/replay/drive.csv."""
-    lines = [s for s in (ROOT / "tests" / "replay" / "drive.csv").read_text().splitlines() if s[:1].isdigit()][:rows]
+    lines = [
+        s for s in (ROOT / "tests" / "replay" / "drive.csv").read_text().splitlines() if s[:1].isdigit()
+    ][:rows]
     table = np.array([[float(c) if c else np.nan for c in s.split(",")] for s in lines])
     return Log(np.concatenate([[0.0], np.cumsum(table[1:, 0])]), table[:, 1:])
 
@@ -399,8 +423,19 @@ def library_for(target: str, of: Unit) -> Path:
 @functools.cache
 def _client(target: str) -> Path:
     program = scratch() / f"client-{target}{RUNNERS[target][0]}"
-    fmi = ["-DCLIENT_FMI3", *(f"-I{headers(v)}" for v in FMI)] if headers("3").is_dir() else [f"-I{headers()}"]
-    arguments = ["-target", PLATFORMS[target].targets[0], "-std=c99", "-O1", *fmi, "client.c", "-o", str(program)]
+    fmi = (
+        ["-DCLIENT_FMI3", *(f"-I{headers(v)}" for v in FMI)] if headers("3").is_dir() else [f"-I{headers()}"]
+    )
+    arguments = [
+        "-target",
+        PLATFORMS[target].targets[0],
+        "-std=c99",
+        "-O1",
+        *fmi,
+        "client.c",
+        "-o",
+        str(program),
+    ]
     zig([*arguments, *([] if target == "win64" else ["-ldl"])], Path(__file__).parent, CACHE)
     return program
 
@@ -418,7 +453,9 @@ def client_input(log: Log, of: Unit, path: Path) -> Path:
     return path
 
 
-def run_client(command: Sequence[str], library_: Path, of: Unit, input_: Path, output: Path, *options: str) -> str:
+def run_client(
+    command: Sequence[str], library_: Path, of: Unit, input_: Path, output: Path, *options: str
+) -> str:
     """Run the client; what it wrote."""
     environment = {**os.environ, "WINEDEBUG": "-all"}
     run(*command, library_, of.guid, input_, output, *options, env=environment)

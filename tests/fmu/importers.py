@@ -23,13 +23,24 @@ from pathlib import Path
 
 import numpy as np
 from fmpy.validation import validate_fmu
-from fmu_support import CHANNELS, RUNNERS, VEHICLE, Instance, Instance3, Unit, bits, client_for, run_client, unavailable
+from fmu_support import (
+    CHANNELS,
+    RUNNERS,
+    VEHICLE,
+    Instance,
+    Instance3,
+    Unit,
+    bits,
+    client_for,
+    run_client,
+    unavailable,
+)
 from lxml import etree
 
-from tse.impl import maneuvers
-from tse.impl.core import Config, SimConfig
-from tse.impl.simulate import HISTORIES, drive
-from tse.impl.tables import markdown_table
+from tse.library.core import Config, SimConfig
+from tse.report.tables import markdown_table
+from tse.simulation import maneuvers
+from tse.simulation.simulate import HISTORIES, drive
 from tselab.fmu_build import PLATFORMS, build, version_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,7 +48,13 @@ RESULTS = ROOT / "scripts" / "results"
 STEP, STEPS = 1 / 128, 100  # s
 TOOLBOX = "fmu_manipulation_toolbox"
 TBB = "libtbb.so.12"
-KINDS = {"Real": "Real", "Float64": "Real", "Integer": "Integer", "Int32": "Integer", "Boolean": "Boolean"}  # compared
+KINDS = {
+    "Real": "Real",
+    "Float64": "Real",
+    "Integer": "Integer",
+    "Int32": "Integer",
+    "Boolean": "Boolean",
+}  # compared
 
 
 @dataclass
@@ -69,7 +86,9 @@ def _fmutool(fmu: Path) -> Verdict:
     lines, code = _output(sys.executable, "-c", program, "-input", fmu, "-check")
     said = [x.partition("|")[2].strip() for x in lines if x.startswith(("ERROR", "CRITICAL", "WARNING"))]
     found = [text for text in said if "error(s)" not in text]  # without its sums
-    return Verdict("fmutool -check", version("fmu-manipulation-toolbox"), found or lines[-1:] if code else found)
+    return Verdict(
+        "fmutool -check", version("fmu-manipulation-toolbox"), found or lines[-1:] if code else found
+    )
 
 
 def _schema(fmu: Path, of_3: bool) -> Verdict:
@@ -77,7 +96,9 @@ def _schema(fmu: Path, of_3: bool) -> Verdict:
     verdict = Verdict("XML schema", "FMI 3.0.2" if of_3 else "FMI 2.0.4")
     folder = Path(find_spec(TOOLBOX).submodule_search_locations[0]) / "resources"
     schemas = {
-        "modelDescription.xml": "fmi-3.0/fmi3ModelDescription.xsd" if of_3 else "fmi-2.0/fmi2ModelDescription.xsd",
+        "modelDescription.xml": "fmi-3.0/fmi3ModelDescription.xsd"
+        if of_3
+        else "fmi-2.0/fmi2ModelDescription.xsd",
         "terminalsAndIcons/terminalsAndIcons.xml": "fmi-3.0/fmi3TerminalsAndIcons.xsd",
         "sources/buildDescription.xml": "fmi-3.0/fmi3BuildDescription.xsd",
     }
@@ -121,13 +142,21 @@ def fetch_vdmcheck() -> None:
 def _vdmcheck(fmu: Path, of_3: bool) -> Verdict:
     jar = VDMCHECK_FOLDER / "vdmcheck2.jar"
     if of_3 or not shutil.which("java") or not jar.is_file():
-        why = "that of FMI 3.0 is in no registry" if of_3 else "needs Java, and Maven that fetches it (importers.py)"
+        why = (
+            "that of FMI 3.0 is in no registry"
+            if of_3
+            else "needs Java, and Maven that fetches it (importers.py)"
+        )
         return Verdict("VDMCheck", VDMCHECK, skipped=why)
     with tempfile.TemporaryDirectory() as folder:
-        plain = shutil.copyfile(fmu, Path(folder) / "model.fmu")  # it goes by the ending, and knows ASCII only
+        plain = shutil.copyfile(
+            fmu, Path(folder) / "model.fmu"
+        )  # it goes by the ending, and knows ASCII only
         lines, _ = _output("java", "-jar", jar, plain)
     found = [x for x in lines if x != "Errors found." and not x.startswith("https://")]
-    return Verdict("VDMCheck", VDMCHECK, [] if "No errors found." in lines else found or ["failed without a word"])
+    return Verdict(
+        "VDMCheck", VDMCHECK, [] if "No errors found." in lines else found or ["failed without a word"]
+    )
 
 
 # ---- clients
@@ -141,7 +170,9 @@ def inputs_of(of: Unit) -> dict[str, np.ndarray]:
     names, table = (HISTORIES, driver) if of.identifier == VEHICLE else (CHANNELS, sensors)
     inputs = {n: np.array(table[n][:STEPS], float) for n in names}
     for name, values in inputs.items():
-        values[0] = float(of.variables[name].start)  # clients differ in whether they initialize with the first inputs
+        values[0] = float(
+            of.variables[name].start
+        )  # clients differ in whether they initialize with the first inputs
     return inputs
 
 
@@ -193,7 +224,11 @@ def run_ecos(of: Unit) -> list[list[float]]:
     structure.add_model("fmu", str(of.fmu))
     rows, inputs, outputs = [], inputs_of(of), outputs_of(of)
     with EcosSimulation(step_size=STEP, structure=structure) as simulation:
-        read = {"Real": simulation.get_real, "Integer": simulation.get_integer, "Boolean": simulation.get_bool}
+        read = {
+            "Real": simulation.get_real,
+            "Integer": simulation.get_integer,
+            "Boolean": simulation.get_bool,
+        }
         simulation.init(0)
         for i in range(STEPS):
             for name, values in inputs.items():
@@ -304,7 +339,9 @@ def compare_one(client: str, of: Unit, reference: np.ndarray) -> Row:
     if why := unavailable(target) if there else f"the FMU has no binary for {target}":
         return Row(name, "", f"skipped: {why}", False)
     number = re.search(r"\d+\.\d+[.\d]*", " ".join(_output(*RUNNERS[target][1][:1], "--version")[0]))
-    return Row(name, number[0] if number else "", difference(functools.partial(foreign, target, of), reference))
+    return Row(
+        name, number[0] if number else "", difference(functools.partial(foreign, target, of), reference)
+    )
 
 
 def difference(run: Callable[[], np.ndarray], reference: np.ndarray) -> str:
@@ -320,7 +357,9 @@ def difference(run: Callable[[], np.ndarray], reference: np.ndarray) -> str:
     if (np.isnan(values) != np.isnan(reference)).any():
         return "failed: no number where FMPy has one, or the other way round"
     size = np.nan_to_num(np.abs(reference)).max(axis=0)
-    return f"{(np.nan_to_num(np.abs(values - reference)).max(axis=0) / np.where(size > 0, size, 1.0)).max():.1e}"
+    return (
+        f"{(np.nan_to_num(np.abs(values - reference)).max(axis=0) / np.where(size > 0, size, 1.0)).max():.1e}"
+    )
 
 
 # ---- tables; without dates and timings: a run that finds the same changes nothing
@@ -331,8 +370,12 @@ def validators_table(verdicts: dict[str, Sequence[Verdict]]) -> str:
     ran = {n: {v.validator: v for v in found if not v.skipped} for n, found in verdicts.items()}
     rows = []
     for name, number in {v.validator: v.version for found in ran.values() for v in found.values()}.items():
-        rows.append([name, number, *(str(len(ran[n][name].findings)) if name in ran[n] else "-" for n in ran)])
-    return "\n".join(markdown_table(["validator", "version", *(f"{n}: findings" for n in ran)], rows, 2)) + "\n"
+        rows.append(
+            [name, number, *(str(len(ran[n][name].findings)) if name in ran[n] else "-" for n in ran)]
+        )
+    return (
+        "\n".join(markdown_table(["validator", "version", *(f"{n}: findings" for n in ran)], rows, 2)) + "\n"
+    )
 
 
 def clients_table(found: dict[str, list[Row]], heads: list[str]) -> str:
@@ -363,7 +406,12 @@ def main() -> int:
     (RESULTS / "fmu_importers.md").write_text(text)
     print(text)
     bad = [text for found in verdicts.values() for v in found for text in v.findings]
-    bad += [f"{n}: {r}" for n, rows in clients.items() for r in rows if r.ran and r.says not in ("reference", "same bits")]
+    bad += [
+        f"{n}: {r}"
+        for n, rows in clients.items()
+        for r in rows
+        if r.ran and r.says not in ("reference", "same bits")
+    ]
     print(*bad, sep="\n", end="")
     return int(bool(bad))
 

@@ -8,9 +8,9 @@ import pandas as pd
 from docsite.pictures import small
 from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, unit
 
-from tse.impl.core import STIFFNESS
-from tse.impl.tables import markdown_table
-from tse.impl.verdict import NAMES
+from tse.estimation.verdict import NAMES
+from tse.library.core import STIFFNESS
+from tse.report.tables import markdown_table
 from tselab.montecarlo.pictures import demo_picture
 
 DURATION, STEP = 60.0, 0.01  # s
@@ -23,7 +23,9 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     puts out at the next communication point."""
     made = [f"estimate.{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_valid")]
     true = ["true.vel_x", *(f"true.{s}" for s in STIFFNESS)]
-    start = {f"filter.initial_{s}": START for s in STIFFNESS} | {"vehicle.exact": True}  # known, but for its tyres
+    start = {f"filter.initial_{s}": START for s in STIFFNESS} | {
+        "vehicle.exact": True
+    }  # known, but for its tyres
     rows = []
     with Instance(unit(VEHICLE)) as car, Instance(unit(ESTIMATOR)) as estimator:
         car.start()
@@ -44,7 +46,11 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     est = table[["time", *made]].rename(columns=lambda name: name.removeprefix("estimate."))
     truth = table[true].rename(columns=lambda name: name.replace(".", "_"))
     truth["road_level"] = np.where(table["time"] > ROAD_CHANGE[0] - STEP / 2, ROAD_CHANGE[1], 1.0)
-    return (est, truth, table[[f"sensor.{c}" for c in CHANNELS]].rename(columns=lambda name: name.removeprefix("sensor.")))
+    return (
+        est,
+        truth,
+        table[[f"sensor.{c}" for c in CHANNELS]].rename(columns=lambda name: name.removeprefix("sensor.")),
+    )
 
 
 def main() -> None:

@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmu_support import DRIVER, ESTIMATOR, MODELS, VEHICLE, Instance, Instance3, Unit, connections, exported, headers, unit
+from fmu_support import (
+    DRIVER,
+    ESTIMATOR,
+    MODELS,
+    VEHICLE,
+    Instance,
+    Instance3,
+    Unit,
+    connections,
+    exported,
+    headers,
+    unit,
+)
 
 if not headers("3").is_dir():
     pytest.skip("scripts/setup.sh has not put the FMI 3.0 headers into .venv/share", allow_module_level=True)
@@ -33,7 +45,17 @@ def test_every_variable_of_2_is_there_with_name_reference_and_all_that_is_said_o
     two, new = unit(name), three(name)
     for old in two.description.modelVariables:
         v = new.variables[old.name]
-        said = ("valueReference", "description", "causality", "variability", "unit", "displayUnit", "min", "max", "start")
+        said = (
+            "valueReference",
+            "description",
+            "causality",
+            "variability",
+            "unit",
+            "displayUnit",
+            "min",
+            "max",
+            "start",
+        )
         assert {a: getattr(v, a) for a in said} == {a: getattr(old, a) for a in said}
         assert v.type == TYPES[old.type] and not v.dimensions
         assert (v.declaredType and v.declaredType.name) == (old.declaredType and old.declaredType.name)
@@ -60,23 +82,32 @@ def terminals(model: str) -> dict[str, dict[str, str]]:
     """Per kind of terminal its members and their variables."""
     root = ElementTree.parse(three(model).folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
     return {
-        t.get("terminalKind"): {m.get("memberName"): m.get("variableName") for m in t.findall("TerminalMemberVariable")}
+        t.get("terminalKind"): {
+            m.get("memberName"): m.get("variableName") for m in t.findall("TerminalMemberVariable")
+        }
         for t in root.findall("Terminals/Terminal")
     }
 
 
 def test_the_terminals_of_both_connect_what_the_system_connects(name: str) -> None:
     out, into = terminals(VEHICLE)["_tse_sensors"], terminals(ESTIMATOR)["_tse_sensors"]
-    assert {(out[member], variable) for member, variable in into.items()} == connections() and out.keys() == into.keys()
+    assert {
+        (out[member], variable) for member, variable in into.items()
+    } == connections() and out.keys() == into.keys()
     for members in terminals(name).values():
         assert members and set(members.values()) <= set(three(name).variables)
     assert set(terminals(VEHICLE)["_tse_driver"]) == set(DRIVER)
-    assert set(STIFFNESS) <= terminals(VEHICLE)["_tse_truth"].keys() & terminals(ESTIMATOR)["_tse_estimate"].keys()
+    assert (
+        set(STIFFNESS)
+        <= terminals(VEHICLE)["_tse_truth"].keys() & terminals(ESTIMATOR)["_tse_estimate"].keys()
+    )
 
 
 @pytest.mark.skipif(not shutil.which("nm"), reason="nm is not installed")
 def test_the_functions_of_fmi_3_are_exported_and_nothing_else(name: str) -> None:
-    declared = re.findall(r"^FMI3_Export \w+\s+(fmi3\w+);", (headers("3") / "fmi3Functions.h").read_text(), flags=re.M)
+    declared = re.findall(
+        r"^FMI3_Export \w+\s+(fmi3\w+);", (headers("3") / "fmi3Functions.h").read_text(), flags=re.M
+    )
     assert exported(three(name).binary) == set(declared) and len(declared) > 70
 
 
@@ -84,7 +115,9 @@ def test_the_page_speaks_of_this_version(name: str) -> None:
     text = (three(name).folder / "documentation" / "index.html").read_text(encoding="utf-8")
     assert "FMI 3.0" in text and "fmi3DoStep" in text and "fmi2" not in text and three(name).guid in text
     assert not re.search(r"@\w+@|<!--/?[23]-->", text)
-    listed = re.findall(r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Float64|Int32|Boolean|Enumeration)", text)
+    listed = re.findall(
+        r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Float64|Int32|Boolean|Enumeration)", text
+    )
     assert {n.replace("<wbr>", "") for n in listed} == set(three(name).variables)
 
 

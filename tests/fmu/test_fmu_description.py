@@ -19,13 +19,34 @@ from fmpy.fmi1 import FMICallException
 from fmu_support import ESTIMATOR, MODELS, ROOT, VEHICLE, Instance, Unit, build, connections, unit
 from fmu_support import run as command
 
-from tse.impl.core import CONFIG, INPUT, NOMINAL, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, Config, Field, library
+from tse.library.core import (
+    CONFIG,
+    INPUT,
+    NOMINAL,
+    OUTPUT,
+    SIM_CONFIG,
+    SIM_INPUT,
+    SIM_OUTPUT,
+    Config,
+    Field,
+    library,
+)
 from tselab.fmu_build import read_build
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
 GROUPS = {
     VEHICLE: ("vehicle", "sensors", "effects", "simulation"),
-    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "road", "effects", "filter"),
+    ESTIMATOR: (
+        "vehicle",
+        "uncertainty",
+        "sensors",
+        "latency",
+        "velocity",
+        "pedals",
+        "road",
+        "effects",
+        "filter",
+    ),
 }
 
 
@@ -53,16 +74,31 @@ def test_saved_states_belong_to_the_sources(model: Unit) -> None:
 
 
 @pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
-def test_a_state_of_other_sources_is_refused_though_the_description_is_the_same(vehicle: Unit, tmp_path: Path) -> None:
+def test_a_state_of_other_sources_is_refused_though_the_description_is_the_same(
+    vehicle: Unit, tmp_path: Path
+) -> None:
     folder = tmp_path / "other"
     shutil.copytree(vehicle.folder, folder)
     header = folder / "sources" / "fmu_guid.h"
     header.write_text(re.sub(r'(FMU_SOURCES ")\w', r"\1x", header.read_text()))
-    files = [folder / "sources" / f for f in vehicle.description.buildConfigurations[0].sourceFileSets[0].sourceFiles]
+    files = [
+        folder / "sources" / f
+        for f in vehicle.description.buildConfigurations[0].sourceFileSets[0].sourceFiles
+    ]
     other = Unit.__new__(Unit)
     other.__dict__.update({**vehicle.__dict__, "folder": folder})
     command(
-        "cc", *read_build(header.parent).flags, "-O0", "-fPIC", "-shared", "-I", header.parent, *files, "-o", other.binary, "-lm"
+        "cc",
+        *read_build(header.parent).flags,
+        "-O0",
+        "-fPIC",
+        "-shared",
+        "-I",
+        header.parent,
+        *files,
+        "-o",
+        other.binary,
+        "-lm",
     )
     with Instance(vehicle) as i, Instance(other) as o:
         state = i.start().state()
@@ -84,8 +120,15 @@ def test_names_and_references_are_unique_and_structured(model: Unit) -> None:
 
 def test_parameters_are_the_settings_of_the_library() -> None:
     settings, simulator = ({f.name for f in library().fields(which)} for which in (CONFIG, SIM_CONFIG))
-    found = {name: {v.name for v in unit(name).description.modelVariables if v.causality == "parameter"} for name in GROUPS}
-    assert all(full in ("ramp", "vehicle.exact") or full.partition(".")[0] in GROUPS[n] for n in found for full in found[n])
+    found = {
+        name: {v.name for v in unit(name).description.modelVariables if v.causality == "parameter"}
+        for name in GROUPS
+    }
+    assert all(
+        full in ("ramp", "vehicle.exact") or full.partition(".")[0] in GROUPS[n]
+        for n in found
+        for full in found[n]
+    )
     of_estimator = {full.partition(".")[2].replace(".", "_") for full in found[ESTIMATOR] - {"vehicle.exact"}}
     assert of_estimator == settings
     assert {x.partition(".")[2] for x in found[VEHICLE] if x.startswith("simulation.")} == simulator
@@ -101,12 +144,17 @@ OF_THE_FMU = {
 def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
     """The row of the library's tables that a variable is of, and its unit there; None: it is of the FMU alone."""
     if model == ESTIMATOR:
-        columns, prefix = library().fields(INPUT if causality == "input" else OUTPUT), r"(estimate|velocity|pedals|road)\."
+        columns, prefix = (
+            library().fields(INPUT if causality == "input" else OUTPUT),
+            r"(estimate|velocity|pedals|road)\.",
+        )
     else:
         columns, prefix = library().fields(SIM_INPUT if causality == "input" else SIM_OUTPUT), r"sensor\."
     table = {f.name: f for f in columns}
     if causality == "parameter":
-        table = {f.name: f for f in library().fields(SIM_CONFIG if name.startswith("simulation.") else CONFIG)}
+        table = {
+            f.name: f for f in library().fields(SIM_CONFIG if name.startswith("simulation.") else CONFIG)
+        }
         field = table.get(name.partition(".")[2].replace(".", "_"))
     else:
         field = table.get(re.sub(r"relative\.", "", re.sub(f"^{prefix}", "", name)).replace(".", "_"))
@@ -134,9 +182,16 @@ def test_variables_are_those_of_the_tables(model: Unit) -> None:
             assert (float(v.min), float(v.max)) == (min(field.low, float(v.start)), high), v.name
         if v.causality == "parameter":
             exact = model.identifier == VEHICLE and field.name in known
-            assert (float(v.start), v.description) == (getattr(known, field.name) if exact else field.default, field.text), v.name
-        order.setdefault((v.causality, v.name.partition(".")[0], "relative" in v.name), []).append(field.offset)
-    assert all(offsets == sorted(offsets) for (causality, *_), offsets in order.items() if causality != "output")
+            assert (float(v.start), v.description) == (
+                getattr(known, field.name) if exact else field.default,
+                field.text,
+            ), v.name
+        order.setdefault((v.causality, v.name.partition(".")[0], "relative" in v.name), []).append(
+            field.offset
+        )
+    assert all(
+        offsets == sorted(offsets) for (causality, *_), offsets in order.items() if causality != "output"
+    )
     assert own == OF_THE_FMU[model.identifier]
 
 
@@ -185,14 +240,18 @@ def page(built: Path, model: str) -> str:
 
 
 def examples(text: str, kind: str) -> list[str]:
-    return [html.unescape(code) for code in re.findall(rf'<pre class="{kind}">\n(.*?)</pre>', text, flags=re.S)]
+    return [
+        html.unescape(code) for code in re.findall(rf'<pre class="{kind}">\n(.*?)</pre>', text, flags=re.S)
+    ]
 
 
 def run(code: str, folder: Path, *fmus: Path) -> str:
     """What the example prints, with these FMUs in the current directory."""
     for fmu in fmus:
         shutil.copy(fmu, folder)
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -202,7 +261,9 @@ def test_the_estimators_example_finds_the_soft_front_tyres(built, tmp_path):
     said = run(code, tmp_path, built / "TireStiffnessEstimator.fmu")
     found = re.search(r"front cornering stiffness ([\d.]+) \+- ([\d.]+) kN/rad, valid: True", said)
     assert found, said
-    assert abs(float(found[1]) - 84.0) < 1.5 * float(found[2]) < 18  # 95 %: 1.5 times that is 3 sd; it began at 120
+    assert (
+        abs(float(found[1]) - 84.0) < 1.5 * float(found[2]) < 18
+    )  # 95 %: 1.5 times that is 3 sd; it began at 120
     assert "front longitudinal stiffness: reason 2" in said  # both wheel speeds are one signal
 
 
@@ -210,7 +271,9 @@ def test_the_vehicles_example_scatters_as_its_parameters_say(built, tmp_path):
     (code,) = examples(page(built, "SingleTrackVehicle"), "example")
     said = run(code, tmp_path, built / "SingleTrackVehicle.fmu")
     noise = float(re.search(r"noise of the gyro ([\d.]+) rad/s", said)[1])
-    mean, spread = map(float, re.search(r"front cornering stiffness ([\d.]+) \+- ([\d.]+) kN/rad", said).groups())
+    mean, spread = map(
+        float, re.search(r"front cornering stiffness ([\d.]+) \+- ([\d.]+) kN/rad", said).groups()
+    )
     assert noise == pytest.approx(0.0035, rel=0.1)
     assert mean == pytest.approx(120.0, rel=0.01)
     assert spread == pytest.approx(6.0, rel=0.1)
@@ -220,7 +283,9 @@ def test_the_loop_that_connects_both_finds_the_stiffness(built, tmp_path):
     (code,), (same,) = (examples(page(built, model), "connected") for model in MODELS)
     assert code == same
     said = run(code, tmp_path, *(built / f"{model}.fmu" for model in MODELS))
-    found, true = map(float, re.search(r"front cornering stiffness ([\d.]+), true ([\d.]+) kN/rad", said).groups())
+    found, true = map(
+        float, re.search(r"front cornering stiffness ([\d.]+), true ([\d.]+) kN/rad", said).groups()
+    )
     assert found == pytest.approx(true, rel=0.05)  # it began at 0.7 times that
 
 
@@ -238,7 +303,9 @@ def variables(built: Path, model: str) -> set[str]:
 @pytest.mark.parametrize("model", MODELS)
 def test_every_variable_is_listed_and_what_the_text_names_exists(built, model):
     text = page(built, model)
-    listed = re.findall(r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Real|Integer|Boolean|Enumeration)</td>", text)
+    listed = re.findall(
+        r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Real|Integer|Boolean|Enumeration)</td>", text
+    )
     assert {name.replace("<wbr>", "") for name in listed} == variables(built, model)
     names = set().union(*(variables(built, m) for m in MODELS))
     groups = "vehicle|uncertainty|sensors|latency|filter|simulation|estimate|sensor|true|drawn"

@@ -35,15 +35,19 @@ from fmu_support import (
     unit,
 )
 
-from tse.impl.files import alone
+from tse.library.files import alone
 from tselab.fmu_build import lock_of
 
 STOP = 2.0
 
 
 @pytest.mark.parametrize("step_size", [0.005, 0.01, 0.02])
-@pytest.mark.parametrize("every", [1, 4])  # FMPy steps from output to output; 0.1 s would be as long as max_gap
-def test_simulation_at_defaults(model: Unit, step_size: float, every: int, capfd: pytest.CaptureFixture) -> None:
+@pytest.mark.parametrize(
+    "every", [1, 4]
+)  # FMPy steps from output to output; 0.1 s would be as long as max_gap
+def test_simulation_at_defaults(
+    model: Unit, step_size: float, every: int, capfd: pytest.CaptureFixture
+) -> None:
     """Nothing set, nothing said, to the stop time; outputs are numbers, and a second run gives the same ones. (What is said
     is read where FMPy prints it: of several `logger=` in one process it calls the last, also after it is gone.)"""
     results = [
@@ -66,16 +70,29 @@ def table_of_drive(rows: int) -> np.ndarray:
     table["time"] = np.arange(rows) * 0.01
     for i, name in enumerate(CHANNELS):
         there = np.isfinite(log.channels[:, i])
-        table[name] = np.interp(np.arange(rows), np.flatnonzero(there), log.channels[there, i]) if there.any() else 0.0
+        table[name] = (
+            np.interp(np.arange(rows), np.flatnonzero(there), log.channels[there, i]) if there.any() else 0.0
+        )
     return table
 
 
 def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -> None:
     """FMPy can; a car of which only the mass is known stays an ordinary one, and is not one that is known exactly."""
     table = table_of_drive(600)
-    how = {"stop_time": 5.9, "step_size": 0.01, "output_interval": 0.01, "input": table, "output": estimator.outputs}
+    how = {
+        "stop_time": 5.9,
+        "step_size": 0.01,
+        "output_interval": 0.01,
+        "input": table,
+        "output": estimator.outputs,
+    }
     plain, all_set, known = (
-        simulate_fmu(str(estimator.fmu), start_values={"vehicle.mass": 1650.0, **known}, apply_default_start_values=all_, **how)
+        simulate_fmu(
+            str(estimator.fmu),
+            start_values={"vehicle.mass": 1650.0, **known},
+            apply_default_start_values=all_,
+            **how,
+        )
         for all_, known in ((False, {}), (True, {}), (True, {"vehicle.exact": True}))
     )
     assert np.array_equal(plain, all_set)
@@ -109,11 +126,15 @@ def test_input_derivatives_of_the_vehicle(vehicle: Unit) -> None:
             instance.slave.setReal(reference, [0.0002 * k])
             instance.slave.setRealInputDerivatives(reference, [1], [0.02])
             instance.step(k * 0.01, 0.01)
-            assert instance.get(["sensor.steer_angle"])["sensor.steer_angle"] == pytest.approx(0.0002 * (k + 1), rel=1e-12)
+            assert instance.get(["sensor.steer_angle"])["sensor.steer_angle"] == pytest.approx(
+                0.0002 * (k + 1), rel=1e-12
+            )
 
 
 @pytest.mark.skipif(not shutil.which("make"), reason="make, which FMPy's CMake build takes, is not installed")
-@pytest.mark.skipif(not shutil.which("c++"), reason="a C++ compiler, which FMPy's CMake build takes, is not installed")
+@pytest.mark.skipif(
+    not shutil.which("c++"), reason="a C++ compiler, which FMPy's CMake build takes, is not installed"
+)
 def test_fmpy_compiles_the_sources_and_gets_the_same_bits(estimator: Unit, tmp_path: Path) -> None:
     """The longer one; the other's sources are compiled by test_fmu_platforms.py."""
     model = estimator
@@ -130,7 +151,11 @@ def test_fmpy_compiles_the_sources_and_gets_the_same_bits(estimator: Unit, tmp_p
             i.start({"vehicle.mass": 1600.0})
         for k in range(200):
             for i in (a, b):
-                values = {"wheel_speed_front": 50 + np.sin(0.3 * k), "wheel_speed_rear": 50.0, "accel_x": np.sin(k)}
+                values = {
+                    "wheel_speed_front": 50 + np.sin(0.3 * k),
+                    "wheel_speed_rear": 50.0,
+                    "accel_x": np.sin(k),
+                }
                 i.set({"steer_angle": 0.02 * np.sin(0.1 * k), **values})
                 i.step(k * 0.01, 0.01)
             expect_same_rows([a.get()], [b.get()])
@@ -205,7 +230,11 @@ def test_a_difference_is_measured_against_the_size_of_an_output() -> None:
     def crash() -> np.ndarray:
         raise importers.Failed("it crashed")
 
-    for values, says in ((reference.copy(), "same bits"), (other, "2.5e-09"), (reference[1:], "failed: 1 steps instead of 2")):
+    for values, says in (
+        (reference.copy(), "same bits"),
+        (other, "2.5e-09"),
+        (reference[1:], "failed: 1 steps instead of 2"),
+    ):
         assert importers.difference(lambda v=values: v, reference) == says
     assert importers.difference(lambda: np.nan_to_num(reference), reference).startswith("failed: no number")
     assert importers.difference(crash, reference) == "failed: it crashed"
@@ -219,7 +248,12 @@ PARTICLES = 64
 
 def built(real: str) -> Path:
     """The folder of the FMUs; compiled quickly, which changes no bit."""
-    return build(f"fmu-{real}-test", f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug")
+    return build(
+        f"fmu-{real}-test",
+        f"-DTSE_REAL={real}",
+        f"-DTSE_MAX_PARTICLES={PARTICLES}",
+        "-DCMAKE_BUILD_TYPE=Debug",
+    )
 
 
 @functools.cache  # a binary that is loaded is not to be written again
@@ -233,7 +267,9 @@ def library_in(real: str) -> Path:
     where = ROOT / "build" / f"lab-{real}-test"
     with alone(lock_of(where)):
         options = [f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug"]
-        generator = [] if (where / "CMakeCache.txt").is_file() or not shutil.which("ninja") else ["-G", "Ninja"]
+        generator = (
+            [] if (where / "CMakeCache.txt").is_file() or not shutil.which("ninja") else ["-G", "Ninja"]
+        )
         run("cmake", "--preset", "lab", "-B", where, *generator, *options, cwd=ROOT)
         run("cmake", "--build", where, cwd=ROOT)
     return next(p for p in (where / "src").glob("libtse.*") if p.suffix in (".so", ".dylib"))
@@ -242,7 +278,7 @@ def library_in(real: str) -> Path:
 IN_THE_LIBRARY = """
 import pickle, sys
 from fmu_support import expected_outputs, recorded_drive
-from tse.impl.core import Config
+from tse.library.core import Config
 settings, ordinary = pickle.loads(sys.stdin.buffer.read())
 config = Config(settings).complete() if ordinary else Config.exact(settings)
 rows = recorded_drive().through_library(config)
@@ -288,5 +324,7 @@ def test_the_vehicle_beside_it_is_the_one_of_the_double_build(vehicle: Unit) -> 
     beside = Unit(built("fixed") / f"{VEHICLE}.fmu", scratch() / "vehicle-beside-fixed")
     assert beside.guid == vehicle.guid
     how = [(u.folder / "sources" / "buildDescription.xml").read_text() for u in (beside, vehicle)]
-    assert how[0].replace(f'TSE_MAX_PARTICLES" value="{PARTICLES}"', 'TSE_MAX_PARTICLES" value="512"') == how[1]
+    assert (
+        how[0].replace(f'TSE_MAX_PARTICLES" value="{PARTICLES}"', 'TSE_MAX_PARTICLES" value="512"') == how[1]
+    )
     assert 'TSE_REAL_DOUBLE" value="1"' in how[1]

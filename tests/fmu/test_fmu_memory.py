@@ -54,7 +54,9 @@ def sanitizer() -> str:
     """The run time of gcc's address sanitizer; empty: there is none."""
     if not shutil.which("gcc"):
         return ""
-    path = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True).stdout.strip()
+    path = subprocess.run(
+        ["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True
+    ).stdout.strip()
     return path if os.path.isabs(path) else ""
 
 
@@ -65,7 +67,13 @@ def scenario(environment: dict[str, str], *before: str, rows: int) -> subprocess
 
 @pytest.mark.skipif(not sanitizer(), reason="gcc's address sanitizer is not installed")
 def test_sanitizers_find_nothing() -> None:
-    build("fmu-asan", "-DCMAKE_C_COMPILER=gcc", "-DCMAKE_BUILD_TYPE=Debug", f"-DCMAKE_C_FLAGS={FLAGS}", "-DCMAKE_C_FLAGS_DEBUG=")
+    build(
+        "fmu-asan",
+        "-DCMAKE_C_COMPILER=gcc",
+        "-DCMAKE_BUILD_TYPE=Debug",
+        f"-DCMAKE_C_FLAGS={FLAGS}",
+        "-DCMAKE_C_FLAGS_DEBUG=",
+    )
     binary = unit(MODELS[0], "fmu-asan").binary
     assert "__asan" in run("nm", "-D", binary).stdout, "this FMU was built without the sanitizer"
     # leaks that name no line of ours are Python's own
@@ -73,7 +81,9 @@ def test_sanitizers_find_nothing() -> None:
     done = scenario({"FOLDER": "fmu-asan", "LD_PRELOAD": sanitizer(), "ASAN_OPTIONS": options,
                      "UBSAN_OPTIONS": "print_stacktrace=1"}, rows=300)  # fmt: skip
     assert done.stdout.count("done") == 2, done.stderr[-4000:]
-    assert "ERROR: AddressSanitizer" not in done.stderr and "runtime error" not in done.stderr, done.stderr[-4000:]
+    assert "ERROR: AddressSanitizer" not in done.stderr and "runtime error" not in done.stderr, done.stderr[
+        -4000:
+    ]
     blocks = [b for b in done.stderr.split("\n\n") if re.search(r"(Direct|Indirect) leak", b)]
     leaks = [b for b in blocks if re.search(r"fmi2|tse_|model_", b)]
     assert not leaks, "\n\n".join(leaks[:5])
@@ -83,12 +93,17 @@ def test_the_fmu_cannot_leak_because_it_does_not_allocate(model) -> None:
     """Memory is a pool; and of the C library nothing but these is called."""
     if not shutil.which("nm"):
         pytest.skip("nm is not installed")
-    needed = {line.split()[-1].split("@")[0] for line in run("nm", "-D", "--undefined-only", model.binary).stdout.splitlines()}
+    needed = {
+        line.split()[-1].split("@")[0]
+        for line in run("nm", "-D", "--undefined-only", model.binary).stdout.splitlines()
+    }
     needed = {n for n in needed if not n.startswith("_")}
     assert needed <= {"memcpy", "memset", "memcmp", "memchr", "memmove", "strchr", "strcmp", "strrchr", "strlen", "snprintf",
                       "sqrt"}, needed  # fmt: skip
     header = (model.folder / "sources" / "fmi2Functions.h").read_text()
-    common, _, rest = header[header.index("FMI2_Export fmi2GetTypesPlatformTYPE") :].partition("Model Exchange")
+    common, _, rest = header[header.index("FMI2_Export fmi2GetTypesPlatformTYPE") :].partition(
+        "Model Exchange"
+    )
     co_simulation = rest.partition("Co-Simulation")[2]
     defined = set(re.findall(r"^ *FMI2_Export fmi2\w+TYPE +(fmi2\w+);", common + co_simulation, re.M))
     assert exported(model.binary) == defined and len(defined) == 34
@@ -101,12 +116,25 @@ def test_valgrind_finds_nothing_in_a_client(model, tmp_path: Path) -> None:
 
     client, input_ = tmp_path / "client", tmp_path / "in.csv"
     run("cc", "-std=c99", "-g", "-I", headers(), HERE / "client.c", "-o", client, "-ldl")
-    input_.write_text(f"time,{model.code('steer_angle')}\n" + "".join(f"{0.01 * k:.2f},0.0{k % 3}\n" for k in range(12)))
+    input_.write_text(
+        f"time,{model.code('steer_angle')}\n" + "".join(f"{0.01 * k:.2f},0.0{k % 3}\n" for k in range(12))
+    )
     few = ["--set", f"{model.code('filter.particles')}=60"] if "filter.particles" in model.variables else []
-    common = ["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", client, model.binary, model.guid, input_]
+    common = [
+        "valgrind",
+        "-q",
+        "--error-exitcode=9",
+        "--leak-check=full",
+        client,
+        model.binary,
+        model.guid,
+        input_,
+    ]
     run(*common, tmp_path / "out.csv", *few, "--save", f"{tmp_path / 'state'}@6")
     run(*common, tmp_path / "rest.csv", "--restore", f"{tmp_path / 'state'}@6")
-    assert (tmp_path / "rest.csv").read_text().splitlines()[1:] == (tmp_path / "out.csv").read_text().splitlines()[7:]
+    assert (tmp_path / "rest.csv").read_text().splitlines()[1:] == (
+        tmp_path / "out.csv"
+    ).read_text().splitlines()[7:]
 
 
 if __name__ == "__main__":

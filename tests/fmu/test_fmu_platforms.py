@@ -47,7 +47,9 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     if why := unavailable("linux64"):
         pytest.skip(why)
     of, folder = unit(request.param), tmp_path_factory.mktemp(request.param)
-    settings = [x for name, value in SETTINGS[of.identifier].items() for x in ("--set", f"{of.code(name)}={value}")]
+    settings = [
+        x for name, value in SETTINGS[of.identifier].items() for x in ("--set", f"{of.code(name)}={value}")
+    ]
     input_ = inputs(of, folder / "in.csv")
     text = run_client(client_for("linux64"), of.binary, of, input_, folder / "out.csv", *options(of), *settings,
                       "--save", f"{folder / 'state'}@{MIDDLE}")  # fmt: skip
@@ -67,17 +69,27 @@ def run_on(target: str, reference: dict, tmp_path: Path, *more: str, version: st
 
 @pytest.mark.parametrize("target", RUNNERS)
 def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: Path) -> None:
-    text = run_on(target, reference, tmp_path, *reference["settings"], "--save", f"{tmp_path / 'state'}@{MIDDLE}")
-    wrong = [i for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True)) if a != b]
+    text = run_on(
+        target, reference, tmp_path, *reference["settings"], "--save", f"{tmp_path / 'state'}@{MIDDLE}"
+    )
+    wrong = [
+        i
+        for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True))
+        if a != b
+    ]
     assert not wrong, f"{target} differs from row {wrong[0]} on"
     assert (tmp_path / "state").read_bytes() == reference["state"].read_bytes()
 
 
 @pytest.mark.parametrize("target", RUNNERS)
-def test_fmi_3_has_the_bits_of_fmi_2_there_and_its_state_goes_on(reference: dict, target: str, tmp_path: Path) -> None:
+def test_fmi_3_has_the_bits_of_fmi_2_there_and_its_state_goes_on(
+    reference: dict, target: str, tmp_path: Path
+) -> None:
     here, rows = (reference, tmp_path), reference["text"].splitlines()[1:]
     at = f"{tmp_path / 'state'}@{MIDDLE}"
-    assert run_on(target, *here, *reference["settings"], "--save", at, version="-fmi3").splitlines()[1:] == rows
+    assert (
+        run_on(target, *here, *reference["settings"], "--save", at, version="-fmi3").splitlines()[1:] == rows
+    )
     if target != "win64":  # wine takes seconds
         assert run_on(target, *here, "--restore", at, version="-fmi3").splitlines()[1:] == rows[MIDDLE:]
 
@@ -101,7 +113,13 @@ def test_a_damaged_state_is_refused_there(reference: dict, target: str, tmp_path
 def test_channels_are_those_of_the_estimator() -> None:
     """So that inputs() sets all there are."""
     names = [v.name for v in unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
-    velocities = ["given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course"]  # at rest unless one is given
+    velocities = [
+        "given",
+        "ins_vel_x",
+        "ins_vel_y",
+        "gnss_speed",
+        "gnss_course",
+    ]  # at rest unless one is given
     pedals = ["given", "brake", "wheel_torque_front", "wheel_torque_rear"]
     assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities), *(f"pedals.{v}" for v in pedals),
                      *(f"road.{v}" for v in ("given", "bank", "grade"))]  # fmt: skip

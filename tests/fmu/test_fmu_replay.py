@@ -19,16 +19,18 @@ from fmu_support import (
     unit,
 )
 
-from tse.impl import maneuvers
-from tse.impl.core import Config, SimConfig
-from tse.impl.simulate import drive, simulate
+from tse.library.core import Config, SimConfig
+from tse.simulation import maneuvers
+from tse.simulation.simulate import drive, simulate
 
 
 def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = False) -> Log:
     """Square waves; with lost cells, lost rows and, when irregular, rows 3 .. 30 ms apart."""
     random = np.random.default_rng(seed)
     config = Config.exact()
-    maneuver = maneuvers.build("square-waves", config, sample_time=0.001 if irregular else 0.01, duration=duration)
+    maneuver = maneuvers.build(
+        "square-waves", config, sample_time=0.001 if irregular else 0.01, duration=duration
+    )
     _, outputs = drive(maneuver, config, SimConfig({"seed": seed}))
     keep = np.ones(len(maneuver.time), bool)
     if irregular:
@@ -48,7 +50,9 @@ def replay(estimator: Unit, log: Log, settings: dict[str, float], form: str | No
     expected = log.through_library(settings, form)
     with Instance(estimator) as instance:
         instance.start(parameters_of(full, estimator), time=float(log.time[0]))
-        expect_same_rows(log.through_fmu(instance), (expected_outputs(row, Config.exact(full)) for row in expected))
+        expect_same_rows(
+            log.through_fmu(instance), (expected_outputs(row, Config.exact(full)) for row in expected)
+        )
 
 
 def test_the_recorded_drive_with_default_settings(estimator: Unit) -> None:
@@ -77,7 +81,9 @@ SWEEP = [
 
 
 @pytest.mark.parametrize(("settings", "form"), SWEEP, ids=lambda p: str(p) if isinstance(p, str) else "")
-def test_a_drive_with_gaps_with_other_parameters(estimator: Unit, settings: dict[str, float], form: str | None) -> None:
+def test_a_drive_with_gaps_with_other_parameters(
+    estimator: Unit, settings: dict[str, float], form: str | None
+) -> None:
     replay(estimator, simulated_drive(), settings, form)
 
 
@@ -91,7 +97,10 @@ def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Un
         instance.start({**KNOWN, "filter.particles": 100})
         rows = log.through_fmu(instance)
     expect_same_rows(rows, (expected_outputs(row, config) for row in log.through_library({"particles": 100})))
-    assert any(r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"] for r in rows)
+    assert any(
+        r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"]
+        for r in rows
+    )
 
 
 def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> None:
@@ -104,7 +113,10 @@ def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> Non
 def test_a_log_that_starts_late_and_a_second_run_after_reset(estimator: Unit) -> None:
     log = simulated_drive(2.0)
     late = Log(log.time + 1e5, log.channels)
-    expected = [expected_outputs(row, Config.exact({"particles": 60})) for row in late.through_library({"particles": 60})]
+    expected = [
+        expected_outputs(row, Config.exact({"particles": 60}))
+        for row in late.through_library({"particles": 60})
+    ]
     with Instance(estimator) as instance:
         for _ in range(2):
             instance.start({**KNOWN, "filter.particles": 60}, time=float(late.time[0]))
@@ -164,7 +176,10 @@ def study(seed: int, ramp: bool = True) -> Study:
     errors, valid, channels, rows = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, len(CHANNELS))), []
 
     def driver(k: int) -> dict[str, float]:
-        return {"steer_angle": 0.02 * square(k * STEP, 4.0), "wheel_torque_front": 700.0 * square(k * STEP, 5.0)}
+        return {
+            "steer_angle": 0.02 * square(k * STEP, 4.0),
+            "wheel_torque_front": 700.0 * square(k * STEP, 5.0),
+        }
 
     with Instance(vehicle, "vehicle") as car, Instance(estimator, "estimator") as filter_:
         car.start({"simulation.seed": seed, "ramp": ramp}, driver(0))
@@ -183,7 +198,8 @@ def study(seed: int, ramp: bool = True) -> Study:
             car.step(k * STEP, STEP)
     late = np.arange(n) * STEP >= WINDOW
     result = {
-        s: (errors[late, a].mean(), np.mean(errors[late, a] ** 2), 100 * valid[late, a].mean()) for a, s in enumerate(STIFFNESS)
+        s: (errors[late, a].mean(), np.mean(errors[late, a] ** 2), 100 * valid[late, a].mean())
+        for a, s in enumerate(STIFFNESS)
     }
     return Study(Log(np.arange(n) * STEP, channels), rows, result)
 
@@ -204,7 +220,9 @@ def test_estimates_leave_the_start_for_the_truth() -> None:
     """They start 30 % too low."""
     for s in STIFFNESS:
         mean, square_, valid = np.array([study(seed).result[s] for seed in SEEDS]).T
-        print(f"{s}: mean error {mean.mean():+.2f} %, RMS {np.sqrt(square_).mean():.2f} %, valid {valid.mean():.0f} %")
+        print(
+            f"{s}: mean error {mean.mean():+.2f} %, RMS {np.sqrt(square_).mean():.2f} %, valid {valid.mean():.0f} %"
+        )
         assert np.sqrt(square_).max() < 15 and valid.min() > 50, s
 
 
@@ -213,7 +231,9 @@ def test_held_inputs_cost_the_stiffness_little() -> None:
     `ramp` is true by default."""
     for s in STIFFNESS:
         cost = np.array([study(seed, ramp=False).result[s][0] - study(seed).result[s][0] for seed in SEEDS])
-        print(f"{s}: ramp=false moves the mean error by {cost.mean():+.2f} % ({cost.min():+.2f} .. {cost.max():+.2f})")
+        print(
+            f"{s}: ramp=false moves the mean error by {cost.mean():+.2f} % ({cost.min():+.2f} .. {cost.max():+.2f})"
+        )
         assert 0 < np.abs(cost).max() < 5, s
 
 

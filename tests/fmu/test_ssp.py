@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from fmu_support import ESTIMATOR, VEHICLE, Instance, unit
 
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
 from tselab.cli import cli
 from tselab.fmu import parameter_set, parameters_of
 
@@ -64,12 +64,14 @@ def known_car(ssp):
     (binding,) = estimator.parameterBindings
     (values,) = binding.parameterValues
     assert (binding.source, values.name) == ("resources/vehicle.ssv", "the car of the paper's study")
-    of_estimator = [Parameter(name=f"estimator.{p.name}", type=p.type, value=p.value) for p in values.parameters]
+    of_estimator = [
+        Parameter(name=f"estimator.{p.name}", type=p.type, value=p.value) for p in values.parameters
+    ]
     return ParameterSet(name=values.name, parameters=of_estimator)
 
 
 def test_the_vehicle_of_the_system_is_that_of_the_study_and_current(ssp):
-    from tse.impl.core import Config
+    from tse.library.core import Config
 
     parameters = parameters_of(ssp.with_name("TireStiffnessEstimator.fmu"))
     text = parameter_set(parameters, Config.exact(), "the car of the paper's study")
@@ -81,9 +83,9 @@ def test_a_vehicle_file_becomes_the_parameters_of_its_settings(of, ssp, tmp_path
     """What is left out of the set is at its start."""
     from fmpy.ssp.ssd import read_ssv
 
-    from tse.impl.config import make_config
-    from tse.impl.tables import example_vehicle
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.config import make_config
+    from tse.car.vehicle import read_vehicle
+    from tse.report.tables import example_vehicle
 
     (tmp_path / "car.toml").write_text(example_vehicle(), encoding="utf-8")
     command = ["fmu", "parameters", str(ssp.with_name(of)), "--vehicle", str(tmp_path / "car.toml")]
@@ -109,7 +111,9 @@ def test_what_is_not_the_estimator_is_refused(ssp, tmp_path):
 
 def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp):
     drive = {"steer_angle": steering, "wheel_torque_front": torque, "wheel_torque_rear": lambda _: 0.0}
-    result = fmpy_ssp.simulate_ssp(str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=known_car(ssp), input=drive)
+    result = fmpy_ssp.simulate_ssp(
+        str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=known_car(ssp), input=drive
+    )
     assert len(result) == STEPS
     by_hand = stepped_by_hand()
     for name in by_hand.dtype.names:
@@ -127,7 +131,10 @@ def stepped_by_hand() -> np.ndarray:
     with Instance(unit(VEHICLE)) as vehicle, Instance(unit(ESTIMATOR)) as estimator:
         vehicle.start()
         estimator.start({"vehicle.exact": True})
-        driver, measured = ({"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0}, dict.fromkeys(sensors, 0.0))
+        driver, measured = (
+            {"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0},
+            dict.fromkeys(sensors, 0.0),
+        )
         for i in range(STEPS):
             time = i * STEP
             vehicle.set(driver)
@@ -137,6 +144,10 @@ def stepped_by_hand() -> np.ndarray:
             values = vehicle.get([*truth, *(f"sensor.{s}" for s in sensors)])
             rows.append((*(values[n] for n in truth), *estimator.get(estimate).values()))
             measured = {s: values[f"sensor.{s}"] for s in sensors}
-            driver = {"steer_angle": steering(time), "wheel_torque_front": torque(time), "wheel_torque_rear": 0.0}
+            driver = {
+                "steer_angle": steering(time),
+                "wheel_torque_front": torque(time),
+                "wheel_torque_rear": 0.0,
+            }
     names = [*(f"vehicle.{n}" for n in truth), *(f"estimator.{n}" for n in estimate)]
     return np.array(rows, dtype=[(n, float) for n in names])

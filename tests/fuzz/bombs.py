@@ -39,7 +39,13 @@ def parquet(path: Path, rows: int) -> None:
     import pyarrow.parquet as pq
 
     table = pa.table({"time": np.arange(rows) * 10, **columns(rows)})  # ms, which its values say
-    pq.write_table(table, path, compression="zstd", use_dictionary=list(NAMES), column_encoding={"time": "DELTA_BINARY_PACKED"})
+    pq.write_table(
+        table,
+        path,
+        compression="zstd",
+        use_dictionary=list(NAMES),
+        column_encoding={"time": "DELTA_BINARY_PACKED"},
+    )
 
 
 def mat73(path: Path, rows: int) -> None:
@@ -55,8 +61,15 @@ def mat5(path: Path, rows: int, names: tuple[str, ...] = ("time", *NAMES)) -> No
     parts = [b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2s", 0x0100, b"IM")]
     for name in names:
         label = name.encode()
-        head = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIii", 5, 8, rows, 1)  # of doubles; so many rows
-        head += struct.pack("<II", 1, len(label)) + label + bytes(-len(label) % 8) + struct.pack("<II", 9, 8 * rows)
+        head = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack(
+            "<IIii", 5, 8, rows, 1
+        )  # of doubles; so many rows
+        head += (
+            struct.pack("<II", 1, len(label))
+            + label
+            + bytes(-len(label) % 8)
+            + struct.pack("<II", 9, 8 * rows)
+        )
         work = zlib.compressobj(9)
         packed = work.compress(struct.pack("<II", 14, len(head) + 8 * rows) + head)
         for left in range(8 * rows, 0, -(1 << 24)):
@@ -83,7 +96,11 @@ def blf(path: Path, rows: int) -> None:
         + struct.pack("<HBBL8s", 1, 0, 8, 0xC1, b"")
     )
     packed = zlib.compress(frame * 20000, 9)
-    box = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10) + struct.pack("<H6xL4x", 2, 20000 * len(frame)) + packed
+    box = (
+        struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+        + struct.pack("<H6xL4x", 2, 20000 * len(frame))
+        + packed
+    )
     box += bytes((32 + len(packed)) % 4)  # so many, as its readers have it
     start = struct.pack("<4sL", b"LOGG", 144).ljust(144, b"\0")
     path.write_bytes(start + box * -(-rows // 20000))
@@ -91,13 +108,19 @@ def blf(path: Path, rows: int) -> None:
 
 
 def csv(path: Path, rows: int) -> None:
-    path.write_text("time,steer_angle,wheel_speed_front,wheel_speed_rear,accel_x,accel_y,yaw_rate\n" + ",,,,,,\n" * rows)
+    path.write_text(
+        "time,steer_angle,wheel_speed_front,wheel_speed_rear,accel_x,accel_y,yaw_rate\n" + ",,,,,,\n" * rows
+    )
 
 
 def gaps(path: Path, rows: int) -> None:
     """Values that are a second apart: at 100 Hz a hundred times as many rows."""
     lines = [f"{k};0;30;30;0;0;0" for k in range(rows)]
-    path.write_text("time;steer_angle;wheel_speed_front;wheel_speed_rear;accel_x;accel_y;yaw_rate\n" + "\n".join(lines) + "\n")
+    path.write_text(
+        "time;steer_angle;wheel_speed_front;wheel_speed_rear;accel_x;accel_y;yaw_rate\n"
+        + "\n".join(lines)
+        + "\n"
+    )
 
 
 FORMATS: dict[str, tuple[str, Callable[[Path, int], None], tuple[int, ...]]] = {
@@ -140,11 +163,15 @@ def run(arguments: list[str], folder: Path) -> Taken:
     watcher.join()
     errors = [x for x in (folder / "said").read_text().splitlines() if x.startswith("tselab: ")]
     said = errors[0].partition("error: ")[2] if errors else ""
-    return Taken(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, disk[0], said)
+    return Taken(
+        os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, disk[0], said
+    )
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--write", action="store_true", help=f"make {RESULTS.relative_to(ROOT)} anew")
     parser.add_argument("--only", default="", help="formats with this in their name")
     given = parser.parse_args()
@@ -154,7 +181,9 @@ def main() -> int:
             with tempfile.TemporaryDirectory() as made:
                 folder = Path(made)
                 car = subprocess.run(
-                    [sys.executable, "-m", "tselab", "vehicle", "--example"], cwd=ROOT / "scripts", capture_output=True
+                    [sys.executable, "-m", "tselab", "vehicle", "--example"],
+                    cwd=ROOT / "scripts",
+                    capture_output=True,
                 )
                 (folder / "car.toml").write_bytes(car.stdout)
                 maker = multiprocessing.get_context("spawn").Process(target=make, args=(folder / file, rows))
@@ -165,7 +194,13 @@ def main() -> int:
                     continue
                 for command in ("estimate", "signals"):
                     began = time.monotonic()
-                    arguments = [command, file, "--vehicle", "car.toml", *(["--out", "o.csv"] if command == "estimate" else [])]
+                    arguments = [
+                        command,
+                        file,
+                        "--vehicle",
+                        "car.toml",
+                        *(["--out", "o.csv"] if command == "estimate" else []),
+                    ]
                     x = run(arguments, folder)
                     worst = {key: max(value, getattr(x, key)) for key, value in worst.items()}
                     end = x.said.replace(f"{file}: ", "")[:60] or "read"

@@ -33,7 +33,7 @@ except ImportError:  # Windows knows no limits
     resource = None
 
 import inputs  # beside this file
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
 from tselab.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -111,7 +111,7 @@ def good_log() -> bytes:
 
 @functools.cache
 def good_car() -> bytes:
-    from tse.impl.tables import simulated_vehicle
+    from tse.report.tables import simulated_vehicle
 
     return simulated_vehicle().encode()
 
@@ -126,7 +126,11 @@ def logs() -> list[bytes]:
     holes = table_of()
     holes.loc[5:9, "accel_y"] = np.nan
     holes.loc[20, "steer_angle"] = np.nan
-    return [good_log(), *(t.to_csv(index=False).encode() for t in (more, sides, holes)), good_log().replace(b"\n", b"\r\n")]
+    return [
+        good_log(),
+        *(t.to_csv(index=False).encode() for t in (more, sides, holes)),
+        good_log().replace(b"\n", b"\r\n"),
+    ]
 
 
 def read_log(data: bytes, folder: Path) -> None:
@@ -140,9 +144,14 @@ def read_log(data: bytes, folder: Path) -> None:
 
 
 def cars() -> list[bytes]:
-    told = SMALL_CAR + b"[uncertainty]\nmass_sd = 0.05\n[sensors]\naccel_x_sd = 0.1\n[latency]\naccel_y = 0.02\n"
+    told = (
+        SMALL_CAR + b"[uncertainty]\nmass_sd = 0.05\n[sensors]\naccel_x_sd = 0.1\n[latency]\naccel_y = 0.02\n"
+    )
     told += b"[effects.body_roll]\ngain = 0.01\n"
-    found = SMALL_CAR + b'[calibration]\nnames = ["a", "b"]\nmean = [1.0, 2.0]\ncovariance = [[1.0, 0.1], [0.1, 1.0]]\n'
+    found = (
+        SMALL_CAR
+        + b'[calibration]\nnames = ["a", "b"]\nmean = [1.0, 2.0]\ncovariance = [[1.0, 0.1], [0.1, 1.0]]\n'
+    )
     return [good_car(), SMALL_CAR, told, found]
 
 
@@ -152,7 +161,10 @@ def read_car(data: bytes, folder: Path) -> None:
 
 
 def filters() -> list[bytes]:
-    return [b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n", b"[filter]\nform = 0\nwheel_signals = 1\nseed = 7\n"]
+    return [
+        b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n",
+        b"[filter]\nform = 0\nwheel_signals = 1\nseed = 7\n",
+    ]
 
 
 def read_filter(data: bytes, folder: Path) -> None:
@@ -164,9 +176,14 @@ def read_filter(data: bytes, folder: Path) -> None:
 
 def formulas() -> list[bytes]:
     play = b'id = "play"\ntitle = "play in the steering"\nplace = "front_angle"\nformula = "play(steer_angle, w) - steer_angle"\n'
-    drag = b'id = "drag"\ntitle = "d"\nplace = "force_x"\nformula = "-drag * vel_x * abs(vel_x)"\ngain = 0.5\n'
+    drag = (
+        b'id = "drag"\ntitle = "d"\nplace = "force_x"\nformula = "-drag * vel_x * abs(vel_x)"\ngain = 0.5\n'
+    )
     drag += b'[numbers.drag]\nvalue = 0.0003\nsd = 0.1\nunit = "1/m"\n'
-    return [play + b'[numbers.w]\nvalue = 0.003\nunit = "rad"\ntext = "half of it"\n[found]\ngain = 3\n', drag]
+    return [
+        play + b'[numbers.w]\nvalue = 0.003\nunit = "rad"\ntext = "half of it"\n[found]\ngain = 3\n',
+        drag,
+    ]
 
 
 def read_formula(data: bytes, folder: Path) -> None:
@@ -224,13 +241,26 @@ ODD = (b"nan", b"inf", b"-inf", b"1e400", b"-0", b"1e-400", b"9" * 400, b"0x10",
 TOML_WORDS = (b"[", b"]", b"[[", b"{", b"}", b"[" * 3000, b"x = " + b"[" * 3000 + b"\n", b"a." * 2000, b'"""', b"true",
               b"1979-05-27", b"= [1, 2]", b"= {}", b"inf", b"\\u0000", b"mass = 1", b"[effects]", b"[effects.grade]",
               b"[formula]\nfile = 'x.toml'\n", b"[sensors]", b"[latency]")  # fmt: skip
-JSON_WORDS = (b"[" * 3000, b"{", b"null", b"true", b"NaN", b"Infinity", b"1e999", b'{"cases": 3}', b'"cases"', b"\\ud800")
+JSON_WORDS = (
+    b"[" * 3000,
+    b"{",
+    b"null",
+    b"true",
+    b"NaN",
+    b"Infinity",
+    b"1e999",
+    b'{"cases": 3}',
+    b'"cases"',
+    b"\\ud800",
+)
 
 FILTER_WORDS = (*TOML_WORDS, b"sample_time = 0.001", b"form = 1", b"max_gap = 1.0", b"noise_max = 1000.0")
 FORMULA_WORDS = (*TOML_WORDS, b"lag(", b"late(", b"**", b"(" * 100, b"sqrt(", b"__import__", b"place")
 
 TARGETS = {
-    "log": Target(logs, read_log, (b"time", b"accel_x", b"wheel_speed_rear", b"yaw_rate", b"0.01", b"," * 5000)),
+    "log": Target(
+        logs, read_log, (b"time", b"accel_x", b"wheel_speed_rear", b"yaw_rate", b"0.01", b"," * 5000)
+    ),
     "vehicle": Target(cars, read_car, TOML_WORDS),
     "filter": Target(filters, read_filter, FILTER_WORDS),
     "formula": Target(formulas, read_formula, FORMULA_WORDS),
@@ -265,7 +295,9 @@ def changed(dice: random.Random, data: bytes, others: list[bytes], words: tuple[
                 found = list(re.finditer(rb"-?\d+\.?\d*", bytes(b)))
                 if found:
                     m = dice.choice(found)
-                    b[m.start() : m.end()] = dice.choice([*ODD[:10], b"0", b"-1", b"1e9", str(dice.uniform(-1e3, 1e3)).encode()])
+                    b[m.start() : m.end()] = dice.choice(
+                        [*ODD[:10], b"0", b"-1", b"1e9", str(dice.uniform(-1e3, 1e3)).encode()]
+                    )
             case 7:  # lines in another order, or twice
                 lines = bytes(b).split(b"\n")
                 i, k = dice.randrange(len(lines)), dice.randrange(len(lines))
@@ -315,7 +347,12 @@ def keep(name: str, data: bytes, what: str, found: Path) -> Path:
 
 def search(name: str, runs: int, seconds: float, seed: int, found: Path) -> tuple[int, int]:
     """Changed files, until there were `runs` or `seconds` are over; each way of breaking is kept once.  Returned: runs, findings"""
-    target, dice, end, ways = TARGETS[name], random.Random(f"{name} {seed}"), time.monotonic() + seconds, set[str]()
+    target, dice, end, ways = (
+        TARGETS[name],
+        random.Random(f"{name} {seed}"),
+        time.monotonic() + seconds,
+        set[str](),
+    )
     seeds = target.seeds() + [data for _, data in kept(name)]
     pool, done = list(seeds), 0
     with tempfile.TemporaryDirectory(prefix="tse-fuzz-") as parent:
@@ -341,7 +378,11 @@ def way_of(what: str) -> str:
     """Where it broke and with which exception; else what was said, without numbers and names."""
     lines = what.strip().splitlines()
     places = [line for line in lines if re.match(r' *File ".*tselab', line)]
-    return " ".join([*places[-1:], lines[-1].partition(":")[0]]) if places else re.sub(r"\d+|'[^']*'", "", lines[0])[:80]
+    return (
+        " ".join([*places[-1:], lines[-1].partition(":")[0]])
+        if places
+        else re.sub(r"\d+|'[^']*'", "", lines[0])[:80]
+    )
 
 
 def kept(name: str) -> list[tuple[str, bytes]]:
@@ -350,12 +391,20 @@ def kept(name: str) -> list[tuple[str, bytes]]:
 
 
 def options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}; default: all")
-    parser.add_argument("--runs", type=int, default=1 << 62, help="files of each target; default: as many as --seconds allow")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs")
+    parser.add_argument(
+        "--runs", type=int, default=1 << 62, help="files of each target; default: as many as --seconds allow"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept")
+    parser.add_argument(
+        "--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept"
+    )
     given = parser.parse_args()
     if wrong := [t for t in given.targets if t not in TARGETS]:
         parser.error(f"no target {wrong[0]}; there are {', '.join(TARGETS)}")
@@ -378,7 +427,10 @@ def run() -> int:
         done, wrong = search(name, given.runs, given.seconds, given.seed, given.found)
         findings += wrong
         seconds = round(time.monotonic() - start, 1)
-        print(json.dumps({"target": f"reader_{name}", "inputs": done, "findings": wrong, "seconds": seconds}), flush=True)
+        print(
+            json.dumps({"target": f"reader_{name}", "inputs": done, "findings": wrong, "seconds": seconds}),
+            flush=True,
+        )
     return int(findings > 0)
 
 

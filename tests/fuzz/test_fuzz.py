@@ -20,7 +20,9 @@ RUNS = "400"
 
 def fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess[str]:
     env = dict(os.environ) if path is None else {**os.environ, "PATH": path}
-    return subprocess.run(["bash", "scripts/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900)
+    return subprocess.run(
+        ["bash", "scripts/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900
+    )
 
 
 def test_nothing_is_found_in_a_few_inputs():
@@ -36,7 +38,9 @@ def test_nothing_is_found_in_a_few_inputs():
 
 def test_without_clang_that_is_said(tmp_path):
     for tool in ("bash", "dirname", "sed", "mkdir", "ls", "head", "grep", "env"):  # all but clang
-        where = next(Path(p) / tool for p in os.environ["PATH"].split(os.pathsep) if (Path(p) / tool).exists())
+        where = next(
+            Path(p) / tool for p in os.environ["PATH"].split(os.pathsep) if (Path(p) / tool).exists()
+        )
         (tmp_path / tool).symlink_to(where)
     done = fuzz("step", "--seconds", "1", path=str(tmp_path))
     assert done.returncode == 77, done.stdout + done.stderr
@@ -53,7 +57,9 @@ def test_the_inputs_that_are_kept_are_all_there():
     """Also those of the readers; those of a target are what its C program and its search go through."""
     there = {target for target, _, _ in inputs.lines()}
     broke = {name: len(inputs.found(name)) for name in there if inputs.found(name)}
-    assert {name: len(inputs.read(name)) - broke.get(name, 0) for name in TARGETS} == dict.fromkeys(TARGETS, 40)
+    assert {name: len(inputs.read(name)) - broke.get(name, 0) for name in TARGETS} == dict.fromkeys(
+        TARGETS, 40
+    )
     assert broke == {"fmu_calls_vehicle": 1, "learnt": 5, "replay": 2, "settings": 4, "state": 2, "step": 5,
                      "reader_runs": 2, "reader_vehicle": 1}  # fmt: skip
     assert there == {*TARGETS, *broke}
@@ -83,7 +89,9 @@ RUNS_READERS = 60  # of each target; readers.py --runs 1000000 on demand
 FOUND = [(name, why, data) for name in readers.TARGETS for why, data in readers.kept(name)]
 
 
-@pytest.mark.parametrize(("name", "data"), [(n, d) for n, _, d in FOUND], ids=[f"{n}-{why}" for n, why, _ in FOUND])
+@pytest.mark.parametrize(
+    ("name", "data"), [(n, d) for n, _, d in FOUND], ids=[f"{n}-{why}" for n, why, _ in FOUND]
+)
 def test_what_once_broke_a_reader_does_no_more(name, data, tmp_path):
     assert not readers.check(name, data, tmp_path)
 

@@ -41,7 +41,10 @@ def mf4(csv: Path, path: Path) -> None:
     with MDF(version="4.10") as mdf:
         for name, (every, late, columns) in MESSAGES.items():
             time = clean.time.to_numpy()[::every] + late
-            signals = [Signal(STEP[c] * np.round(clean[c].to_numpy()[::every] / STEP[c]), time, name=c) for c in columns]
+            signals = [
+                Signal(STEP[c] * np.round(clean[c].to_numpy()[::every] / STEP[c]), time, name=c)
+                for c in columns
+            ]
             mdf.append(signals, acq_name=name)
         mdf.save(path, overwrite=True)
 
@@ -49,7 +52,7 @@ def mf4(csv: Path, path: Path) -> None:
 def run(asked: tuple[int, str]) -> dict:
     """One car, both ways: names of the car, and of sensors."""
     from tests.gap.generator import Spec, make_cases
-    from tse.impl.gap.run.workflow import run as gap
+    from tse.gaps.run.workflow import run as gap
 
     seed, hidden = asked
     case = next(make_cases([Spec(hidden or "clean", {hidden: 1.0} if hidden else {}, seed)]))
@@ -63,7 +66,11 @@ def run(asked: tuple[int, str]) -> dict:
             verdict = gap(logs, folder / "car.toml", held).as_json()
             names = {e["id"] for e in verdict["effects"]}
             alike = {a for e in verdict["effects"] for a in e["look_alikes"]}
-            found[kind] = {"names": sorted(names), "alike": sorted(alike), "sensors": sorted(s["id"] for s in verdict["sensors"])}
+            found[kind] = {
+                "names": sorted(names),
+                "alike": sorted(alike),
+                "sensors": sorted(s["id"] for s in verdict["sensors"]),
+            }
     return found
 
 
@@ -75,7 +82,10 @@ def same(case: dict) -> bool:
 
 def table(cases: list[dict]) -> str:
     """Results of cases -> Markdown."""
-    lines = ["| hidden | seed | clean CSV | bus: of the car | bus: of the sensors |", "|---|---:|---|---|---|"]
+    lines = [
+        "| hidden | seed | clean CSV | bus: of the car | bus: of the sensors |",
+        "|---|---:|---|---|---|",
+    ]
     for c in cases:
         cells = (", ".join(x) or "-" for x in (c["csv"]["names"], c["mf4"]["names"], c["mf4"]["sensors"]))
         lines.append(f"| {c['hidden'] or '-'} | {c['seed']} | " + " | ".join(cells) + " |")

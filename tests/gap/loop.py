@@ -36,14 +36,14 @@ SIDEWAYS, ALONG = ("cy_front", "cy_rear"), ("cx_front",)
 def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     """One case."""
     from tests.gap.generator import Spec, make_cases
-    from tse.impl.calibrate import output
-    from tse.impl.calibrate.workflow import of_logs
-    from tse.impl.config import make_config
-    from tse.impl.core import NOMINAL
-    from tse.impl.gap.run import add
-    from tse.impl.gap.run.workflow import run as gap
-    from tse.impl.logs.log import read_log
-    from tse.impl.vehicle import known_stiffness, read_vehicle
+    from tse.calibration import output
+    from tse.calibration.workflow import of_logs
+    from tse.car.config import make_config
+    from tse.car.vehicle import known_stiffness, read_vehicle
+    from tse.channels.log import read_log
+    from tse.gaps.run import add
+    from tse.gaps.run.workflow import run as gap
+    from tse.library.core import NOMINAL
 
     seed, ids = asked
     case = next(make_cases([Spec("+".join(ids) or "clean", dict.fromkeys(ids, 1.0), seed)]))
@@ -56,10 +56,15 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
         improved, _ = add.write(out, folder / "car.toml", result.problem, result)
         calibrated = of_logs([read_log(p) for p in fitted], read_vehicle(folder / "car.toml"))
         output.write(out / "calibrated.toml", calibrated, [p.name for p in fitted])
-        known = {k: known_stiffness(read_vehicle(path)) for k, path in (("gap", improved), ("car", out / "calibrated.toml"))}
+        known = {
+            k: known_stiffness(read_vehicle(path))
+            for k, path in (("gap", improved), ("car", out / "calibrated.toml"))
+        }
         files = {"before": read_vehicle(folder / "car.toml"), "after": read_vehicle(improved)}
         logs = [read_log(p) for p in sorted(folder.glob("hold_out_*.csv"))]
-        found = {when: _judged([(log, make_config(v, log)[0]) for log in logs], true) for when, v in files.items()}
+        found = {
+            when: _judged([(log, make_config(v, log)[0]) for log in logs], true) for when, v in files.items()
+        }
     both = [(known["gap"][k], known["car"][k]) for k in true]
     values = {f.name: (f.value, f.value - 1.96 * f.sd, f.value + 1.96 * f.sd) for f in calibrated.findings}
     for n in result.naming.named:
@@ -73,8 +78,8 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
 
 def _judged(drives: list, true: dict[str, float]) -> dict:
     """Error, share of valid rows, and share of these within the 95 % interval: both cornering stiffnesses, and the longitudinal."""
-    from tse.impl.core import NOMINAL
-    from tse.impl.estimate import estimate
+    from tse.estimation.estimate import estimate
+    from tse.library.core import NOMINAL
 
     rows: dict[str, list] = {k: [] for k in true}
     for log, config in drives:
@@ -89,7 +94,11 @@ def _judged(drives: list, true: dict[str, float]) -> dict:
         over, valid, inside = np.concatenate([x for k in keys for x in rows[k]]).T
         there = valid > 0
         kept = float(inside[there].mean()) if there.any() else float("nan")
-        found[title] = {"error": float(np.sqrt(np.mean(over**2))), "valid": float(there.mean()), "inside": kept}
+        found[title] = {
+            "error": float(np.sqrt(np.mean(over**2))),
+            "valid": float(there.mean()),
+            "inside": kept,
+        }
     return found
 
 
@@ -127,11 +136,15 @@ def table(cases: list[dict]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.loop", description=__doc__.split("\n")[0])
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--only", nargs="*", default=[], metavar="PART", help="cases with this in their names")
+    parser.add_argument(
+        "--only", nargs="*", default=[], metavar="PART", help="cases with this in their names"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     asked = [(options.seed + k, ids) for k, ids in enumerate(CASES)]
-    asked = [a for a in asked if not options.only or any(o in ("+".join(a[1]) or "clean") for o in options.only)]
+    asked = [
+        a for a in asked if not options.only or any(o in ("+".join(a[1]) or "clean") for o in options.only)
+    ]
     found = in_processes(run, asked, options.jobs, "case")
     if found is None:
         return 130

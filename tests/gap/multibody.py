@@ -31,8 +31,8 @@ from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb as rates
 from vehiclemodels.vehicle_parameters import VehicleParameters, setup_vehicle_parameters
 
 from tests.gap.runs import in_processes
-from tse.impl.gap.run.workflow import run as gap
-from tse.impl.results import plain
+from tse.gaps.run.workflow import run as gap
+from tse.report.results import plain
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "multibody"
@@ -94,7 +94,9 @@ def at_rest(p: VehicleParameters, speed: float) -> list[float]:
     return x
 
 
-def tyre_force(p: VehicleParameters, slip: float, angle: float, camber: float, load: float) -> tuple[float, float]:
+def tyre_force(
+    p: VehicleParameters, slip: float, angle: float, camber: float, load: float
+) -> tuple[float, float]:
     """Force of one tyre in N, forwards and to the right in the wheel's axes, by the package's formulas.
 
     slip: (R omega - v)/v, > 0: drives; angle: rad, > 0: slides to the right; camber: rad; load: N."""
@@ -158,7 +160,9 @@ def slopes(p: VehicleParameters) -> dict[str, float]:
         free = free_slip(p, load)
         by_angle = [tyre_force(p, free, s * step, 0.0, load)[1] for s in (-1, 1)]
         by_slip = [tyre_force(p, free + s * step, 0.0, 0.0, load)[0] for s in (-1, 1)]
-        found[f"cornering_stiffness_{axle}"] = float(by_angle[0] - by_angle[1]) / step  # two wheels, two steps
+        found[f"cornering_stiffness_{axle}"] = (
+            float(by_angle[0] - by_angle[1]) / step
+        )  # two wheels, two steps
         found[f"longitudinal_stiffness_{axle}"] = float(by_slip[1] - by_slip[0]) / step
     return found
 
@@ -232,7 +236,9 @@ class Program:
 def driver(program: Program) -> Input:
     """Steers as the program says, and drives or brakes for its acceleration and speed."""
     steer_rate = np.gradient(program.steer, 0.5 * STEP)
-    signals = list(zip(*(v.tolist() for v in (program.steer, steer_rate, program.speed, program.accel)), strict=True))
+    signals = list(
+        zip(*(v.tolist() for v in (program.steer, steer_rate, program.speed, program.accel)), strict=True)
+    )
 
     def wanted(i: int, x: list[float]) -> tuple[float, float]:
         steer, rate, speed, accel = signals[i]
@@ -298,7 +304,9 @@ def _steps(k: Track) -> None:
     start, length = 15.5, (DURATION - 16.0) / 6
     levels = np.linspace(2.0, most, 6)
     for i, ay in enumerate(k.rng.permutation(levels)):  # in no order: severity must not look like time
-        k.steer += side * (-1) ** i * k.angle(ay) * k.pulse(start, start + 0.65 * length, k.rng.uniform(0.25, 0.6))
+        k.steer += (
+            side * (-1) ** i * k.angle(ay) * k.pulse(start, start + 0.65 * length, k.rng.uniform(0.25, 0.6))
+        )
         start += length
 
 
@@ -338,7 +346,9 @@ def _double_lane_change(k: Track) -> None:
     k.v0 = 16.0
     k.accel += 1.6 * k.pulse(20.0, 25.2, 0.2)
     for start, v in ((1.5, 16.0), (8.0, 16.0), (14.5, 16.0), (26.5, 24.0), (32.5, 24.0), (38.5, 24.0)):
-        k.change(start, k.rng.uniform(1.6, 2.2), k.rng.choice([-1.0, 1.0]) * k.angle(k.rng.uniform(3.6, 4.8), v))
+        k.change(
+            start, k.rng.uniform(1.6, 2.2), k.rng.choice([-1.0, 1.0]) * k.angle(k.rng.uniform(3.6, 4.8), v)
+        )
 
 
 FITTED: dict[str, Callable[[Track], None]] = {
@@ -362,7 +372,9 @@ def program_of(p: VehicleParameters, name: str, seed: int) -> Program:
 def motion(p: VehicleParameters, program: Program) -> np.ndarray:
     """(samples, 2, 29): state and rate every SAMPLE from the start of the log."""
     steps, every = round((DURATION + SETTLE) / STEP), round(SAMPLE / STEP)
-    return drive(p, at_rest(p, float(program.speed[0])), driver(program), steps, every)[round(SETTLE / SAMPLE) :]
+    return drive(p, at_rest(p, float(program.speed[0])), driver(program), steps, every)[
+        round(SETTLE / SAMPLE) :
+    ]
 
 
 # ---- sensors
@@ -390,9 +402,17 @@ def sensors(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator) ->
     x, f = kept[:, 0], kept[:, 1]
     omega = x[:, OMEGA]
     measured = imu(x, f, at_rest(p, 20.0)[PITCH])
-    values = (np.arange(len(x)) * SAMPLE, -x[:, STEER], omega[:, :2].mean(1), omega[:, 2:].mean(1), *measured.T)
+    values = (
+        np.arange(len(x)) * SAMPLE,
+        -x[:, STEER],
+        omega[:, :2].mean(1),
+        omega[:, 2:].mean(1),
+        *measured.T,
+    )
     log = dict(zip(COLUMNS, values, strict=True))
-    return {name: x + NOISE[name] * rng.standard_normal(len(x)) if name in NOISE else x for name, x in log.items()}
+    return {
+        name: x + NOISE[name] * rng.standard_normal(len(x)) if name in NOISE else x for name, x in log.items()
+    }
 
 
 # ---- what is true of this car, by experiments of its own
@@ -463,7 +483,9 @@ ROLLING = np.linspace(0.1, 3.0, 59)  # Hz, where the modes are fitted
 def roll_gain(p: VehicleParameters) -> float:
     """rad s2/m: of body_roll, linearised at 20 m/s, steering, 0.1 .. 3 Hz: roll over the tyres' force by a mode."""
     y = response(p, 20.0, "steer", ROLLING)
-    return gain(ROLLING, -y["roll"] / y["force_y"])  # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
+    return gain(
+        ROLLING, -y["roll"] / y["force_y"]
+    )  # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
 
 
 def pitch_and_load(p: VehicleParameters) -> tuple[float, float]:
@@ -510,7 +532,9 @@ def combined(p: VehicleParameters) -> float:
     load, slip = 0.5 * static_load(p)[0], np.linspace(-0.035, 0.035, 71)
     fy = np.array([[tyre_force(p, s, a, 0.0, load)[1] for s in slip] for a in (-0.02, 0.02)])
     weight = (fy / fy[:, 35:36]).mean(0)  # the package's tyre is not quite the same to both sides
-    return float(least_squares(lambda k: 1 / np.sqrt(1 + k * slip**2) - weight, [50.0], bounds=(0, np.inf)).x[0])
+    return float(
+        least_squares(lambda k: 1 / np.sqrt(1 + k * slip**2) - weight, [50.0], bounds=(0, np.inf)).x[0]
+    )
 
 
 def lateral_transfer(p: VehicleParameters) -> float:
@@ -564,7 +588,14 @@ def write(folder: Path, number: int, seed: int = 1) -> None:
     for name in (*FITTED, *HELD_OUT):
         log = sensors(p, motion(p, program_of(p, name, seed)), stream(seed, f"{name} noise"))
         path = folder / f"{'log' if name in FITTED else 'hold_out'}_{name}.csv"
-        np.savetxt(path, np.column_stack(list(log.values())), fmt="%.7g", delimiter=",", header=",".join(COLUMNS), comments="")
+        np.savetxt(
+            path,
+            np.column_stack(list(log.values())),
+            fmt="%.7g",
+            delimiter=",",
+            header=",".join(COLUMNS),
+            comments="",
+        )
     (folder / "car.toml").write_text(vehicle_toml(p, number), encoding="utf-8")
     (folder / "truth.json").write_text(json.dumps(truth(p), indent=1) + "\n", encoding="utf-8")
 
@@ -581,7 +612,11 @@ def run(car: int) -> dict:
             write(folder, car)
         logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
         verdict = gap(logs, folder / "car.toml", held).as_json()
-        done.write_text(json.dumps(plain({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")})))
+        done.write_text(
+            json.dumps(
+                plain({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")})
+            )
+        )
     return json.loads(done.read_text())
 
 
@@ -594,7 +629,10 @@ def true_size(truth: dict, effect: str) -> tuple[str, float] | None:
 
 def table(results: dict[int, tuple[dict, dict]]) -> str:
     """By car: result and truth -> Markdown."""
-    lines = ["| car | named: size (the car's) | formula | accel_x, held out | accel_y | yaw_rate |", "|---|---|---|---:|---:|---:|"]
+    lines = [
+        "| car | named: size (the car's) | formula | accel_x, held out | accel_y | yaw_rate |",
+        "|---|---|---|---:|---:|---:|",
+    ]
     for car, (result, truth) in results.items():
         named = []
         for e in result["effects"]:
@@ -626,7 +664,9 @@ def main() -> int:
     if found is None:
         return 130
     results = dict(zip(options.cars, found, strict=True))
-    text = table({c: (r, json.loads((FOLDER / f"car{c}" / "truth.json").read_text())) for c, r in results.items()})
+    text = table(
+        {c: (r, json.loads((FOLDER / f"car{c}" / "truth.json").read_text())) for c, r in results.items()}
+    )
     if len(results) == 3:
         TABLE.write_text(text)
     print(text)

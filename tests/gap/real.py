@@ -26,8 +26,8 @@ JOBS = 2
 
 def row(folder: Path) -> str:
     """One log: verdict and words, rms over noise of the held-out third before and after."""
-    from tse.impl.gap.run.output import write_all
-    from tse.impl.gap.run.workflow import run
+    from tse.gaps.run.output import write_all
+    from tse.gaps.run.workflow import run
 
     with tempfile.TemporaryDirectory() as name:
         table = pd.read_csv(folder / "data.csv")
@@ -38,7 +38,9 @@ def row(folder: Path) -> str:
         start, out = time.perf_counter(), Path(name) / "out"
         out.mkdir()
         before = sum(os.times()[:4])
-        result = run([Path(name) / "fitted.csv"], folder / "vehicle.toml", [Path(name) / "held_out.csv"], JOBS)
+        result = run(
+            [Path(name) / "fitted.csv"], folder / "vehicle.toml", [Path(name) / "held_out.csv"], JOBS
+        )
         write_all(out, result, folder / "vehicle.toml", JOBS)
         seconds, used = time.perf_counter() - start, sum(os.times()[:4]) - before
     falls = [

@@ -19,7 +19,7 @@ from tqdm import tqdm
 def changed(name: str, value: Any) -> Iterator[None]:
     """Set one constant in its module and in every module that imports it, in this process and in those forked from within."""
     module, _, key = name.rpartition(".")
-    before = getattr(importlib.import_module(f"tse.impl.{module}"), key)
+    before = getattr(importlib.import_module(f"tse.{module}"), key)
     mine = [m for n, m in sys.modules.items() if n.startswith("tse.") and vars(m).get(key) is before]
     for m in mine:
         setattr(m, key, value)
@@ -37,7 +37,9 @@ def in_processes(job: Callable[[Any], Any], asked: Sequence[Any], jobs: int, uni
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         try:
-            return list(tqdm(pool.imap(job, asked, chunksize=1), total=len(asked), unit=unit, file=sys.stderr))
+            return list(
+                tqdm(pool.imap(job, asked, chunksize=1), total=len(asked), unit=unit, file=sys.stderr)
+            )
         except KeyboardInterrupt:
             pool.terminate()
             print("stopped; what is done is kept", file=sys.stderr)

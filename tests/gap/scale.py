@@ -85,7 +85,15 @@ def run(case: str, duration: float, jobs: int) -> Row:
         names = ", ".join(e["id"] for e in verdict["effects"])
         of = f"{len(logs)}, and {len(held)} held out" if held else f"{len(logs)}"
         fitted, held_out = (sum(map(minutes, paths)) for paths in (logs, held))
-    return Row(case, of, fitted, held_out, seconds, memory / 1e9, verdict["verdict"] + (f": {names}" if names else ""))
+    return Row(
+        case,
+        of,
+        fitted,
+        held_out,
+        seconds,
+        memory / 1e9,
+        verdict["verdict"] + (f": {names}" if names else ""),
+    )
 
 
 def minutes(path: Path) -> float:
@@ -106,7 +114,9 @@ def table(rows: Sequence[Row], jobs: int) -> str:
     ]
     for r in rows:
         held_out = f"{r.held_out:.1f}" if r.held_out else "-"
-        lines.append(f"| {r.case} | {r.logs} | {r.minutes:.1f} | {held_out} | {r.seconds:.0f} | {r.gigabytes:.2f} | {r.verdict} |")
+        lines.append(
+            f"| {r.case} | {r.logs} | {r.minutes:.1f} | {held_out} | {r.seconds:.0f} | {r.gigabytes:.2f} | {r.verdict} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -117,12 +127,21 @@ def cores() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
-        prog="python -m tests.gap.scale", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python -m tests.gap.scale",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--duration", type=float, default=LONG, help=f"s of a log (%(default)g); of the many at most {SHORT:g}")
+    parser.add_argument(
+        "--duration",
+        type=float,
+        default=LONG,
+        help=f"s of a log (%(default)g); of the many at most {SHORT:g}",
+    )
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
     parser.add_argument("--jobs", type=int, default=2, help="threads of the command (%(default)s)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="for the table; default: the whole one's to scripts/results")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="for the table; default: the whole one's to scripts/results"
+    )
     options = parser.parse_args(arguments)
     rows = []
     for case in dict.fromkeys(options.only):

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.gap.runs import in_processes
-from tse.impl.core import Config
+from tse.library.core import Config
 from tselab.montecarlo.summary import clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,7 +37,7 @@ SEEDS, SIZES = 1, 0  # seeds of each case at typical size, at half and double: o
 def run(spec_json: str) -> dict:
     """One case: generate, run the workflow, keep what counts."""
     from tests.gap.generator import Spec, make_cases
-    from tse.impl.gap.run.workflow import run as gap
+    from tse.gaps.run.workflow import run as gap
 
     spec = Spec(**json.loads(spec_json))
     case = next(make_cases([spec]))
@@ -106,7 +106,10 @@ def size_of(case: dict) -> tuple[float, float, float, float] | None:
     found = next(iter(mine["parameters"].values()))
     true = float(next(iter(e["parameters"].values())))
     if e["id"] == "rear_roll_steer":  # per lateral acceleration: how much the car rolls is not in a log
-        found, true = mine["parameters"]["gain"], e["parameters"]["k_per_mps2"] / Config.exact().rear_roll_steer_roll
+        found, true = (
+            mine["parameters"]["gain"],
+            e["parameters"]["k_per_mps2"] / Config.exact().rear_roll_steer_roll,
+        )
     if e["id"] == "bank":
         true = e["parameters"]["rms_wander"]
     if not true:
@@ -133,7 +136,9 @@ def worst_held_out(case: dict) -> float:
 
 def closed_held_out(case: dict) -> float:
     """Share of the energy above the noise, of all channels of the held-out logs, that what was named or proposed closes."""
-    before, after = (sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after"))
+    before, after = (
+        sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after")
+    )
     return 1.0 - after / before if before > 0 else 0.0
 
 
@@ -145,14 +150,18 @@ def reliability(cases: list[dict]) -> list[str]:
     stated: list[tuple[float, bool]] = []
     for c in cases:
         truth = truth_ids(c)
-        stated += [(e["probability"], any(same(t, e["id"]) for t in truth)) for e in (*c["named"], *c["possible"])]
+        stated += [
+            (e["probability"], any(same(t, e["id"]) for t in truth)) for e in (*c["named"], *c["possible"])
+        ]
     lines = ["| stated probability | effects | mean stated | there |", "|---|---:|---:|---|"]
     for low, high in pairwise(BINS):
         mine = [(p, there) for p, there in stated if low <= p < high or (high == 1.0 and p == 1.0)]
         if mine:
             k, n = sum(there for _, there in mine), len(mine)
             mean = np.mean([p for p, _ in mine])
-            lines.append(f"| {low:g} .. {high:g} | {n} | {100 * mean:.0f} % | {100 * k / n:.0f} % ({interval(k, n)}) |")
+            lines.append(
+                f"| {low:g} .. {high:g} | {n} | {100 * mean:.0f} % | {100 * k / n:.0f} % ({interval(k, n)}) |"
+            )
     return lines
 
 
@@ -206,9 +215,18 @@ def tables(cases: list[dict]) -> dict[str, str]:
             f"25 % of it. Its forms are others than the catalogue's."
         )
     lines += ["", *reliability([c for c in cases if not c["outside"]])]
-    each = ["| hidden | named, by seed | size error | gap before -> after (fit) | held out |", "|---|---|---:|---|---|"]
+    each = [
+        "| hidden | named, by seed | size error | gap before -> after (fit) | held out |",
+        "|---|---|---:|---|---|",
+    ]
     for c in sorted(cases, key=lambda c: (group(c), c["name"])):
-        named = "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"]) or "-"
+        named = (
+            "; ".join(
+                n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "")
+                for n in c["named"]
+            )
+            or "-"
+        )
         if c["sensors"]:
             named = "; ".join([*([] if named == "-" else [named]), *c["sensors"]])
         if c.get("formula"):
@@ -263,12 +281,20 @@ def _job(spec_json: str) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.study", description=__doc__.split("\n")[0])
-    parser.add_argument("--seeds", type=int, default=SEEDS, help=f"of each case at typical size; default: {SEEDS}")
-    parser.add_argument("--sizes", type=int, default=SIZES, help=f"the same at half and double size; default: {SIZES}")
-    parser.add_argument("--only", nargs="*", default=[], metavar="PART", help="cases with this in their names")
+    parser.add_argument(
+        "--seeds", type=int, default=SEEDS, help=f"of each case at typical size; default: {SEEDS}"
+    )
+    parser.add_argument(
+        "--sizes", type=int, default=SIZES, help=f"the same at half and double size; default: {SIZES}"
+    )
+    parser.add_argument(
+        "--only", nargs="*", default=[], metavar="PART", help="cases with this in their names"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="forget the cases that are done")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables go; default: scripts/results, if it is no part")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="where tables go; default: scripts/results, if it is no part"
+    )
     options = parser.parse_args()
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
@@ -283,7 +309,10 @@ def main() -> int:
     print("\n".join(found.values()))
     whole = {s.name for s in specs} >= {s.name for s in chosen(SEEDS, [], SIZES)}
     written = [str(p) for p in write(found, whole, options.out)]
-    print(f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)", file=sys.stderr)
+    print(
+        f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)",
+        file=sys.stderr,
+    )
     return 0
 
 

@@ -23,31 +23,37 @@ from tests.gap.study import same
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-sweep"
 TABLE = ROOT / "scripts" / "results" / "gap-sweep.md"
-CASES = ("clean-108", "relaxation-1x-1", "lateral_load_transfer-1x-1", "body_roll+steering_ratio-1x-2", "low_grip_patch-1x-1")
+CASES = (
+    "clean-108",
+    "relaxation-1x-1",
+    "lateral_load_transfer-1x-1",
+    "body_roll+steering_ratio-1x-2",
+    "low_grip_patch-1x-1",
+)
 # Half and twice, or what is half and twice as probable.
 VALUES: dict[str, tuple[float, float]] = {
-    "gap.infer.hypotheses.EXPECTED": (0.5, 2.0),
-    "gap.infer.hypotheses.SENSOR_SHARE": (0.05, 0.2),
-    "gap.infer.hypotheses.EVERY_SHARE": (0.08, 0.3),
-    "gap.infer.hypotheses.LARGER_SD": (0.2, 0.7),
+    "gaps.infer.hypotheses.EXPECTED": (0.5, 2.0),
+    "gaps.infer.hypotheses.SENSOR_SHARE": (0.05, 0.2),
+    "gaps.infer.hypotheses.EVERY_SHARE": (0.08, 0.3),
+    "gaps.infer.hypotheses.LARGER_SD": (0.2, 0.7),
     "identify.fit.MODEL_TIME": (1.0, 4.0),
-    "gap.infer.space.LASTING": (0.33, 1.3),
-    "gap.infer.space.ABSENT": (0.25, 1.0),
-    "gap.infer.excerpt.MOST_SECONDS": (45.0, 180.0),
+    "gaps.infer.space.LASTING": (0.33, 1.3),
+    "gaps.infer.space.ABSENT": (0.25, 1.0),
+    "gaps.infer.excerpt.MOST_SECONDS": (45.0, 180.0),
 }
 
 
 def run(asked: tuple[str, str, float | None]) -> None:
     """One case with one constant changed (None: none): the names, and how probable what is there is."""
     from tests.gap.generator import make_cases, study
-    from tse.impl.gap.catalogue import catalogue
-    from tse.impl.gap.fit import fit
-    from tse.impl.gap.infer.excerpt import excerpt
-    from tse.impl.gap.infer.naming import name
-    from tse.impl.gap.problem import STIFFNESS, Problem
-    from tse.impl.gap.run.workflow import read
-    from tse.impl.identify.data import prepare_all
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.vehicle import read_vehicle
+    from tse.gaps.catalogue import catalogue
+    from tse.gaps.fit import fit
+    from tse.gaps.infer.excerpt import excerpt
+    from tse.gaps.infer.naming import name
+    from tse.gaps.problem import STIFFNESS, Problem
+    from tse.gaps.run.workflow import read
+    from tse.identify.data import prepare_all
 
     case, constant, value = asked
     path = file_of(case, constant, value)
@@ -82,12 +88,17 @@ def is_done(constant: str, value: float | None) -> bool:
 def row(label: str, constant: str, value: float | None, cases: Sequence[str] = CASES) -> str:
     found = [json.loads(file_of(c, constant, value).read_text()) for c in cases]
     there, right = (sum(len(f[k]) for f in found) for k in ("truth", "right"))
-    more = [f"{n} {100 * p:.0f} % ({c})" for c, f in zip(cases, found, strict=True) for n, p in f["more"].items()]
+    more = [
+        f"{n} {100 * p:.0f} % ({c})" for c, f in zip(cases, found, strict=True) for n, p in f["more"].items()
+    ]
     return f"| {label} | {right} of {there} | {', '.join(more) or '-'} |"
 
 
 def table(constants_asked: dict[str, tuple[float, float]]) -> str:
-    lines = ["| constant | right or admitted | superfluous names, their probability, the case |", "|---|---|---|"]
+    lines = [
+        "| constant | right or admitted | superfluous names, their probability, the case |",
+        "|---|---|---|",
+    ]
     lines.append(row("all as they are", "", None))
     for name, values in constants_asked.items():
         for v in values:
@@ -98,12 +109,17 @@ def table(constants_asked: dict[str, tuple[float, float]]) -> str:
 
 def _value(name: str) -> float:
     module, _, key = name.rpartition(".")
-    return getattr(importlib.import_module(f"tse.impl.{module}"), key)
+    return getattr(importlib.import_module(f"tse.{module}"), key)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.sweep", description=__doc__.split("\n")[0])
-    parser.add_argument("--only", nargs="*", default=[], help="parts of names of constants; the table is printed, and not written")
+    parser.add_argument(
+        "--only",
+        nargs="*",
+        default=[],
+        help="parts of names of constants; the table is printed, and not written",
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true")
     options = parser.parse_args()

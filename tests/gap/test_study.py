@@ -14,8 +14,8 @@ import pytest
 from generator import Spec, make_cases
 
 from tests.gap import scale, study
-from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.run.workflow import run
+from tse.gaps.catalogue import catalogue
+from tse.gaps.run.workflow import run
 
 MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
 FEW = ("sine_sweep", "brake_in_turn")
@@ -23,13 +23,21 @@ HELD_OUT = ("slalom",)
 
 
 def found(
-    tmp_path: Path, effects: dict[str, float], seed: int, manoeuvres: tuple[str, ...], hold_out: tuple[str, ...] = HELD_OUT
+    tmp_path: Path,
+    effects: dict[str, float],
+    seed: int,
+    manoeuvres: tuple[str, ...],
+    hold_out: tuple[str, ...] = HELD_OUT,
 ) -> tuple[dict, dict, int]:
     """Of 20 s of each manoeuvre. What is hidden is found in few; that nothing is found which is not there is harder in many. With
     held-out logs the search runs twice."""
-    case = next(make_cases([Spec("case", effects, seed, manoeuvres=manoeuvres, hold_out=hold_out, duration=20)]))
+    case = next(
+        make_cases([Spec("case", effects, seed, manoeuvres=manoeuvres, hold_out=hold_out, duration=20)])
+    )
     folder = case.write(tmp_path / "case")
-    result = run(sorted(folder.glob("log_*.csv")), folder / "car.toml", sorted(folder.glob("hold_out_*.csv")), jobs=2)
+    result = run(
+        sorted(folder.glob("log_*.csv")), folder / "car.toml", sorted(folder.glob("hold_out_*.csv")), jobs=2
+    )
     return result.as_json(), case.truth, result.exit_code
 
 
@@ -37,11 +45,15 @@ def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
     verdict, _, code = found(tmp_path, {}, 101, MANOEUVRES)
     assert verdict["verdict"] == "none" and code == 0 and verdict["effects"] == []
     assert max(verdict["gap"]["fit"]["after"].values()) < 1.2
-    assert {"aero_drag", "rolling_resistance"} <= {d["id"] for d in verdict["undetectable"]}  # no speed, no torque in the log
+    assert {"aero_drag", "rolling_resistance"} <= {
+        d["id"] for d in verdict["undetectable"]
+    }  # no speed, no torque in the log
 
 
 # 15 %: the forms of the generator differ from the catalogue's
-@pytest.mark.parametrize(("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")])
+@pytest.mark.parametrize(
+    ("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")]
+)
 def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key: str) -> None:
     verdict, truth, code = found(tmp_path, {effect: 1.0}, 2, FEW)
     assert verdict["verdict"] == "named", json.dumps(verdict["words"])
@@ -59,7 +71,9 @@ def test_a_patch_of_low_grip_is_none_of_the_catalogue(tmp_path: Path) -> None:
     assert code in (0, 20)
 
 
-def test_a_part_of_the_study_does_not_take_the_place_of_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_of_the_study_does_not_take_the_place_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(study, "RESULTS", tmp_path / "results")
     found = {"gap.md": "a table\n", "more.md": "cases\n"}
     assert study.write(found, False, None) == [] and not any(tmp_path.iterdir())
@@ -79,7 +93,9 @@ def test_an_interval_holds_a_size_or_does_not() -> None:
     assert study.size_error(case) == pytest.approx(0.125)
     case["named"][0]["parameters"]["gain"] = {"value": -0.009, "ci95": [-0.010, -0.007]}
     assert study.size_of(case) == (0.009, 0.007, 0.010, 0.008)
-    assert study.size_of({**case, "named": []}) is None and math.isnan(study.size_error({**case, "named": []}))
+    assert study.size_of({**case, "named": []}) is None and math.isnan(
+        study.size_error({**case, "named": []})
+    )
 
 
 # ---- long logs
@@ -103,7 +119,9 @@ def test_memory_is_that_of_one_process() -> None:
         "import sys; from measured import measured\n"
         "for mb in (400, 1): print(*measured(sys.executable, '-c', f'x = bytearray({mb} << 20); raise SystemExit(10)', codes=[10]))"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=scale.ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=scale.ROOT, capture_output=True, text=True, check=True
+    )
     large, small = ([float(x) for x in line.split()] for line in done.stdout.splitlines())
     assert large[0] == small[0] == 10
     assert 0.4e9 < large[3] < 0.6e9 and small[3] < 0.1e9
@@ -111,7 +129,10 @@ def test_memory_is_that_of_one_process() -> None:
 
 def test_a_row_of_the_table() -> None:
     row = scale.Row("long", "6, and 2 held out", 30.0, 10.0, 123.4, 1.234, "named: body_roll")
-    assert scale.table([row], 2).splitlines()[-1] == "| long | 6, and 2 held out | 30.0 | 10.0 | 123 | 1.23 | named: body_roll |"
+    assert (
+        scale.table([row], 2).splitlines()[-1]
+        == "| long | 6, and 2 held out | 30.0 | 10.0 | 123 | 1.23 | named: body_roll |"
+    )
 
 
 # ---- the multi-body car

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tse.impl.core import Config, SimConfig, Simulator
+from tse.library.core import Config, SimConfig, Simulator
 from tselab.cli import main
 
 COMMAND = [sys.executable, "-m", "tselab"]
@@ -41,7 +41,11 @@ def tselab_here(*args: object, cwd: Path | None = None) -> Result:
     try:
         sys.argv = ["tselab", *map(str, args)]
         os.chdir(cwd or folder)
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as end:
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            pytest.raises(SystemExit) as end,
+        ):
             main()
     finally:
         sys.argv = argv

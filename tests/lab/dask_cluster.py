@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tse.impl.fleet.work import Outcome, Task
+from tse.runs.work import Outcome, Task
 
 Start = Callable[..., subprocess.Popen]
 
@@ -25,7 +25,9 @@ def starting() -> Iterator[Start]:
     def one(*args: object, path: Path | None = None) -> subprocess.Popen:
         env = os.environ | {"OMP_NUM_THREADS": "1"} | ({"PYTHONPATH": str(path)} if path else {})
         command = [sys.executable, "-m", "dask", *map(str, args)]
-        processes.append(subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        processes.append(
+            subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        )
         return processes[-1]
 
     try:

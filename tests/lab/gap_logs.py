@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tse.impl.core import Config, Replay
-from tse.impl.gap.drives import Candidate, library, prepared
-from tse.impl.gap.problem import Problem
-from tse.impl.identify.data import prepare
-from tse.impl.logs.log import read_log
-from tse.impl.rows import MEASURES
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.gaps.drives import Candidate, library, prepared
+from tse.gaps.problem import Problem
+from tse.identify.data import prepare
+from tse.library.core import Config, Replay
+from tse.log.rows import MEASURES
 
 CAR = """name = "small case"
 driven_axle = "both"
@@ -78,7 +78,13 @@ def candidate(config: Config, name: str) -> Candidate:
 
 
 def write_log(
-    path: Path, vehicle: Path, drive: str, effects: dict[str, float], seed: int, seconds: float = 24.0, **extra: float
+    path: Path,
+    vehicle: Path,
+    drive: str,
+    effects: dict[str, float],
+    seed: int,
+    seconds: float = 24.0,
+    **extra: float,
 ) -> Path:
     """One log of a car with these settings of effects. `drive`: of DRIVES, or a manoeuvre by its full name. `extra`: optional
     channels with the noise they have."""

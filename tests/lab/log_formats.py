@@ -30,10 +30,10 @@ class Message:
 def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
     """A drive in tse's own columns: double lane changes by a foot that takes 0.5 s from one torque to the next. What happens
     between two entries of a slow channel is in no log; a torque that jumps from row to row would be."""
-    from tse.impl import maneuvers
-    from tse.impl.core import Config, SimConfig
-    from tse.impl.simulate import simulate
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.vehicle import read_vehicle
+    from tse.library.core import Config, SimConfig
+    from tse.simulation import maneuvers
+    from tse.simulation.simulate import simulate
 
     config = Config.exact(read_vehicle(car).values)
     plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=seconds)
@@ -48,12 +48,17 @@ def messages(clean: pd.DataFrame) -> list[Message]:
 
     def part(name: str, columns: dict[str, np.ndarray], units: dict[str, str]) -> Message:
         k = EVERY[name]
-        return Message(name, clean.time.to_numpy()[::k] + LATENCY[name], {c: x[::k] for c, x in columns.items()}, units)
+        return Message(
+            name, clean.time.to_numpy()[::k] + LATENCY[name], {c: x[::k] for c, x in columns.items()}, units
+        )
 
     wheels = {}
     for axle, short in (("front", "V"), ("rear", "H")):
         for side, sign in (("L", -1), ("R", 1)):
-            speed = clean[f"wheel_speed_{axle}"].to_numpy() * RADIUS[axle] + sign * 0.5 * TRACK * clean.yaw_rate.to_numpy()
+            speed = (
+                clean[f"wheel_speed_{axle}"].to_numpy() * RADIUS[axle]
+                + sign * 0.5 * TRACK * clean.yaw_rate.to_numpy()
+            )
             wheels[f"Rad{short}{side}"] = 3.6 * speed
     steer = {"LenkradWinkel": DEG * RATIO * clean.steer_angle.to_numpy()}
     imu = {"Gierrate": DEG * clean.yaw_rate.to_numpy(), "Querbeschl": clean.accel_y.to_numpy() / 9.80665,
@@ -110,7 +115,9 @@ def german_csv(folder: Path, parts: list[Message]) -> Path:
     names = ["Zeit", *table.columns[1:]]
     lines = ["Messung: Prüfstrecke", "Fahrer: Müller", "", ";".join(names)]
     lines.append(";".join(["ms", *(units.get(n, "km/h") for n in names[1:])]))
-    lines += [";".join(f"{x:.6f}".replace(".", ",") for x in [1000 * row[0], *row[1:]]) for row in table.to_numpy()]
+    lines += [
+        ";".join(f"{x:.6f}".replace(".", ",") for x in [1000 * row[0], *row[1:]]) for row in table.to_numpy()
+    ]
     path = folder / "fahrt.csv"
     path.write_bytes("\r\n".join(lines).encode("cp1252"))
     (folder / "signals.toml").write_text(signals_toml({}, units=False))
@@ -142,7 +149,9 @@ def mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
     path = folder / name
     with MDF(version=version) as made:
         for m in parts:
-            made.append([Signal(x, m.time, unit=m.units[n], name=n) for n, x in m.columns.items()], acq_name=m.name)
+            made.append(
+                [Signal(x, m.time, unit=m.units[n], name=n) for n, x in m.columns.items()], acq_name=m.name
+            )
         saved = made.save(path.with_suffix(".mf4" if version > "4" else ".mdf"), overwrite=True)
     Path(saved).replace(path)
     (folder / "signals.toml").write_text(signals_toml({}, units=False))
@@ -183,7 +192,9 @@ def frames(parts: list[Message]) -> list[Frame]:
         for i, t in enumerate(m.time):
             values = {n: float(x[i]) for n, x in m.columns.items()}
             values |= {"steer": {"LenkradBZ": i % 16}, "imu": {"Gueltig": 1}}.get(m.name, {})
-            found.append((t, message.frame_id, message.is_extended_frame, message.encode(values, strict=False), 1))
+            found.append(
+                (t, message.frame_id, message.is_extended_frame, message.encode(values, strict=False), 1)
+            )
     return sorted(found)
 
 
@@ -243,7 +254,10 @@ def write_mf4_bus(path: Path, found: list[Frame]) -> None:
     source = SourceInformation(source_type=2, bus_type=BUS_TYPE_CAN)
     source.name = source.path = "CAN1"
     with MDF(version="4.11") as mdf:
-        mdf.append([Signal(samples, np.array([f[0] for f in found]), name="CAN_DataFrame", source=source)], acq_source=source)
+        mdf.append(
+            [Signal(samples, np.array([f[0] for f in found]), name="CAN_DataFrame", source=source)],
+            acq_source=source,
+        )
         mdf.save(path, overwrite=True)
 
 
@@ -252,7 +266,9 @@ def mf4_bus(folder: Path, parts: list[Message]) -> Path:
     path = folder / "bus.mf4"
     write_mf4_bus(path, frames(parts))
     (folder / "car.dbc").write_text(DBC)
-    (folder / "signals.toml").write_text(signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n'))
+    (folder / "signals.toml").write_text(
+        signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n')
+    )
     return path
 
 
@@ -310,11 +326,21 @@ def _store(ros1: bool = False) -> object:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(WHEELS_MSG, "car_msgs/msg/Wheels") | get_types_from_msg(STEER_MSG, "car_msgs/msg/Steer"))
+    store.register(
+        get_types_from_msg(WHEELS_MSG, "car_msgs/msg/Wheels")
+        | get_types_from_msg(STEER_MSG, "car_msgs/msg/Steer")
+    )
     return store
 
 
-def _bag(folder: Path, parts: list[Message], path: Path, store: object, made: object, serialized: Callable[..., bytes]) -> Path:
+def _bag(
+    folder: Path,
+    parts: list[Message],
+    path: Path,
+    store: object,
+    made: object,
+    serialized: Callable[..., bytes],
+) -> Path:
     opened: dict[str, object] = {}
     with made as writer:
 
@@ -359,7 +385,9 @@ def mcap(folder: Path, parts: list[Message]) -> Path:
                 schema = writer.register_schema(kind, "ros2msg", text.encode())
                 opened[topic] = writer.register_channel(topic, "cdr", schema)
             at = round(1e9 * t)
-            writer.add_message(opened[topic], log_time=at, publish_time=at, data=bytes(store.serialize_cdr(message, kind)))
+            writer.add_message(
+                opened[topic], log_time=at, publish_time=at, data=bytes(store.serialize_cdr(message, kind))
+            )
 
         _ros(store, parts, write)
         writer.finish()
@@ -385,7 +413,9 @@ def mat73(folder: Path, parts: list[Message]) -> Path:
     with h5py.File(path, "w", userblock_size=512) as file:
         for m in parts:
             for name, x in ({"time": m.time} | m.columns).items():
-                file.create_dataset(f"{m.name}/{name}", data=x[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
+                file.create_dataset(f"{m.name}/{name}", data=x[None, :]).attrs["MATLAB_class"] = np.bytes_(
+                    "double"
+                )
     with open(path, "r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(116))
     (folder / "signals.toml").write_text(signals_toml({m.name: f"{m.name}." for m in parts}))

@@ -11,7 +11,9 @@ import pandas as pd
 
 STEP, SUB = 0.01, 5  # s: between rows; steps of the integration in one
 G = 9.81
-Part = tuple[float, float, float]  # s at most, speed [m/s], steering angle [rad]; a negative speed is backwards
+Part = tuple[
+    float, float, float
+]  # s at most, speed [m/s], steering angle [rad]; a negative speed is backwards
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,16 @@ def draw_car(rng: np.random.Generator) -> Car:
     lr = wheelbase - lf
     front = mass * G * lr / wheelbase * rng.uniform(9.5, 13.0)
     rear = mass * G * lf / wheelbase * rng.uniform(12.5, 16.0)
-    return Car(mass, lf, lr, mass * lf * lr * rng.uniform(0.95, 1.1), front, rear, rng.uniform(0.29, 0.35), rng.uniform(0.52, 0.65))
+    return Car(
+        mass,
+        lf,
+        lr,
+        mass * lf * lr * rng.uniform(0.95, 1.1),
+        front,
+        rear,
+        rng.uniform(0.29, 0.35),
+        rng.uniform(0.52, 0.65),
+    )
 
 
 def _street(rng: np.random.Generator, seconds: float) -> list[Part]:
@@ -54,7 +65,9 @@ def _street(rng: np.random.Generator, seconds: float) -> list[Part]:
     parts, done = [], 0.0
     while done < seconds:
         v, length = rng.uniform(7.0, 17.0), rng.uniform(1.0, 3.0)
-        parts.append((length, v, float(rng.choice([-1, 1])) * rng.uniform(1.0, 4.5) * (2.7 + 0.006 * v * v) / v**2))
+        parts.append(
+            (length, v, float(rng.choice([-1, 1])) * rng.uniform(1.0, 4.5) * (2.7 + 0.006 * v * v) / v**2)
+        )
         done += length
     return [*parts, (1.0, 8.0, 0.0), (8.0, 0.0, 0.0)]
 
@@ -72,8 +85,16 @@ def _out(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
 def _round(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
     """Round in three points."""
     side = float(rng.choice([-1, 1]))
-    ahead = [(4.0, rng.uniform(1.5, 4.0), side * lock), (8.0, 0.0, side * lock), (rng.uniform(0.2, 1.5), 0.0, -side * lock)]
-    behind = [(rng.uniform(3.0, 5.0), -back, -side * lock), (8.0, 0.0, -side * lock), (rng.uniform(0.2, 1.5), 0.0, side * lock)]
+    ahead = [
+        (4.0, rng.uniform(1.5, 4.0), side * lock),
+        (8.0, 0.0, side * lock),
+        (rng.uniform(0.2, 1.5), 0.0, -side * lock),
+    ]
+    behind = [
+        (rng.uniform(3.0, 5.0), -back, -side * lock),
+        (8.0, 0.0, -side * lock),
+        (rng.uniform(0.2, 1.5), 0.0, side * lock),
+    ]
     return [*ahead, *behind, (3.0, 4.0, side * 0.7 * lock)]
 
 
@@ -103,12 +124,25 @@ def _driven(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
             for _ in range(SUB):
                 rate = 0.7 if abs(vx) < 5 else 0.35
                 angle += np.clip(to - angle, -rate * h, rate * h)
-                push += h * (np.clip(1.5 * (wanted - vx), -1.4 * strength if vx > 0 else -strength, strength) - push) / 0.15
+                push += (
+                    h
+                    * (
+                        np.clip(1.5 * (wanted - vx), -1.4 * strength if vx > 0 else -strength, strength)
+                        - push
+                    )
+                    / 0.15
+                )
                 sin, cos = np.sin(angle), np.cos(angle)
-                across_front, along_front = (vy + car.lf * r) * cos - vx * sin, vx * cos + (vy + car.lf * r) * sin
+                across_front, along_front = (
+                    (vy + car.lf * r) * cos - vx * sin,
+                    vx * cos + (vy + car.lf * r) * sin,
+                )
                 af += h * (-across_front - abs(along_front) * af) / relax
                 ar += h * (-(vy - car.lr * r) - abs(vx) * ar) / relax
-                most_front, most_rear = mu * car.mass * G * car.lr / length, mu * car.mass * G * car.lf / length
+                most_front, most_rear = (
+                    mu * car.mass * G * car.lr / length,
+                    mu * car.mass * G * car.lf / length,
+                )
                 front = most_front * np.tanh(car.front * af / most_front)
                 rear = most_rear * np.tanh(car.rear * ar / most_rear)
                 ax = push - front * sin / car.mass

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tse.impl.core import Config
-from tse.impl.logs.agree import check_units, late_across
-from tse.impl.logs.log import read_frame
+from tse.channels.agree import check_units, late_across
+from tse.channels.log import read_frame
+from tse.library.core import Config
 
 WHEELBASE, RADIUS = 2.7, 0.31
 
@@ -30,7 +30,10 @@ def drive(seconds: float, speed: float, across: float, left: float = 0.0, seed: 
         "yaw_rate": rate,
     }
     noise = {"steer_angle": 1e-4, "accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.002}
-    return pd.DataFrame({"time": time} | {n: x + noise.get(n, 0.01) * rng.standard_normal(len(time)) for n, x in exact.items()})
+    return pd.DataFrame(
+        {"time": time}
+        | {n: x + noise.get(n, 0.01) * rng.standard_normal(len(time)) for n, x in exact.items()}
+    )
 
 
 def said(table: pd.DataFrame) -> list[str]:
@@ -82,7 +85,9 @@ STREET = Config({"mass": 1800.0, "lf": 1.25, "lr": 1.45, "wheel_radius_front": R
     (0.0, 0.0, False, ""), (0.05, 0.0, False, ""), (0.2, 0.0, False, "later"), (-0.2, 0.0, False, "earlier"),
     (0.0, -2.5, False, "later"), (0.0, 2.5, False, "earlier"), (0.0, 0.0, True, "later"),
 ])  # fmt: skip
-def test_an_accel_y_that_comes_when_the_car_does_not_turn_is_said(late: float, ahead: float, filtered: bool, wrong: str) -> None:
+def test_an_accel_y_that_comes_when_the_car_does_not_turn_is_said(
+    late: float, ahead: float, filtered: bool, wrong: str
+) -> None:
     """Late, low-passed at 1 Hz, or of an IMU that is metres away; what the vehicle file says of it is not said."""
     table = drive(180.0, 15.0, 2.0)
     time = table["time"].to_numpy()

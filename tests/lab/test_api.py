@@ -17,14 +17,21 @@ import pytest
 
 import tse
 from conftest import tselab
-from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, Config, library
-from tse.impl.estimate import est_columns
+from tse.estimation.estimate import est_columns
+from tse.library.core import INPUT, NOMINAL, OUTPUT, STATUS, Config, library
 from tselab.montecarlo.studies import study
 
 ROOT = Path(__file__).resolve().parents[2]
 REPLAY = ROOT / "tests" / "replay"
 CAR = {"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32}
-ROW = {"steer_angle": 0.01, "wheel_speed_front": 60.0, "wheel_speed_rear": 60.0, "accel_x": 0.0, "accel_y": 1.0, "yaw_rate": 0.05}
+ROW = {
+    "steer_angle": 0.01,
+    "wheel_speed_front": 60.0,
+    "wheel_speed_rear": 60.0,
+    "accel_x": 0.0,
+    "accel_y": 1.0,
+    "yaw_rate": 0.05,
+}
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +81,9 @@ def as_row(table, i):
 
 
 def test_a_frame_gives_what_the_command_writes(drive, result, tmp_path):
-    done = tselab("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "command.csv")
+    done = tselab(
+        "estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "command.csv"
+    )
     assert done.code == 0, done.err
     result.to_csv(tmp_path / "api.csv")
     assert (tmp_path / "api.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()
@@ -94,16 +103,28 @@ def test_settings_and_average_reach_the_filter_as_options_of_the_command_do(driv
     done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--set", "initial_cy_front=0.8",
                   "--out", tmp_path / "command.csv")  # fmt: skip
     assert done.code == 0, done.err
-    tse.estimate(frame, drive.vehicle, average=0.04, settings={"initial_cy_front": 0.8}).to_csv(tmp_path / "api.csv")
+    tse.estimate(frame, drive.vehicle, average=0.04, settings={"initial_cy_front": 0.8}).to_csv(
+        tmp_path / "api.csv"
+    )
     assert (tmp_path / "api.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()
 
 
 def test_a_mapping_is_a_vehicle_file(drive, frame, tmp_path):
-    text = "\n".join(f"{k} = {v}" for k, v in CAR.items()) + "\n[latency]\nsteer_angle = 0.02\n[sensors]\naccel_y_sd = 0.2\n"
+    text = (
+        "\n".join(f"{k} = {v}" for k, v in CAR.items())
+        + "\n[latency]\nsteer_angle = 0.02\n[sensors]\naccel_y_sd = 0.2\n"
+    )
     (tmp_path / "car.toml").write_text(text)
-    mapping = {**CAR, "mass": np.int64(1650), "latency": {"steer_angle": np.float32(0.02)}, "sensors": {"accel_y_sd": 0.2}}
+    mapping = {
+        **CAR,
+        "mass": np.int64(1650),
+        "latency": {"steer_angle": np.float32(0.02)},
+        "sensors": {"accel_y_sd": 0.2},
+    }
     before = copy.deepcopy(mapping)
-    first = tse.estimate(frame.head(300), mapping, settings={"steer_angle_latency": 0.02})  # a float32 is not quite 0.02
+    first = tse.estimate(
+        frame.head(300), mapping, settings={"steer_angle_latency": 0.02}
+    )  # a float32 is not quite 0.02
     second = tse.estimate(frame.head(300), tmp_path / "car.toml")
     pd.testing.assert_frame_equal(first.table, second.table, check_exact=True)
     assert mapping == before and first.settings == second.settings
@@ -122,7 +143,11 @@ def test_shapes_kinds_and_the_meaning_of_valid(result):
         assert array.shape == (n, 3) and array.dtype == np.float64
     assert result.valid.shape == result.reason.shape == (n, 3) and result.valid.dtype == bool
     assert result.time.shape == result.status.shape == (n,)
-    assert ((result.reason == "valid") == result.valid).all() and result.valid[-1].all() and not result.valid[0].any()
+    assert (
+        ((result.reason == "valid") == result.valid).all()
+        and result.valid[-1].all()
+        and not result.valid[0].any()
+    )
     assert result.table["cy_front_valid"].dtype == bool
     for i, s in enumerate(tse.STIFFNESS):
         assert result.stiffness[-1, i] == pytest.approx(result.settings[NOMINAL[s]], rel=0.15)
@@ -186,7 +211,10 @@ def test_what_a_log_lacks_is_missing_and_said(drive, frame, change, text):
     ("vehicle", "text"),
     [
         ({**CAR, "mass": 5.0}, r"vehicle: key mass: mass = 5 is outside its range 50 .. 50000 kg"),
-        ({k: v for k, v in CAR.items() if k != "lf"}, r"vehicle: key lf is missing \(allowed: lf: 0.1 .. 10 m\)"),
+        (
+            {k: v for k, v in CAR.items() if k != "lf"},
+            r"vehicle: key lf is missing \(allowed: lf: 0.1 .. 10 m\)",
+        ),
         ({**CAR, "masss": 1.0}, "key masss is not known .*mass"),
         ({**CAR, "latency": {"accel_y": 3.0}}, "key latency.accel_y: .* -0.2 .. 0.2 s"),
         ("nowhere.toml", "nowhere.toml: no such file"),
@@ -209,10 +237,22 @@ def test_a_vehicle_that_cannot_be_is_refused_by_key_and_range(frame, vehicle, te
         (lambda f: tse.estimate(f, CAR, settings=[1]), TypeError, "settings: .*, not list"),
         (lambda f: tse.replay(f, CAR, settings=0.1), TypeError, "settings: .*, not float"),
         (lambda f: tse.estimate(f, None), TypeError, "vehicle: .*, not NoneType"),
-        (lambda f: tse.estimate(f, CAR, learnt="car.tse"), TypeError, "learnt: bytes are needed, .*, not str"),
+        (
+            lambda f: tse.estimate(f, CAR, learnt="car.tse"),
+            TypeError,
+            "learnt: bytes are needed, .*, not str",
+        ),
         (lambda f: tse.estimate(f.astype(complex), CAR), tse.Error, "column time is not numeric"),
-        (lambda f: tse.estimate(f.assign(yaw_rate=f["yaw_rate"] > 0), CAR), tse.Error, "column yaw_rate is not numeric"),
-        (lambda f: tse.estimate({**f, "yaw_rate": f["yaw_rate"][::-1]}, CAR), tse.Error, "Series with different indices"),
+        (
+            lambda f: tse.estimate(f.assign(yaw_rate=f["yaw_rate"] > 0), CAR),
+            tse.Error,
+            "column yaw_rate is not numeric",
+        ),
+        (
+            lambda f: tse.estimate({**f, "yaw_rate": f["yaw_rate"][::-1]}, CAR),
+            tse.Error,
+            "Series with different indices",
+        ),
         (lambda _: tse.simulate(duration=-1), tse.Error, "duration: -1 is outside its range"),
     ],
 )
@@ -248,13 +288,17 @@ def test_row_by_row_gives_the_golden_drive():
         if i not in golden.index:
             continue
         for name, want in golden.loc[i].items():
-            key = next((s for s in tse.STIFFNESS if name in (s, f"{s}_sd", f"{s}_secant", f"{s}_spread")), None)
+            key = next(
+                (s for s in tse.STIFFNESS if name in (s, f"{s}_sd", f"{s}_secant", f"{s}_spread")), None
+            )
             if name.endswith("_valid"):
                 assert getattr(e, name) == (want == 0)
             elif name == "fault_channel":
                 assert e.fault_channel == (tse.CHANNELS[int(want) - 1] if want else None)
             else:
-                assert getattr(e, name) == pytest.approx(want * nominal.get(key, 1.0), rel=2e-11, abs=1e-300), (i, name)
+                assert getattr(e, name) == pytest.approx(
+                    want * nominal.get(key, 1.0), rel=2e-11, abs=1e-300
+                ), (i, name)
             compared += 1
     assert compared > 5000
 
@@ -326,7 +370,13 @@ def test_a_measurement_out_of_range_is_missing_and_said_so():
 
 def test_a_channel_that_is_late_is_waited_for(frame):
     f = tse.Filter({**CAR, "latency": {"accel_y": 0.03}})
-    assert f.latencies == {"steer_angle": 0.0, "wheel_speed_front": 0.0, "wheel_speed_rear": 0.0, "accel_x": 0.0, "accel_y": 0.03}
+    assert f.latencies == {
+        "steer_angle": 0.0,
+        "wheel_speed_front": 0.0,
+        "wheel_speed_rear": 0.0,
+        "accel_x": 0.0,
+        "accel_y": 0.03,
+    }
     seen = [f.step(as_row(frame, i)) for i in range(100)]
     assert seen[0].status == tse.Status.WAITING
     assert 0.029 < seen[-1].estimate_age < 0.051 and seen[-1].status != tse.Status.WAITING
@@ -365,7 +415,9 @@ def test_the_simulated_car_is_that_of_the_command(tmp_path):
     (tmp_path / "car.toml").write_text(tselab("vehicle", "--simulated").out)
     file, here = tse.Filter(tmp_path / "car.toml"), tse.Filter(tse.simulated_car())
     assert file.settings == here.settings and here.settings["model_sd"] == 0 and here.settings["mass"] == 1900
-    with pytest.raises(tse.Error, match=r"mass = 0 is outside its range 50 .. 50000 kg; leave out what is not known"):
+    with pytest.raises(
+        tse.Error, match=r"mass = 0 is outside its range 50 .. 50000 kg; leave out what is not known"
+    ):
         tse.read_vehicle({**tse.simulated_car(), "mass": 0})
 
 
@@ -373,7 +425,9 @@ def test_settings_of_a_filter_are_checked_and_win():
     assert tse.Filter(CAR, settings={"mass": 1700.0}).settings["mass"] == 1700.0
     assert tse.Filter(CAR, sample_time=0.04).settings["max_gap"] >= 0.2
     assert tse.Filter(form="paper").settings["form"] == Config.exact(Config.settings_of("paper")).form
-    with pytest.raises(tse.SettingError, match=r"mass = 1 is outside its range 50 .. 50000 kg \(vehicle mass; 0"):
+    with pytest.raises(
+        tse.SettingError, match=r"mass = 1 is outside its range 50 .. 50000 kg \(vehicle mass; 0"
+    ):
         tse.Filter(CAR, settings={"mass": 1})
     with pytest.raises(tse.SettingError, match="did you mean mass"):
         tse.Filter(CAR, settings={"mas": 1})
@@ -386,12 +440,18 @@ def test_the_typed_names_are_those_of_the_tables():
     subprocess.run([sys.executable, ROOT / "scripts" / "api_tables.py", "--check"], check=True)
     names = [f.name for f in fields(tse.Estimate)]
     assert {f.name for f in library().fields(OUTPUT)} <= set(names)
-    assert set(tse.Row.__annotations__) == {f.name for f in library().fields(INPUT)} - {"missing", "given"} | {"time"}
+    assert set(tse.Row.__annotations__) == {f.name for f in library().fields(INPUT)} - {
+        "missing",
+        "given",
+    } | {"time"}
 
 
 def test_an_import_of_the_api_leaves_the_threads_of_others_alone():
     code = "import os; os.environ.pop('OPENBLAS_NUM_THREADS', None); import tse; print(os.environ.get('OPENBLAS_NUM_THREADS'))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "None\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        == "None\n"
+    )
 
 
 def test_every_public_name_says_what_it_is():
@@ -399,7 +459,11 @@ def test_every_public_name_says_what_it_is():
         thing = getattr(tse, name)
         if isinstance(thing, type) and thing.__module__.startswith("tse."):
             assert thing.__doc__, name
-            public = [m for n, m in vars(thing).items() if not n.startswith("_") and (callable(m) or isinstance(m, property))]
+            public = [
+                m
+                for n, m in vars(thing).items()
+                if not n.startswith("_") and (callable(m) or isinstance(m, property))
+            ]
             assert all(m.__doc__ for m in public), name
     for name in (n for n in tse.__all__ if inspect.isfunction(getattr(tse, n)) or n == "Filter"):
         thing = getattr(tse, name)
@@ -414,7 +478,9 @@ def test_every_public_name_says_what_it_is():
 
 
 def test_simulated_logs_are_the_commands(tmp_path):
-    done = tselab("simulate", "--maneuver", "sine-sweep", "--duration", 5, "--seed", 4, "--out", tmp_path / "log.csv")
+    done = tselab(
+        "simulate", "--maneuver", "sine-sweep", "--duration", 5, "--seed", 4, "--out", tmp_path / "log.csv"
+    )
     assert done.code == 0, done.err
     log = tse.simulate("sine-sweep", duration=5, seed=4).log
     want = pd.read_csv(tmp_path / "log.csv", dtype=str).astype(float)  # to the last bit, also by pandas 2
@@ -424,7 +490,9 @@ def test_simulated_logs_are_the_commands(tmp_path):
 def test_speed_and_seed_among_the_settings_of_a_simulation_are_the_manoeuvres():
     found = tse.simulate("double-lane-change", duration=1, settings={"speed": 25.0, "seed": 3})
     assert found.truth["true_vel_x"].iloc[0] == pytest.approx(25.0, abs=0.2)
-    pd.testing.assert_frame_equal(found.log, tse.simulate("double-lane-change", duration=1, speed=25.0, seed=3).log)
+    pd.testing.assert_frame_equal(
+        found.log, tse.simulate("double-lane-change", duration=1, speed=25.0, seed=3).log
+    )
 
 
 def test_a_filter_for_rows_needs_numpy_alone(drive):
@@ -451,7 +519,10 @@ main()
     speed, said = done.stdout.splitlines()
     assert float(speed) == pytest.approx(60.0 * 0.33, rel=0.01)
     assert said == "tse.estimate needs the package pandas: pip install 'tse[lab]'"
-    assert done.returncode == 2 and done.stderr == "tselab: the Python package click is needed: pip install 'tse[lab]'\n"
+    assert (
+        done.returncode == 2
+        and done.stderr == "tselab: the Python package click is needed: pip install 'tse[lab]'\n"
+    )
 
 
 @pytest.mark.parametrize(("used", "heavy"), [
@@ -461,14 +532,19 @@ main()
 def test_nothing_is_loaded_that_only_other_parts_need(used, heavy, drive):
     used = used.format(log=str(drive.log), vehicle=str(drive.vehicle))
     code = f"import sys, tse; {used}; print(sorted(m for m in ({heavy}) if m in sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        == "[]\n"
+    )
 
 
 EXAMPLES = ROOT / "scripts" / "examples"
 
 
 def example(name, *arguments):
-    done = subprocess.run([sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -477,7 +553,9 @@ def test_a_stream_is_followed():
     out = example("stream.py")
     assert "row refused: steer_angle = 7 is outside its range -1.2 .. 1.2 rad" in out
     assert "late channels: {'steer_angle': 0.02} s" in out and "of 0.020 s before" in out
-    (now, within), (first, _) = ((float(x), float(by)) for x, by in re.findall(r"cy_front (\d+) \+- (\d+)", out))
+    (now, within), (first, _) = (
+        (float(x), float(by)) for x, by in re.findall(r"cy_front (\d+) \+- (\d+)", out)
+    )
     assert abs(first - now) < within  # it was not valid: the next drive starts from the prior again
 
 
@@ -486,11 +564,17 @@ def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
                "--cases", "nominal", "--runs", "2", "--jobs", "1",
                "--out", str(tmp_path / "out")]  # fmt: skip
     path = os.pathsep.join(filter(None, [str(EXAMPLES), os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env={**os.environ, "PYTHONPATH": path})
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=300, env={**os.environ, "PYTHONPATH": path}
+    )
     assert done.returncode == 0, done.stderr
     runs = pd.read_csv(tmp_path / "out" / "runs.csv").set_index(["estimator", "seed"])
     assert set(runs.index.get_level_values(0)) == {"tse", "own_filter.random_walk"}
-    errors = runs["cy_front_rms"] if "cy_front_rms" in runs else runs[[c for c in runs if c.startswith("cy_front")]].iloc[:, 0]
+    errors = (
+        runs["cy_front_rms"]
+        if "cy_front_rms" in runs
+        else runs[[c for c in runs if c.startswith("cy_front")]].iloc[:, 0]
+    )
     assert errors.notna().all()
     assert "own_filter.random_walk" in done.stdout
 

@@ -14,13 +14,20 @@ from test_api import CAR as SMALL
 
 import tse
 from conftest import tselab_here
-from tse.impl.gap.run import workflow
-from tse.impl.logs.recording import How
-from tse.impl.logs.signals import read_signals
-from tse.impl.report import figures_of
+from tse.channels.signals import read_signals
+from tse.gaps.run import workflow
+from tse.readers.recording import How
+from tse.report.report import figures_of
 
 ROOT = Path(__file__).resolve().parents[2]
-CAR = {"mass": 1900, "lf": 1.25, "lr": 1.5, "yaw_inertia": 3000, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
+CAR = {
+    "mass": 1900,
+    "lf": 1.25,
+    "lr": 1.5,
+    "yaw_inertia": 3000,
+    "wheel_radius_front": 0.33,
+    "wheel_radius_rear": 0.33,
+}
 TOML = "\n".join(f"{key} = {value}" for key, value in CAR.items()) + "\n"
 
 
@@ -52,17 +59,24 @@ def test_a_log_is_read_shown_and_estimated_like_its_frame(folder, tmp_path):
     shown(log, tmp_path / "log.html")
     frame = log.to_frame()
     assert np.array_equal(frame["yaw_rate"], pd.read_csv(folder / "log.csv")["yaw_rate"])
-    tables = [tse.estimate(given, CAR).table for given in (log, frame, folder / "log.csv", str(folder / "log.csv"))]
+    tables = [
+        tse.estimate(given, CAR).table for given in (log, frame, folder / "log.csv", str(folder / "log.csv"))
+    ]
     for table in tables[1:]:
         pd.testing.assert_frame_equal(table, tables[0], check_exact=True)
 
 
 def test_a_wheel_speed_that_stands_in_is_by_the_radii_of_the_car_whatever_holds_the_log(folder, tmp_path):
     """The front wheels are a tenth smaller, and turn as much faster."""
-    car, frame = CAR | {"wheel_radius_front": 0.3}, pd.read_csv(folder / "log.csv").drop(columns="wheel_speed_rear")
+    car, frame = (
+        CAR | {"wheel_radius_front": 0.3},
+        pd.read_csv(folder / "log.csv").drop(columns="wheel_speed_rear"),
+    )
     frame.to_csv(tmp_path / "log.csv", index=False)
     of_none = tse.read_log(tmp_path / "log.csv")
-    tables = [tse.estimate(given, car, calibrate=False).table for given in (tmp_path / "log.csv", frame, of_none)]
+    tables = [
+        tse.estimate(given, car, calibrate=False).table for given in (tmp_path / "log.csv", frame, of_none)
+    ]
     for table in tables[1:]:
         pd.testing.assert_frame_equal(table, tables[0], check_exact=True)
     assert tables[0]["vel_x"].iloc[-1] == pytest.approx(0.3 * frame["wheel_speed_front"].iloc[-1], rel=0.02)
@@ -86,7 +100,9 @@ def test_an_estimate_draws_and_writes_the_page_of_the_command(folder, tmp_path):
 
 def test_signals_are_proposed_and_read_back(folder, tmp_path):
     frame = pd.read_csv(folder / "log.csv")
-    turned = frame.assign(yaw_rate=np.degrees(frame["yaw_rate"])).rename(columns={"yaw_rate": "YawRate_degps"})
+    turned = frame.assign(yaw_rate=np.degrees(frame["yaw_rate"])).rename(
+        columns={"yaw_rate": "YawRate_degps"}
+    )
     turned.to_csv(tmp_path / "odd.csv", index=False)
     found = tse.signals(tmp_path / "odd.csv", CAR)
     shown(found, tmp_path / "signals.html")
@@ -103,8 +119,12 @@ def test_signals_are_proposed_and_read_back(folder, tmp_path):
 
 def test_a_log_is_proposed_as_the_file_beside_it_says_and_what_is_written_says_it_too(folder, tmp_path):
     pd.read_csv(folder / "log.csv").drop(columns="time").to_csv(tmp_path / "log.csv", index=False, sep=";")
-    (tmp_path / "signals.toml").write_text('[log]\nstep = 0.01\nseparator = ";"\n[signals.steer_angle]\nname = "steer_angle"\n')
-    made = tse.signals(tmp_path / "log.csv", CAR, databases=[tmp_path / "car.dbc"]).write(tmp_path / "api.toml")
+    (tmp_path / "signals.toml").write_text(
+        '[log]\nstep = 0.01\nseparator = ";"\n[signals.steer_angle]\nname = "steer_angle"\n'
+    )
+    made = tse.signals(tmp_path / "log.csv", CAR, databases=[tmp_path / "car.dbc"]).write(
+        tmp_path / "api.toml"
+    )
     done = tselab_here("signals", "log.csv", "--vehicle", folder / "car.toml", "--database", "car.dbc", "--write", "command.toml",
                        cwd=tmp_path)  # fmt: skip
     assert done.code == 0, done.err
@@ -183,11 +203,21 @@ def test_gap_takes_logs_as_they_are_and_a_vehicle_as_its_file_has_it(folder, tmp
 
 def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
     done = tselab_here(
-        "calibrate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "calibrated.toml", cwd=folder
+        "calibrate",
+        "--verbose",
+        "log.csv",
+        "--vehicle",
+        "car.toml",
+        "--out",
+        tmp_path / "calibrated.toml",
+        cwd=folder,
     )
     theirs, mine = tse.read_vehicle(tmp_path / "calibrated.toml"), calibrated.vehicle
     assert done.code == 0 and calibrated.converged
-    assert mine.values == pytest.approx(theirs.values, rel=1e-9) and mine.calibration.keys() == theirs.calibration.keys()
+    assert (
+        mine.values == pytest.approx(theirs.values, rel=1e-9)
+        and mine.calibration.keys() == theirs.calibration.keys()
+    )
     shown(calibrated, tmp_path / "calibrated.html")
     assert calibrated.to_frame()["shown"].any() and calibrated.words[0] in done.out
     tse.read_vehicle(calibrated.write(tmp_path / "mine.toml"))
@@ -196,13 +226,24 @@ def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
 
 
 def test_a_fleet_of_one_process_is_the_commands(folder, tmp_path):
-    done = tselab_here("fleet", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "command", "--no-calibrate", cwd=folder)
+    done = tselab_here(
+        "fleet",
+        "log.csv",
+        "--vehicle",
+        "car.toml",
+        "--out",
+        tmp_path / "command",
+        "--no-calibrate",
+        cwd=folder,
+    )
     assert done.code in (0, 3, 4), done.err
     result = tse.fleet(folder / "log.csv", CAR, out=tmp_path / "api", calibrate=False)
     shown(result, tmp_path / "fleet.html")
     drop = ["report", "log", "car", "vehicle"]
     theirs = pd.read_parquet(tmp_path / "command" / "fleet.parquet").drop(columns=drop)
-    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "api" / "fleet.parquet").drop(columns=drop), theirs)
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(tmp_path / "api" / "fleet.parquet").drop(columns=drop), theirs
+    )
     (tmp_path / "bad.csv").write_text("time\n1\n")
     assert "bad.csv" in tse.fleet([tmp_path / "bad.csv"], CAR, out=tmp_path / "api").errors[0]
     with pytest.raises(ValueError, match="vehicles"):
@@ -254,10 +295,17 @@ def test_the_notebook_that_tunes_a_filter(tmp_path, monkeypatch):
 def test_the_notebook_of_a_missing_effect(tmp_path, monkeypatch):
     n = run_notebook("missing_effect", tmp_path, monkeypatch)
     gap = n["gap"]
-    assert gap.verdict == "named" and gap.exit_code in (10, 11) and set(gap.to_frame()["id"]) == {"steering_ratio"}
+    assert (
+        gap.verdict == "named"
+        and gap.exit_code in (10, 11)
+        and set(gap.to_frame()["id"]) == {"steering_ratio"}
+    )
     assert gap.vehicle.values["steering_ratio_change"] == pytest.approx(0.15, abs=0.04)
     shown(gap, tmp_path / "page.html")
-    rms = [(t["yaw_rate"] - t["yaw_rate_simulated"]).std() for t in (n[x].to_frame() for x in ("before", "after"))]
+    rms = [
+        (t["yaw_rate"] - t["yaw_rate_simulated"]).std()
+        for t in (n[x].to_frame() for x in ("before", "after"))
+    ]
     assert rms[1] < 0.6 * rms[0]
 
 
@@ -344,7 +392,11 @@ def test_what_is_no_log_is_named(given, words):
 
 
 def test_a_form_that_is_not_there_is_refused_with_those_that_are(frame):
-    for run in (lambda: tse.estimate(frame, SMALL, form="x"), lambda: tse.Filter(SMALL, form="x"), lambda: tse.Filter(form=None)):
+    for run in (
+        lambda: tse.estimate(frame, SMALL, form="x"),
+        lambda: tse.Filter(SMALL, form="x"),
+        lambda: tse.Filter(form=None),
+    ):
         with pytest.raises(tse.SettingError, match="allowed: default, robust, paper"):
             run()
 
@@ -365,7 +417,10 @@ def test_a_row_is_whatever_has_names(frame):
     for i, named in enumerate(frame.head(50).itertuples()):
         row = frame.iloc[i]
         found = [
-            f.step(x) for f, x in zip(rows, (row.to_dict(), row, named, frame.head(50).to_records(index=False)[i]), strict=True)
+            f.step(x)
+            for f, x in zip(
+                rows, (row.to_dict(), row, named, frame.head(50).to_records(index=False)[i]), strict=True
+            )
         ]
         assert all(np.array_equal(e.stiffness, found[0].stiffness) for e in found)
 
@@ -407,8 +462,16 @@ def test_what_is_refused_is_a_standard_exception_too(tmp_path):
     """With today's text, also of a KeyError, which else would quote it."""
     for named, kind, words in (
         (lambda: tse.read_vehicle(tmp_path / "none.toml"), FileNotFoundError, "none.toml: no such file"),
-        (lambda: tse.Filter(SMALL, settings={"forgeting": 1}), KeyError, "^there is no setting 'forgeting' .did you mean"),
-        (lambda: tse.Filter(SMALL, settings={"forgetting": 2}), ValueError, "forgetting = 2 is outside its range"),
+        (
+            lambda: tse.Filter(SMALL, settings={"forgeting": 1}),
+            KeyError,
+            "^there is no setting 'forgeting' .did you mean",
+        ),
+        (
+            lambda: tse.Filter(SMALL, settings={"forgetting": 2}),
+            ValueError,
+            "forgetting = 2 is outside its range",
+        ),
         (lambda: tse.read_vehicle({"mass": 1650}), ValueError, "lf"),
     ):
         with pytest.raises(kind, match=words) as caught:

@@ -9,8 +9,8 @@ import pytest
 
 import tse
 from conftest import RAN, tselab, tselab_here
-from tse.impl.core import Config
-from tse.impl.logs import log
+from tse.channels import log
+from tse.library.core import Config
 
 FORGETTING = Config.exact().fields["forgetting"].range_text
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -87,7 +87,9 @@ def test_a_log_with_a_few_bad_rows_is_used_and_they_are_named(name, drive, tmp_p
     assert (abs(est.cx_front[valid] - 160e3) < 0.2 * 160e3).all()
     # what can still be told is
     end = est.iloc[-300:]
-    assert end.cy_front.mean() == pytest.approx(120e3, rel=0.1) and end.cy_rear.mean() == pytest.approx(140e3, rel=0.1)
+    assert end.cy_front.mean() == pytest.approx(120e3, rel=0.1) and end.cy_rear.mean() == pytest.approx(
+        140e3, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("name", LOGS)
@@ -96,7 +98,10 @@ def test_log_is_refused_with_its_place(name, drive, tmp_path):
     log, out = tmp_path / "bad.csv", tmp_path / "est.csv"
     change(drive.table()).to_csv(log, index=False)
     out.write_text("as before\n")
-    refused(tselab_here("estimate", "--verbose", log, "--vehicle", drive.vehicle, "--out", out), ["bad.csv", *words])
+    refused(
+        tselab_here("estimate", "--verbose", log, "--vehicle", drive.vehicle, "--out", out),
+        ["bad.csv", *words],
+    )
     assert out.read_text() == "as before\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv", "est.csv"]
 
@@ -134,7 +139,10 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
 def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
     content, words = FILES[name]
     (tmp_path / "bad.csv").write_bytes(content)
-    refused(tselab_here("estimate", "--verbose", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", *words])
+    refused(
+        tselab_here("estimate", "--verbose", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path),
+        ["bad.csv", *words],
+    )
     assert not (tmp_path / "bad.est.csv").exists()
 
 
@@ -144,27 +152,40 @@ def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
     whole = tmp_path / "whole.csv"
     lines = drive.log.read_text().splitlines(keepends=True)[:401]
     whole.write_text("".join(lines))
-    (tmp_path / "cut.csv").write_text("".join(lines) + lines[5][:-cut].replace(lines[5].split(",")[0], "4.5", 1))
+    (tmp_path / "cut.csv").write_text(
+        "".join(lines) + lines[5][:-cut].replace(lines[5].split(",")[0], "4.5", 1)
+    )
     a, b = log.read_log(whole), log.read_log(tmp_path / "cut.csv")
     assert len(a) == len(b) == 400
     pd.testing.assert_frame_equal(a.data, b.data)
-    assert b.notes == [*a.notes, "line 402, the last, does not end: it may be cut inside a number and is left out"]
+    assert b.notes == [
+        *a.notes,
+        "line 402, the last, does not end: it may be cut inside a number and is left out",
+    ]
 
 
 def test_missing_files_and_directories_are_named(drive, tmp_path):
     refused(
-        tselab_here("estimate", "--verbose", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"]
+        tselab_here("estimate", "--verbose", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path),
+        ["nowhere.csv: no such file"],
     )
     refused(
-        tselab_here("estimate", "--verbose", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"]
+        tselab_here("estimate", "--verbose", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path),
+        ["nowhere.toml: no such file"],
     )
-    refused(tselab_here("estimate", "--verbose", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path), ["is a directory"])
     refused(
-        tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"),
+        tselab_here("estimate", "--verbose", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path),
+        ["is a directory"],
+    )
+    refused(
+        tselab_here(
+            "estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"
+        ),
         ["does not exist"],
     )
     refused(
-        tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"]
+        tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", drive.log),
+        ["same file as the log"],
     )
 
 
@@ -186,17 +207,35 @@ VEHICLES: dict[str, tuple[str, list[str]]] = {
 
 WHOLE = "mass = 1500.0\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
 VEHICLES |= {  # a rule would take the place of what a misspelt key says
-    "misspelt": (WHOLE + "yaw_inertai = 2500.0\n", ["key yaw_inertai is not known", "did you mean yaw_inertia?"]),
+    "misspelt": (
+        WHOLE + "yaw_inertai = 2500.0\n",
+        ["key yaw_inertai is not known", "did you mean yaw_inertia?"],
+    ),
     "misspelt and missing": (WHOLE.replace("mass", "mas"), ["key mas is not known", "did you mean mass?"]),
-    "misspelt sensor": (WHOLE + "[sensors]\naccel_x_ds = 0.1\n", ["key sensors.accel_x_ds", "did you mean accel_x_sd"]),
-    "in another table": (WHOLE + "[sensors]\nmass_sd = 0.1\n", ["key sensors.mass_sd is not known here", "[uncertainty]"]),
+    "misspelt sensor": (
+        WHOLE + "[sensors]\naccel_x_ds = 0.1\n",
+        ["key sensors.accel_x_ds", "did you mean accel_x_sd"],
+    ),
+    "in another table": (
+        WHOLE + "[sensors]\nmass_sd = 0.1\n",
+        ["key sensors.mass_sd is not known here", "[uncertainty]"],
+    ),
     "below a table": (WHOLE + "[sensors]\nyaw_inertia = 2500.0\n", ["key sensors.yaw_inertia", "at the top"]),
     "in no table": (WHOLE + "accel_x_ds = 0.1\n", ["key accel_x_ds", "did you mean accel_x_sd, [sensors]?"]),
     "of the filter": (WHOLE + "particles = 100\n", ["key particles", "--config FILTER.toml"]),
     "of nobody": (WHOLE + "colour = 3\n", ["key colour", "tselab vehicle --example", "table"]),
-    "misspelt table": (WHOLE + "[sensor]\naccel_x_sd = 0.1\n", ["table [sensor] is not known", "did you mean [sensors]?"]),
-    "misspelt effect": (WHOLE + "[effects.relaxation]\nlenght = 1\n", ["key effects.relaxation.lenght", "did you mean length?"]),
-    "many": (WHOLE + "one = 1\ntwo = 2\nthree = 3\nfour = 4\nfive = 5\n", ["key one", "key three", "and 2 more"]),
+    "misspelt table": (
+        WHOLE + "[sensor]\naccel_x_sd = 0.1\n",
+        ["table [sensor] is not known", "did you mean [sensors]?"],
+    ),
+    "misspelt effect": (
+        WHOLE + "[effects.relaxation]\nlenght = 1\n",
+        ["key effects.relaxation.lenght", "did you mean length?"],
+    ),
+    "many": (
+        WHOLE + "one = 1\ntwo = 2\nthree = 3\nfour = 4\nfive = 5\n",
+        ["key one", "key three", "and 2 more"],
+    ),
 }
 
 
@@ -220,7 +259,16 @@ SETTINGS: dict[str, tuple[str, list[str]]] = {
 def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
     text, words = SETTINGS[name]
     (tmp_path / "filter.toml").write_text(text)
-    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", cwd=tmp_path)
+    done = tselab_here(
+        "estimate",
+        "--verbose",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--config",
+        "filter.toml",
+        cwd=tmp_path,
+    )
     refused(done, ["filter.toml", *words])
 
 
@@ -237,7 +285,10 @@ def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
     ],
 )
 def test_option_is_refused_with_its_name(options, words, drive, tmp_path):
-    refused(tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path), words)
+    refused(
+        tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path),
+        words,
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -266,8 +317,21 @@ def test_every_refusal_of_a_library_that_is_not_there_says_what_to_do(monkeypatc
 # ---- Nothing that a file says is run: no way of reading in the package makes code of data.
 
 
-SOURCES = sorted(p for name in ("tse", "tselab") for p in (Path(tse.__file__).parents[1] / name).rglob("*.py"))
-MODULES = {"pickle", "_pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "yaml", "code"}
+SOURCES = sorted(
+    p for name in ("tse", "tselab") for p in (Path(tse.__file__).parents[1] / name).rglob("*.py")
+)
+MODULES = {
+    "pickle",
+    "_pickle",
+    "cPickle",
+    "dill",
+    "cloudpickle",
+    "joblib",
+    "marshal",
+    "shelve",
+    "yaml",
+    "code",
+}
 CALLS = {"eval", "exec", "compile", "__import__"}
 METHODS = {"read_pickle", "unsafe_load"}
 

@@ -18,20 +18,20 @@ from conftest import Result, tselab, tselab_here
 from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
-from tse.impl.calibrate import workflow
-from tse.impl.calibrate.result import Channel, Finding, Proof, against, misstated, proof_words
-from tse.impl.core import NOMINAL, Config
-from tse.impl.files import read_toml
-from tse.impl.formula import Number, parse, write_formula
-from tse.impl.identify import vehicle_file
-from tse.impl.identify.fit import Fit
-from tse.impl.identify.lasting import Piece
-from tse.impl.identify.slip import MODEL_SD, slip_bands, slip_words, slips
-from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of
-from tse.impl.identify.vehicle_file import BEFORE, unexplained
-from tse.impl.logs.log import read_frame
-from tse.impl.rows import Log
-from tse.impl.vehicle import Vehicle, ordinary_car, read_vehicle
+from tse.calibration import workflow
+from tse.calibration.result import Channel, Finding, Proof, against, misstated, proof_words
+from tse.car.formula import Number, parse, write_formula
+from tse.car.vehicle import Vehicle, ordinary_car, read_vehicle
+from tse.channels.log import read_frame
+from tse.identify import vehicle_file
+from tse.identify.fit import Fit
+from tse.identify.lasting import Piece
+from tse.identify.slip import MODEL_SD, slip_bands, slip_words, slips
+from tse.identify.unknowns import LATE, UNKNOWNS, prior_of
+from tse.identify.vehicle_file import BEFORE, unexplained
+from tse.library.core import NOMINAL, Config
+from tse.library.files import read_toml
+from tse.log.rows import Log
 
 ROOT = Path(__file__).resolve().parents[2]
 DRIVES = ("highway", "slalom")
@@ -42,7 +42,9 @@ EFFECTS = {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay"
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two logs and a held-out one of 25 s of a car of the generator."""
     folder = tmp_path_factory.mktemp("case")
-    next(make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])).write(folder)
+    next(
+        make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])
+    ).write(folder)
     return folder
 
 
@@ -51,7 +53,15 @@ def calibrated(case: Path) -> tuple[Path, Result]:
     logs = sorted(case.glob("log_*.csv"))
     out = case / "calibrated.toml"
     return out, tselab(
-        "calibrate", "--verbose", *logs, "--vehicle", case / "car.toml", "--hold-out", *case.glob("hold_out_*.csv"), "--out", out
+        "calibrate",
+        "--verbose",
+        *logs,
+        "--vehicle",
+        case / "car.toml",
+        "--hold-out",
+        *case.glob("hold_out_*.csv"),
+        "--out",
+        out,
     )
 
 
@@ -82,22 +92,30 @@ def test_held_out_logs_are_explained_far_better(calibrated: tuple[Path, Result])
         assert one["after"] < 0.3 * one["before"]
 
 
-def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrated: tuple[Path, Result]) -> None:
+def test_the_calibrated_car_reads_back_and_starts_the_next(
+    case: Path, calibrated: tuple[Path, Result]
+) -> None:
     vehicle = read_vehicle(calibrated[0])
     assert not [n for n in vehicle.notes if "not known" in n]
     assert set(vehicle.given_uncertainty) >= {"yaw_inertia_sd", "relaxation_sd", "wheel_delay_sd"}
     assert len(vehicle.calibration["names"]) == len(UNKNOWNS) + 3
-    assert vehicle.values["model_sd"] < 0.07  # of a simulator, less than half of the class; real cars have .1 .. .3
+    assert (
+        vehicle.values["model_sd"] < 0.07
+    )  # of a simulator, less than half of the class; real cars have .1 .. .3
     assert vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
     out = case / "again.toml"
-    run = tselab_here("calibrate", "--verbose", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out)
+    run = tselab_here(
+        "calibrate", "--verbose", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out
+    )
     assert run.code == 0, run.err
     first, second = (json.loads(p.with_suffix(".json").read_text())["findings"] for p in (calibrated[0], out))
     for a, b in zip(first, second, strict=True):
         assert b["prior_sd"] == pytest.approx(a["sd"], rel=1e-6), a["name"]
         assert b["prior"] == pytest.approx(a["value"], rel=1e-6, abs=1e-9), a["name"]
     start = prior_of(vehicle, Config.exact(vehicle.values))
-    stiffness = [start.mean[start.names.index(k)] for k in NOMINAL]  # over the file's, which has what was found
+    stiffness = [
+        start.mean[start.names.index(k)] for k in NOMINAL
+    ]  # over the file's, which has what was found
     np.testing.assert_allclose(stiffness, 0.0, atol=1e-12)
 
 
@@ -116,7 +134,9 @@ def test_what_the_model_does_not_explain_is_counted_as_what_lasts_a_second() -> 
         piece=lambda g, residual: Piece(time, size, residual),
     )
     constants = read_toml(ROOT / "src" / "tables" / "constants.toml")
-    least = next(section["LEAST_ACTIVITY"] for section in constants.values() if "LEAST_ACTIVITY" in section)["value"]
+    least = next(section["LEAST_ACTIVITY"] for section in constants.values() if "LEAST_ACTIVITY" in section)[
+        "value"
+    ]
     happens = 0.2**2 + (least / v) ** 2
     left, count = unexplained(problem, [None, error])
     assert left == pytest.approx(np.sqrt(0.04**2 * 0.4 / happens), rel=0.15)
@@ -171,13 +191,25 @@ def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
     rows = made(3, 30.0)
     still = made(4, 30.0)
     for name in ("steer_angle", "accel_y", "yaw_rate"):  # straight: what is left there is noise
-        rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(5).standard_normal(len(rows))
+        rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(
+            5
+        ).standard_normal(len(rows))
     log = written(tmp_path / "straight.csv", rows)
-    (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
-    run = tselab_here("calibrate", "--verbose", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml")
+    (tmp_path / "car.toml").write_text(
+        "mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
+    )
+    run = tselab_here(
+        "calibrate", "--verbose", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml"
+    )
     assert run.code in (0, 12), run.err
     found = {f["name"]: f for f in json.loads((tmp_path / "out.json").read_text())["findings"]}
-    for name in ("relaxation_length", "body_roll_gain", "yaw_inertia", "steer_angle_latency", "imu_lever_arm_x"):
+    for name in (
+        "relaxation_length",
+        "body_roll_gain",
+        "yaw_inertia",
+        "steer_angle_latency",
+        "imu_lever_arm_x",
+    ):
         assert not found[name]["shown"], name
         assert "do not show" in found[name]["words"]
 
@@ -194,26 +226,44 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
     proof, outs = {}, {}
     for vehicle in (plain, told):
         outs[vehicle] = tmp_path / "else where" / f"{vehicle.stem} calibrated.toml"
-        run = tselab_here("calibrate", "--verbose", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1")
+        run = tselab_here(
+            "calibrate", "--verbose", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1"
+        )
         assert run.code == 12, run.err
         assert ("has a formula (lopsided)" in run.err) == (vehicle == told)
-        proof[vehicle] = json.loads(outs[vehicle].with_suffix(".json").read_text())["proof"][0]["channels"]["yaw_rate"]["after"]
+        proof[vehicle] = json.loads(outs[vehicle].with_suffix(".json").read_text())["proof"][0]["channels"][
+            "yaw_rate"
+        ]["after"]
     assert proof[told] < 0.5 * proof[plain]
     assert read_vehicle(outs[plain]).formula is None and not outs[plain].with_suffix(".formula.toml").exists()
     found = read_vehicle(outs[told])
     assert found.formula == lopsided and lopsided.settings().items() <= found.values.items()
     again = tmp_path / "again.toml"
-    assert tselab_here("calibrate", "--verbose", log, "--vehicle", outs[told], "--out", again, "--steps", "1").code == 12
+    assert (
+        tselab_here(
+            "calibrate", "--verbose", log, "--vehicle", outs[told], "--out", again, "--steps", "1"
+        ).code
+        == 12
+    )
     assert read_vehicle(again).formula == lopsided
     assert (
-        tselab_here("calibrate", "--verbose", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2
+        tselab_here("calibrate", "--verbose", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code
+        == 2
     )  # not over the formula
 
 
 def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
     out = case / "short.toml"
     run = tselab_here(
-        "calibrate", "--verbose", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1"
+        "calibrate",
+        "--verbose",
+        *case.glob("log_highway.csv"),
+        "--vehicle",
+        case / "car.toml",
+        "--out",
+        out,
+        "--steps",
+        "1",
     )
     assert run.code == 12 and "NOT converged" in run.out
     assert "NOT CONVERGED" in out.read_text()
@@ -224,9 +274,13 @@ def test_a_log_of_seconds_is_nothing_to_rely_on(case: Path, tmp_path: Path) -> N
     rows = case.joinpath("log_slalom.csv").read_text().splitlines()
     log = tmp_path / "short.csv"
     log.write_text("\n".join(rows[:501]) + "\n")
-    run = tselab_here("calibrate", "--verbose", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml")
+    run = tselab_here(
+        "calibrate", "--verbose", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml"
+    )
     assert run.code == 4, run.err
-    assert re.search(r"Not to be relied on: \d s can be compared with a simulation, 20 s are needed\.", run.out)
+    assert re.search(
+        r"Not to be relied on: \d s can be compared with a simulation, 20 s are needed\.", run.out
+    )
 
 
 def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) -> None:
@@ -236,7 +290,15 @@ def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) 
         log = tmp_path / "without.csv"
         rows.to_csv(log, index=False)
         run = tselab_here(
-            "calibrate", "--verbose", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
+            "calibrate",
+            "--verbose",
+            log,
+            "--vehicle",
+            case / "car.toml",
+            "--out",
+            tmp_path / "o.toml",
+            "--steps",
+            "1",
         )
         assert run.code == code and "Traceback" not in run.err, run.err
 
@@ -265,7 +327,9 @@ def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_
         "1",
     )
     assert run.code == 12 and "left out" in run.err and "bad.csv" in run.err
-    alone = tselab_here("calibrate", "--verbose", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml")
+    alone = tselab_here(
+        "calibrate", "--verbose", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml"
+    )
     assert alone.code == 2 and "bad.csv" in alone.err and "Traceback" not in alone.err
     assert not (tmp_path / "p.toml").exists()
 
@@ -319,7 +383,9 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
     config, rng = Config.exact(), np.random.default_rng(seed)
     t = DT * np.arange(round(SECONDS / DT))
     knots = np.arange(0.0, SECONDS + 8.0, 8.0)
-    v = PchipInterpolator(knots, np.where(np.arange(len(knots)) % 2, faster, 0.0) * rng.uniform(5, 13, len(knots)) + 6.0)(t)
+    v = PchipInterpolator(
+        knots, np.where(np.arange(len(knots)) % 2, faster, 0.0) * rng.uniform(5, 13, len(knots)) + 6.0
+    )(t)
     gains = np.gradient(v, DT)
     push = gains + 9.81 * ROLLING + DRAG * v**2 / config.mass
     if driven == "both":
@@ -354,11 +420,18 @@ def _all_wheel_drive(
     share = np.where(in_front, 0.7, 0.4)
     for axle, parts in (("front", (0.7, 0.4)), ("rear", (0.3, 0.6))):
         stiffness = factor * getattr(config, f"longitudinal_stiffness_{axle}")
-        first, second = (np.interp(push, grid, [slip_of(config, axle, stiffness, p, s) for p in grid]) for s in parts)
+        first, second = (
+            np.interp(push, grid, [slip_of(config, axle, stiffness, p, s) for p in grid]) for s in parts
+        )
         by[axle] = np.where(in_front, first, second)
     moved = HEIGHT / 9.81 * push
     radius = {"front": 1 + 0.005 * moved / config.lr, "rear": 1 - 0.005 * moved / config.lf}
-    frame = {"time": t, "steer_angle": 0.002 * np.sin(t), "accel_y": 0 * t, "yaw_rate": 0.001 * rng.standard_normal(len(t))}
+    frame = {
+        "time": t,
+        "steer_angle": 0.002 * np.sin(t),
+        "accel_y": 0 * t,
+        "yaw_rate": 0.001 * rng.standard_normal(len(t)),
+    }
     frame["accel_x"] = np.gradient(v, DT) * (1 + 9.81 * PITCH) + 0.1 * rng.standard_normal(len(t))
     for axle, part in (("front", share), ("rear", 1 - share)):
         wheel = v * (1 + by[axle]) / radius[axle] / getattr(config, f"wheel_radius_{axle}")
@@ -373,7 +446,9 @@ def searched() -> tuple[Any, Fit]:
     prior = np.array([LATE_SD] * 2 + [0.0] * 3 + [PRIOR_SD] + [0.003 * RADIUS] * 2)
     covariance = np.diag(prior**2)
     covariance[0, 1] = covariance[1, 0] = 0.9 * LATE_SD**2  # of one unit
-    problem = SimpleNamespace(config=Config.exact(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance)
+    problem = SimpleNamespace(
+        config=Config.exact(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance
+    )
     return problem, Fit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
 
 
@@ -384,7 +459,9 @@ def driven_car(driven: str) -> Vehicle:
 @pytest.mark.parametrize("driven", ["front", "rear"])
 @pytest.mark.parametrize("later", [-0.008, 0.0, 0.008])
 @pytest.mark.parametrize("factor", [0.7, 1.3])
-def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(driven: str, later: float, factor: float) -> None:
+def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(
+    driven: str, later: float, factor: float
+) -> None:
     """To 3 ms: 0.3 ms of scatter, and of 8 ms, where tyres are soft, 2.5 because the slip is as late as the speed, which the
     regression leaves out. The stiffness to 3 %: 1 % of prior, 1 % of scatter."""
     problem, fit = searched()
@@ -393,7 +470,9 @@ def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(driven: str,
     assert found.x[0] - found.x[1] == pytest.approx(later, abs=0.003)
     late = [w for w in slip_words(problem, found) if w.startswith("wheel speeds")]
     assert len(late) == len(slip_bands(problem, found)) / 2 == (later != 0)
-    assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(0.0)  # how late both are is as before, not what the search says
+    assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(
+        0.0
+    )  # how late both are is as before, not what the search says
     np.testing.assert_array_equal(found.covariance[:2, :2], problem.covariance[:2, :2])
     assert not found.covariance[:2, 2:].any()
     np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
@@ -406,7 +485,10 @@ def test_what_logs_do_not_show_is_left_as_it_was() -> None:
     problem, fit = searched()
     log = drive("front", 0.008, 1)
     steady = drive("front", 0.008, 1, faster=0.0)
-    for found in (slips(problem, fit, [log], driven_car("both")), slips(problem, fit, [steady], driven_car("front"))):
+    for found in (
+        slips(problem, fit, [log], driven_car("both")),
+        slips(problem, fit, [steady], driven_car("front")),
+    ):
         np.testing.assert_array_equal(found.x[:2], 0.0)
         np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
         assert found.x[5] == 0.0
@@ -419,7 +501,9 @@ def test_what_they_hardly_show_is_shrunk() -> None:
     problem, fit = searched()
     log = drive("front", 0.03, 3)
     rng = np.random.default_rng(4)
-    loud = log.data.assign(wheel_speed_front=log.data["wheel_speed_front"] + 3.0 * rng.standard_normal(len(log.data)))
+    loud = log.data.assign(
+        wheel_speed_front=log.data["wheel_speed_front"] + 3.0 * rng.standard_normal(len(log.data))
+    )
     sure = slips(problem, fit, [log], driven_car("front"))
     found = slips(problem, fit, [replace(log, data=loud)], driven_car("front"))
     assert found.x[0] == found.x[1] == 0.0
@@ -436,7 +520,9 @@ def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
     front, rear = (found.x[NAMES.index(f"wheel_radius_{axle}")] / RADIUS for axle in ("front", "rear"))
     assert rear / front - 1.0 == pytest.approx(off, abs=0.001)
     (words,) = slip_words(problem, found)
-    assert f"rear one is {100 * abs(off):.0f}."[:-1] in words and ("smaller" if off < 0 else "larger") in words
+    assert (
+        f"rear one is {100 * abs(off):.0f}."[:-1] in words and ("smaller" if off < 0 else "larger") in words
+    )
     assert found.x[5] == pytest.approx(right.x[5], abs=0.01)
 
 
@@ -454,16 +540,28 @@ def test_of_two_driven_axles_wheel_torques_and_brake_show_the_stiffness() -> Non
 
 
 def test_a_log_that_contradicts_the_calibration_is_named() -> None:
-    right = Proof("a.csv", False, {"accel_y": Channel(2.0, 0.3, 0.2, 0.03), "yaw_rate": Channel(0.1, 0.02, 0.0205, 0.001)})
-    wrong = replace(right, log="b.csv", channels={**right.channels, "yaw_rate": Channel(0.1, 0.02, 0.025, 0.001)})
+    right = Proof(
+        "a.csv",
+        False,
+        {"accel_y": Channel(2.0, 0.3, 0.2, 0.03), "yaw_rate": Channel(0.1, 0.02, 0.0205, 0.001)},
+    )
+    wrong = replace(
+        right, log="b.csv", channels={**right.channels, "yaw_rate": Channel(0.1, 0.02, 0.025, 0.001)}
+    )
     (first,) = against([right, wrong])
-    assert first.startswith("b.csv contradicts the calibration (accel_y -33 %, yaw_rate +25 %") and "another car" in first
+    assert (
+        first.startswith("b.csv contradicts the calibration (accel_y -33 %, yaw_rate +25 %")
+        and "another car" in first
+    )
 
 
 def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() -> None:
     """Of two logs the root mean square; 1 - (0.3/2)^2 of a signal is explained before, 1
     - (0.1/2)^2 after."""
-    logs = [Proof(f"{k}.csv", False, {"accel_y": Channel(2.0, before, 0.1, 0.03)}) for k, before in enumerate((0.3, 0.3))]
+    logs = [
+        Proof(f"{k}.csv", False, {"accel_y": Channel(2.0, before, 0.1, 0.03)})
+        for k, before in enumerate((0.3, 0.3))
+    ]
     held = Proof("h.csv", True, {"accel_y": Channel(2.0, 0.4, 0.2, 0.03)})
     fitted, other = proof_words([*logs, held])
     assert fitted.startswith("accel_y of fitted logs: 0.3 m/s2 off before, 0.1 after, 0.03 is noise")

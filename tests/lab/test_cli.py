@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 
 from conftest import tselab, tselab_here
-from tse.impl import tables
-from tse.impl.core import Config
-from tse.impl.logs.log import read_log
-from tse.impl.maneuvers import KINDS
+from tse.channels.log import read_log
+from tse.library.core import Config
+from tse.report import tables
+from tse.simulation.maneuvers import KINDS
 from tselab import cli
 
 
@@ -31,7 +31,10 @@ def test_the_installed_command_is_the_package():
     if command is None:
         pytest.skip("tselab is not installed beside this python")
 
-    assert subprocess.run([command, "--version"], capture_output=True, text=True, timeout=60).stdout == tselab("--version").out
+    assert (
+        subprocess.run([command, "--version"], capture_output=True, text=True, timeout=60).stdout
+        == tselab("--version").out
+    )
 
 
 @pytest.mark.parametrize("command", ["estimate", "simulate", "vehicle", "settings", "demo", "montecarlo"])
@@ -85,7 +88,12 @@ def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
     assert [e["id"] for e in verdict["effects"]] == ["body_roll"]
     # 5 %: the scatter of a stiffness that is redrawn at every sample; held out: noise of the scatter above the sensors'
     assert verdict["effects"][0]["parameters"]["gain"]["value"] == pytest.approx(0.009, rel=0.05)
-    assert verdict["gap"]["held_out"]["after"]["accel_y"] < 1.15 < 3 < verdict["gap"]["held_out"]["before"]["accel_y"]
+    assert (
+        verdict["gap"]["held_out"]["after"]["accel_y"]
+        < 1.15
+        < 3
+        < verdict["gap"]["held_out"]["before"]["accel_y"]
+    )
     names = {p.name for p in (tmp_path / "demo").iterdir()}
     assert {"vehicle.toml", "filter.toml", "log.csv", "truth.csv", "est.csv", "report.html"} <= names
     est, truth = pd.read_csv(tmp_path / "demo" / "est.csv"), pd.read_csv(tmp_path / "demo" / "truth.csv")
@@ -127,7 +135,9 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("json")
     (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
     (folder / "play.toml").write_text(FORMULA)
-    done = tselab_here("simulate", "--maneuver", "sine-sweep", "--duration", 20, "--out", "log.csv", cwd=folder)
+    done = tselab_here(
+        "simulate", "--maneuver", "sine-sweep", "--duration", 20, "--out", "log.csv", cwd=folder
+    )
     assert done.code == 0, done.err
     return folder
 
@@ -137,15 +147,43 @@ def folder(tmp_path_factory):
     [
         (("vehicle", "car.toml", "--c", "car.h"), {0}, {"name", "values", "filled", "written"}),
         (("formula", "play.toml", "--c", "play.h"), {0}, {"place", "numbers", "settings", "written"}),
-        (("simulate", "--maneuver", "straight", "--duration", 5, "--out", "s.csv"), {0}, {"rows", "seed", "written"}),
+        (
+            ("simulate", "--maneuver", "straight", "--duration", 5, "--out", "s.csv"),
+            {0},
+            {"rows", "seed", "written"},
+        ),
         (("signals", "log.csv"), {0, 3}, {"signals", "proposal"}),
-        (("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv"), {0, 3, 4}, {"usable", "stretches", "written"}),
+        (
+            ("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv"),
+            {0, 3, 4},
+            {"usable", "stretches", "written"},
+        ),
         (("gap", "check", "log.csv", "--vehicle", "car.toml"), {0, 3, 4}, {"exit_code", "logs"}),
         (("gap", "catalogue"), {0}, {"effects"}),
-        (("replay", "log.csv", "--vehicle", "car.toml", "--out", "r.csv", "--report", "r.html"), {0}, {"apart", "written"}),
-        (("gap", "plan", "--separate", "steering_delay,steering_lag", "--vehicle", "car.toml"), {0}, {"separable", "manoeuvres"}),
         (
-            ("montecarlo", "--study", "stress", "--cases", "nominal", "--runs", 1, "--jobs", 1, "--out", "study"),
+            ("replay", "log.csv", "--vehicle", "car.toml", "--out", "r.csv", "--report", "r.html"),
+            {0},
+            {"apart", "written"},
+        ),
+        (
+            ("gap", "plan", "--separate", "steering_delay,steering_lag", "--vehicle", "car.toml"),
+            {0},
+            {"separable", "manoeuvres"},
+        ),
+        (
+            (
+                "montecarlo",
+                "--study",
+                "stress",
+                "--cases",
+                "nominal",
+                "--runs",
+                1,
+                "--jobs",
+                1,
+                "--out",
+                "study",
+            ),
             {0},
             {"study", "written"},
         ),
@@ -216,7 +254,9 @@ def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
 
 
 def test_step_steer_reaches_the_yaw_rate_of_the_textbook(tmp_path):
-    _, truth = simulate(tmp_path, "--maneuver", "step-steer", "--spread", 0, "--noise", 0, "--amplitude", 0.01)
+    _, truth = simulate(
+        tmp_path, "--maneuver", "step-steer", "--spread", 0, "--noise", 0, "--amplitude", 0.01
+    )
     end = truth.iloc[-100:].mean()
     mass, lf, lr, cf, cr = 1900.0, 1.25, 1.5, 1.2e5, 1.4e5
     understeer = mass / (lf + lr) * (lr / cf - lf / cr)  # rad s2/m
@@ -227,13 +267,27 @@ def test_step_steer_reaches_the_yaw_rate_of_the_textbook(tmp_path):
 
 
 def test_drive_torque_accelerates_mass_and_wheels(tmp_path):
-    _, truth = simulate(tmp_path, "--maneuver", "square-waves", "--amplitude", 0, "--spread", 0, "--noise", 0, "--duration", 2.4)
+    _, truth = simulate(
+        tmp_path,
+        "--maneuver",
+        "square-waves",
+        "--amplitude",
+        0,
+        "--spread",
+        0,
+        "--noise",
+        0,
+        "--duration",
+        2.4,
+    )
     a = np.polyfit(truth["time"][50:], truth["true_vel_x"][50:], 1)[0]
     assert a == pytest.approx(700 / 0.33 / (1900 + (2.4 + 2.4) / 0.33**2), rel=0.005)
 
 
 def test_constant_radius_holds_its_radius(tmp_path):
-    _, truth = simulate(tmp_path, "--maneuver", "constant-radius", "--spread", 0, "--noise", 0, "--amplitude", 80)
+    _, truth = simulate(
+        tmp_path, "--maneuver", "constant-radius", "--spread", 0, "--noise", 0, "--amplitude", 80
+    )
     later = truth[truth["time"] > 10]
     radius = np.hypot(later["true_vel_x"], later["true_vel_y"]) / later["true_yaw_rate"]
     assert radius.mean() == pytest.approx(80, rel=0.02)
@@ -249,7 +303,17 @@ def test_stop_and_go_stands_still_and_goes_again(tmp_path):
 
 
 def test_road_change_changes_the_truth_from_its_time_on(tmp_path):
-    _, truth = simulate(tmp_path, "--maneuver", "straight", "--duration", 6, "--road-change", "2:0.7", "--road-change", "4:0.4")
+    _, truth = simulate(
+        tmp_path,
+        "--maneuver",
+        "straight",
+        "--duration",
+        6,
+        "--road-change",
+        "2:0.7",
+        "--road-change",
+        "4:0.4",
+    )
     level = truth["true_cy_front"] / 1.2e5
     assert level[truth["time"] < 1.99].to_numpy() == pytest.approx(1.0)
     assert level[truth["time"].between(2.02, 3.98)].to_numpy() == pytest.approx(0.7)

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from conftest import simulated
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter
-from tse.impl.verdict import of_uncertainty
+from tse.estimation.verdict import of_uncertainty
+from tse.library.core import NOMINAL, STIFFNESS, Config, Filter
 
 ROWS, DT = 6000, 0.01
 LAST = slice(ROWS - 500, None)  # rows of which the mean is compared: a single one has its own noise
@@ -21,7 +21,10 @@ ABSORBED = 0.006  # the same of what is a state, and found while driving
 def drive(car: dict[str, float]) -> np.ndarray:
     """A minute of steering sweeps and torque steps at 20 m/s."""
     t = DT * np.arange(ROWS)
-    steer, torque = 0.03 * np.sin(2 * np.pi * 0.35 * t + 3 * np.sin(0.25 * t)), 1000 * np.tanh(6 * np.sin(1.3 * t))
+    steer, torque = (
+        0.03 * np.sin(2 * np.pi * 0.35 * t + 3 * np.sin(0.25 * t)),
+        1000 * np.tanh(6 * np.sin(1.3 * t)),
+    )
     return simulated(car, {"seed": 3, "speed": 20.0}, DT, steer_angle=steer, wheel_torque_front=torque)
 
 
@@ -30,7 +33,9 @@ def driven() -> np.ndarray:
     return drive({})
 
 
-def logged(driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None) -> np.ndarray:
+def logged(
+    driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
+) -> np.ndarray:
     """The log, with columns changed by functions of time and column."""
     rows = np.zeros(ROWS, Filter(Config.exact()).inputs(1).dtype)
     t = DT * np.arange(ROWS)
@@ -109,11 +114,15 @@ def test_the_sd_is_what_the_estimates_move_by(driven: np.ndarray, name: str) -> 
     moved, part = moved_by(driven, name, *OFF[name])
     compared = np.maximum(moved, part) > LEAST
     assert compared.any()
-    assert (part[compared] > 0.7 * moved[compared]).all() and (part[compared] < 1.3 * moved[compared]).all(), (moved, part)
+    assert (part[compared] > 0.7 * moved[compared]).all() and (
+        part[compared] < 1.3 * moved[compared]
+    ).all(), (moved, part)
 
 
 @pytest.mark.parametrize("name", FOUND)
-def test_what_is_found_while_driving_moves_them_by_no_more_than_is_said(driven: np.ndarray, name: str) -> None:
+def test_what_is_found_while_driving_moves_them_by_no_more_than_is_said(
+    driven: np.ndarray, name: str
+) -> None:
     moved, part = moved_by(driven, name, *FOUND[name])
     assert (moved < 1.3 * part + ABSORBED).all(), (moved, part)
     off, _ = FOUND[name][1](driven, FOUND[name][0], {})  # a filter that is told that it is exact does worse
@@ -133,7 +142,13 @@ def test_tyres_that_build_up_their_force_are_within_what_is_said(driven: np.ndar
 def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
     """Rows of a car on slopes that rise and fall by `grade` every 25 s, driven on its front axle and braked on both, and the
     slope of each row; integrated in steps of 1 ms by nothing of the library."""
-    fine, every, mass, stiffness, radius = 0.001, 10, CAR.mass, CAR.longitudinal_stiffness_front, CAR.wheel_radius_front
+    fine, every, mass, stiffness, radius = (
+        0.001,
+        10,
+        CAR.mass,
+        CAR.longitudinal_stiffness_front,
+        CAR.wheel_radius_front,
+    )
     rng = np.random.default_rng(5)
     t = fine * np.arange(round(seconds / fine))
     wish = np.repeat(rng.uniform(-1.5, 1.5, round(seconds / 4)), round(4 / fine))
@@ -150,7 +165,10 @@ def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.nda
         turned = np.where(slip > 0, speed / (1 - slip), speed * (1 + slip)) / radius
         rows[f"wheel_speed_{axle}"] = turned[::every]
     rows["accel_x"] = force[::every] + 0.1 * rng.standard_normal(len(rows))
-    rows["accel_y"], rows["yaw_rate"] = 0.15 * rng.standard_normal(len(rows)), 0.003 * rng.standard_normal(len(rows))
+    rows["accel_y"], rows["yaw_rate"] = (
+        0.15 * rng.standard_normal(len(rows)),
+        0.003 * rng.standard_normal(len(rows)),
+    )
     rows["dt"] = DT
     return rows, slope[::every]
 
@@ -170,7 +188,9 @@ def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
     filter_.step_into(rows, out)
     valid, off = out["cx_front_valid"][2000:] == 0, np.abs(out["cx_front"][2000:] - 1.0) > 0.1
     assert valid.mean() > 0.5 and off[valid].mean() < 0.05, (valid.mean(), off[valid].mean())
-    assert rms(out["vel_x"][2000:] - CAR.wheel_radius_rear * rows["wheel_speed_rear"][2000:]) < 0.1  # the speed goes with no hill
+    assert (
+        rms(out["vel_x"][2000:] - CAR.wheel_radius_rear * rows["wheel_speed_rear"][2000:]) < 0.1
+    )  # the speed goes with no hill
 
 
 def test_a_channel_that_comes_back_and_a_gap_leave_no_jump(driven: np.ndarray) -> None:
@@ -201,7 +221,11 @@ def test_the_parts_of_an_interval_add_up_to_it(driven: np.ndarray) -> None:
     assert [w.split(":")[0] for w in words][-2:] == ["front cornering stiffness", "rear cornering stiffness"]
     assert "is parameter uncertainty: " in words[-1] and "mass_sd 8 %" in words[-1]
     assert of_uncertainty(table, Config.exact(BASE), {name: 0 * sd for name, sd in parts.items()}) == []
-    assert of_uncertainty(table[:0], Config.exact(BASE), parts) == [] == of_uncertainty(table, Config.exact(BASE), {})
+    assert (
+        of_uncertainty(table[:0], Config.exact(BASE), parts)
+        == []
+        == of_uncertainty(table, Config.exact(BASE), {})
+    )
 
 
 def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -> None:
@@ -215,4 +239,6 @@ def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -
         outputs = filter_.outputs(ROWS)
         filter_.step_into(rows, outputs)
         largest.append(outputs["cy_front_sd"][2000:].max())
-    assert max(largest[1:]) < 1.5 * largest[0]  # 9.7 times as large when the difference was divided by that time
+    assert (
+        max(largest[1:]) < 1.5 * largest[0]
+    )  # 9.7 times as large when the difference was divided by that time

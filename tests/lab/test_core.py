@@ -9,9 +9,20 @@ import pytest
 
 import tselab
 from conftest import tselab_here
-from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, STIFFNESS, Config, Filter, SettingError, library, stiffness_si
-from tse.impl.estimate import block_of
-from tse.impl.files import read_toml
+from tse.estimation.estimate import block_of
+from tse.library.core import (
+    INPUT,
+    NOMINAL,
+    OUTPUT,
+    STATUS,
+    STIFFNESS,
+    Config,
+    Filter,
+    SettingError,
+    library,
+    stiffness_si,
+)
+from tse.library.files import read_toml
 
 HEADERS = Path(__file__).parents[2] / "include" / "tse"
 TABLES = Path(__file__).parents[2] / "src" / "tables"
@@ -50,7 +61,11 @@ def test_defaults_lie_inside_their_ranges():
         assert getattr(ordinary, name) == pytest.approx(f.default)
         assert f.low <= getattr(exact, name) <= f.high, name
     outside = {name for name, f in ordinary.fields.items() if not f.low <= f.default <= f.high}
-    assert outside == {"mass", "yaw_inertia", *(f"{way}_stiffness_{axle}" for way in WAYS for axle in AXLES)}  # not set
+    assert outside == {
+        "mass",
+        "yaw_inertia",
+        *(f"{way}_stiffness_{axle}" for way in WAYS for axle in AXLES),
+    }  # not set
 
 
 def test_what_is_not_set_is_of_the_class_by_the_mass_and_no_mass_is_uncertain():
@@ -65,8 +80,14 @@ def test_what_is_not_set_is_of_the_class_by_the_mass_and_no_mass_is_uncertain():
     with pytest.raises(SettingError, match=r"mass = 1.65 is outside its range 50 .. 50000 kg"):
         told.mass = 1.65
     exact = Config.exact()
-    assert (exact.mass, exact.mass_sd, exact.model_sd) == (1900, 0, 0) and exact.complete().as_dict() == exact.as_dict()
-    with pytest.raises(SettingError, match=r"longitudinal_stiffness_rear follows from mass, lf and lr, and is outside"):
+    assert (exact.mass, exact.mass_sd, exact.model_sd) == (
+        1900,
+        0,
+        0,
+    ) and exact.complete().as_dict() == exact.as_dict()
+    with pytest.raises(
+        SettingError, match=r"longitudinal_stiffness_rear follows from mass, lf and lr, and is outside"
+    ):
         Filter(Config({"mass": 50.0, "lf": 0.1, "lr": 10.0}))
 
 
@@ -84,7 +105,9 @@ def test_setting_outside_its_range_is_refused_with_name_value_and_range():
 def test_snapshot_restores_the_filter_bit_for_bit():
     filter_ = Filter(Config.exact({"particles": 50}))
     rng = np.random.default_rng(1)
-    rows = np.concatenate([row(steer_angle=0.02 * rng.standard_normal(), accel_y=rng.standard_normal()) for _ in range(60)])
+    rows = np.concatenate(
+        [row(steer_angle=0.02 * rng.standard_normal(), accel_y=rng.standard_normal()) for _ in range(60)]
+    )
     filter_.over(rows[:30])
     saved = filter_.snapshot()
     first = filter_.over(rows[30:]).tobytes()
@@ -129,7 +152,11 @@ SENSORS = ("accel_x", "accel_y", "yaw_rate")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("forms")
     (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
-    drives = {"road": ("--road-change", f"{CHANGE}:0.7"), "noisy": ("--noise", 3), "wheels": ("--set", "wheel_speed_sd=0.05")}
+    drives = {
+        "road": ("--road-change", f"{CHANGE}:0.7"),
+        "noisy": ("--noise", 3),
+        "wheels": ("--set", "wheel_speed_sd=0.05"),
+    }
     for name, options in drives.items():
         done = tselab_here("simulate", "--maneuver", "square-waves", "--vehicle", "car.toml", "--seed", 1, *options,
                       "--out", f"{name}.csv", "--truth", f"{name}.truth.csv", cwd=folder)  # fmt: skip
@@ -139,7 +166,9 @@ def folder(tmp_path_factory):
 
 class Run:
     def __init__(self, folder, name: str, *options: object):
-        done = tselab_here("estimate", f"{name}.csv", "--vehicle", "car.toml", *options, "--out", "est.csv", cwd=folder)
+        done = tselab_here(
+            "estimate", f"{name}.csv", "--vehicle", "car.toml", *options, "--out", "est.csv", cwd=folder
+        )
         assert done.code == 0, done.err
         self.est, truth = pd.read_csv(folder / "est.csv"), pd.read_csv(folder / f"{name}.truth.csv")
         self.late = self.est["time"] >= CHANGE
@@ -185,17 +214,29 @@ def test_noise_of_the_wheel_speeds_is_found_and_biases_no_stiffness(folder):
     assert abs(mean[0] - mean[1]) < 0.02 and max(map(abs, mean)) < 0.1
     for run in (untold, told):
         assert max(run.rms()[1:]) < 1.6 and run.est[f"noise_{SENSORS[0]}"][run.late].max() < 1.4
-        found = run.est["noise_wheel_rear"].iloc[-1] * max(0.05 * 0.33 * (run is told), 0.012)  # m/s, of 0.0165
+        found = run.est["noise_wheel_rear"].iloc[-1] * max(
+            0.05 * 0.33 * (run is told), 0.012
+        )  # m/s, of 0.0165
         assert 0.7 < found / (0.05 * 0.33) < 1.6
 
 
 def test_robust_and_paper_are_settings_of_one_form_and_the_defaults_are_as_printed(folder):
     robust, paper = Config.settings_of("robust"), Config.settings_of("paper")
     assert Config.settings_of("default") == {} and (paper["form"], robust["form"]) == (1, 1)
-    kept_from_diverging = {"forgetting_mean", "forgetting_change", "reflect_draws", "integration", "spread_max", "spread_kernel"}
+    kept_from_diverging = {
+        "forgetting_mean",
+        "forgetting_change",
+        "reflect_draws",
+        "integration",
+        "spread_max",
+        "spread_kernel",
+    }
     assert kept_from_diverging <= set(robust) and not kept_from_diverging & set(paper)
     few = ("--particles", 64)
-    runs = [Run(folder, "wheels", *how).est["cy_front"] for how in ((), ("--form", "robust", *few), ("--form", "paper", *few))]
+    runs = [
+        Run(folder, "wheels", *how).est["cy_front"]
+        for how in ((), ("--form", "robust", *few), ("--form", "paper", *few))
+    ]
     assert all((runs[a] != runs[b]).mean() > 0.99 for a, b in ((0, 1), (1, 2)))
 
 

@@ -27,12 +27,12 @@ from trade_files import (
     write_racechrono,
     write_vbo,
 )  # fmt: skip
-from tse.impl.errors import UserError
-from tse.impl.logs.log import read_log
-from tse.impl.logs.proposal import listing, propose, toml_text
-from tse.impl.logs.readers import read_recording
-from tse.impl.rows import Reading
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.channels.proposal import listing, propose, toml_text
+from tse.library.errors import UserError
+from tse.log.rows import Reading
+from tse.readers.readers import read_recording
 
 COUNT = int(os.environ.get("TSE_DAMAGED", "12"))
 LONGEST = 60.0  # s of the processor for one file
@@ -122,7 +122,11 @@ def test_a_damaged_file_of_the_trade_is_read_or_refused(name, car, clean, tmp_pa
 def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_path):
     path = written(name, tmp_path, messages(clean[:300]))
     (tmp_path / "signals.toml").unlink(missing_ok=True)
-    target = max((p for p in path.rglob("*") if p.is_file()), key=lambda p: p.stat().st_size) if path.is_dir() else path
+    target = (
+        max((p for p in path.rglob("*") if p.is_file()), key=lambda p: p.stat().st_size)
+        if path.is_dir()
+        else path
+    )
     try_all(path, target, name, car)
 
 
@@ -135,7 +139,12 @@ def test_a_damaged_database_is_read_or_refused(odd, car, clean, tmp_path):
 def _header(first_group: int, first_history: int) -> bytes:
     """An MDF 4 of two blocks."""
     name = b"MDF     4.10    test    ".ljust(28, b"\0") + struct.pack("<H", 410) + bytes(34)
-    return name + b"##HD\0\0\0\0" + struct.pack("<QQ6Q", 104, 6, first_group, first_history, 0, 0, 0, 0) + bytes(32)
+    return (
+        name
+        + b"##HD\0\0\0\0"
+        + struct.pack("<QQ6Q", 104, 6, first_group, first_history, 0, 0, 0, 0)
+        + bytes(32)
+    )
 
 
 @pytest.mark.parametrize(("block", "where"), [
@@ -153,7 +162,7 @@ def test_blocks_that_point_to_themselves_do_not_keep_a_reader(block, where, tmp_
 
 @pytest.mark.parametrize("where", ["main", "thread"])
 def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
-    monkeypatch.setattr("tse.impl.logs.recording.LEAST_TIME", 0.3)
+    monkeypatch.setattr("tse.readers.recording.LEAST_TIME", 0.3)
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
 
@@ -164,7 +173,7 @@ def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
             except Exception:  # as readers do
                 continue
 
-    monkeypatch.setattr("tse.impl.logs.read_text.read", read)
+    monkeypatch.setattr("tse.readers.read_text.read", read)
     with pytest.raises(UserError, match="takes more than 0 s to read"):
         if where == "main":
             read_recording(path)
@@ -177,7 +186,7 @@ def test_a_thread_that_has_read_in_time_is_not_interrupted_later(monkeypatch, tm
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
     read_recording(path)  # what it needs is loaded now
-    monkeypatch.setattr("tse.impl.logs.recording.LEAST_TIME", 1.0)
+    monkeypatch.setattr("tse.readers.recording.LEAST_TIME", 1.0)
 
     def work() -> int:
         found = len(read_recording(path).channels)
@@ -203,7 +212,9 @@ def test_a_table_that_is_too_wide_or_has_too_long_a_name_is_refused(text, says, 
 
 
 def test_what_is_no_regular_file_is_refused_before_it_is_read(tmp_path):
-    (tmp_path / "log.csv").write_text("time,steer_angle,wheel_speed_front,wheel_speed_rear\n0,0,1,1\n0.01,0,1,1\n")
+    (tmp_path / "log.csv").write_text(
+        "time,steer_angle,wheel_speed_front,wheel_speed_rear\n0,0,1,1\n0.01,0,1,1\n"
+    )
     (tmp_path / "deep.toml").write_text("a" + ".a" * 3000 + " = 1\n")
     for option, value, says in (
         ("--vehicle", "/dev/zero", "is a device or a pipe, a TOML file is needed"),
@@ -214,7 +225,7 @@ def test_what_is_no_regular_file_is_refused_before_it_is_read(tmp_path):
 
 
 def test_what_unpacks_to_far_more_than_a_log_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("tse.impl.logs.readers.LEAST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("tse.readers.readers.LEAST_UNPACKED", 1 << 20)
     (tmp_path / "drive.csv.gz").write_bytes(gzip.compress(b"time,x\n" + b"0,0\n" * 1000000))
     done = tselab_here("signals", tmp_path / "drive.csv.gz")
     assert done.code == 2 and "unpacks to more than 1 MB, 40 times its size" in done.err

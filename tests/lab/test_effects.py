@@ -7,9 +7,19 @@ from scipy.optimize import least_squares
 from test_consider import DT, ROWS, late, logged
 
 from conftest import RAN, simulated, tselab_here
-from tse.impl.core import REPLAY_LOG, STIFFNESS, Config, Filter, Replay, SettingError, SimConfig, Simulator, library
-from tse.impl.errors import UserError
-from tse.impl.vehicle import is_set, read_vehicle
+from tse.car.vehicle import is_set, read_vehicle
+from tse.library.core import (
+    REPLAY_LOG,
+    STIFFNESS,
+    Config,
+    Filter,
+    Replay,
+    SettingError,
+    SimConfig,
+    Simulator,
+    library,
+)
+from tse.library.errors import UserError
 
 BARE = """mass = 1900.0
 lf = 1.25
@@ -59,7 +69,9 @@ def test_look_alikes_are_effects_or_are_known_otherwise():
 
 
 def test_effects_of_a_vehicle_file_are_settings(tmp_path):
-    car = read(tmp_path, "[effects.body_roll]\ngain = 0.008\nfrequency = 1.4\n[effects.relaxation]\nlength = 0.5\n")
+    car = read(
+        tmp_path, "[effects.body_roll]\ngain = 0.008\nfrequency = 1.4\n[effects.relaxation]\nlength = 0.5\n"
+    )
     assert car.values["body_roll_gain"] == 0.008
     assert car.values["body_roll_frequency"] == 1.4
     assert car.values["relaxation_length"] == 0.5
@@ -71,8 +83,13 @@ def test_an_effect_is_set_by_its_strength_and_not_by_a_shape():
         config = Config.exact(values)
         return [e.id for e in library().effects.values() if is_set(config, e)]
 
-    assert effects(body_roll_gain=0.0123, conicity_rear=-77.0, body_roll_frequency=1.3) == ["conicity", "body_roll"]
-    assert effects(body_roll_frequency=1.3) == [] and effects(exact_kinematics_share=0.0) == ["exact_kinematics"]
+    assert effects(body_roll_gain=0.0123, conicity_rear=-77.0, body_roll_frequency=1.3) == [
+        "conicity",
+        "body_roll",
+    ]
+    assert effects(body_roll_frequency=1.3) == [] and effects(exact_kinematics_share=0.0) == [
+        "exact_kinematics"
+    ]
 
 
 def test_wrong_effects_are_refused_with_file_and_key(tmp_path):
@@ -84,7 +101,9 @@ def test_wrong_effects_are_refused_with_file_and_key(tmp_path):
         read(tmp_path, "[effects]\nrelaxation = 0.4\n")
     with pytest.raises(UserError, match="effects must be tables"):
         read(tmp_path, "effects = 3\n")
-    with pytest.raises(UserError, match=r"key effects.relaxation.lenght is not known \(did you mean length\?\)"):
+    with pytest.raises(
+        UserError, match=r"key effects.relaxation.lenght is not known \(did you mean length\?\)"
+    ):
         read(tmp_path, "[effects.relaxation]\nlenght = 0.3\n")
     with pytest.raises(UserError, match=r"key effects.relaxation.colour is not known \(allowed: length"):
         read(tmp_path, "[effects.relaxation]\nlength = 0.3\ncolour = 1\n")
@@ -96,7 +115,9 @@ def test_simulate_and_estimate_take_effects_from_the_vehicle_file(tmp_path):
     plain = tmp_path / "plain.toml"
     plain.write_text(BARE)
     log = tmp_path / "log.csv"
-    done = tselab_here("simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", car, "--out", log)
+    done = tselab_here(
+        "simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", car, "--out", log
+    )
     assert done.code == 0, done.err
     stiffness = {}
     for name in (car, plain):
@@ -118,7 +139,9 @@ def test_replay_reads_what_the_simulator_simulates():
     inputs["wheel_torque_front"] = 300 * np.sin(np.arange(n) * 0.02)
     for i in range(n):
         sim.step_into(inputs, outputs, i)
-    replay = Replay(dt=inputs["dt"], **{c: outputs[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear")})
+    replay = Replay(
+        dt=inputs["dt"], **{c: outputs[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear")}
+    )
     told = {k: v.copy() for k, v in replay.run(config).items()}
     untold = replay.run(Config.exact())
     for channel in ("accel_x", "accel_y", "yaw_rate"):
@@ -251,7 +274,10 @@ IMU = ("accel_x", "accel_y", "yaw_rate")
 def driven() -> np.ndarray:
     """Rows of the simulator: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s, nothing late."""
     t = DT * np.arange(ROWS)
-    steer, torque = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)), 1000 * np.tanh(6 * np.sin(1.3 * t))
+    steer, torque = (
+        0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)),
+        1000 * np.tanh(6 * np.sin(1.3 * t)),
+    )
     return simulated({}, {"seed": 3, "speed": 20.0}, DT, steer_angle=steer, wheel_torque_front=torque)
 
 
@@ -294,4 +320,6 @@ def test_where_no_lag_is_allowed_it_is_taken_for_another_stiffness(driven):
 
 def test_what_nothing_excites_stays_unknown(driven):
     last = estimated(np.repeat(logged(driven)[:1], 1000))
-    assert last["lag_steer"] == pytest.approx(0, abs=0.01) and last["lag_steer_sd"] == pytest.approx(0.02, rel=0.3)
+    assert last["lag_steer"] == pytest.approx(0, abs=0.01) and last["lag_steer_sd"] == pytest.approx(
+        0.02, rel=0.3
+    )

@@ -19,17 +19,17 @@ import pandas as pd
 import pytest
 
 from conftest import COMMAND, RAN, tselab, tselab_here
-from tse.impl import estimate as module
-from tse.impl import results
-from tse.impl.config import make_config
-from tse.impl.errors import UserError
-from tse.impl.estimate import estimate_to
-from tse.impl.fleet import single
-from tse.impl.logs.log import read_log
-from tse.impl.results import run_facts
-from tse.impl.rows import Log, Reading, average, columns
-from tse.impl.vehicle import default_vehicle, read_vehicle
-from tse.impl.verdict import remarks, verdicts
+from tse.car.config import make_config
+from tse.car.vehicle import default_vehicle, read_vehicle
+from tse.channels.log import read_log
+from tse.estimation import estimate as module
+from tse.estimation.estimate import estimate_to
+from tse.estimation.verdict import remarks, verdicts
+from tse.library.errors import UserError
+from tse.log.rows import Log, Reading, average, columns
+from tse.report import results
+from tse.report.results import run_facts
+from tse.runs import single
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 SENSORS = ("accel_x", "accel_y", "yaw_rate", "wheel_front", "wheel_rear")
@@ -120,7 +120,9 @@ def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, mo
     for block in (module.BLOCK, 300, 4096):
         monkeypatch.setattr(module, "BLOCK", block)
         seen: list[int] = []
-        est = module.estimate_to(tmp_path / "x.csv", log, config, watch=[lambda b, s=seen: s.append(len(b["time"]))])
+        est = module.estimate_to(
+            tmp_path / "x.csv", log, config, watch=[lambda b, s=seen: s.append(len(b["time"]))]
+        )
         assert (tmp_path / "x.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
         assert sum(seen) == len(est) == len(log) and max(seen) <= block
         assert est.learnt == whole.learnt and not est.interrupted
@@ -142,7 +144,9 @@ def test_an_error_on_the_way_leaves_the_file_as_it_was(prepared, tmp_path, monke
     assert path.read_text() == "before" and list(tmp_path.iterdir()) == [path]
 
 
-def test_a_run_that_is_stopped_before_its_first_row_has_a_header_and_nothing_to_say(prepared, tmp_path, monkeypatch):
+def test_a_run_that_is_stopped_before_its_first_row_has_a_header_and_nothing_to_say(
+    prepared, tmp_path, monkeypatch
+):
     monkeypatch.setattr(module, "_stop_flag", lambda: nullcontext(lambda: True))
     est = module.estimate_to(tmp_path / "est.csv", *prepared)
     assert est.interrupted and len(est) == 0 and est.learnt is None
@@ -156,7 +160,9 @@ def test_memory_does_not_grow_by_what_is_written(prepared, tmp_path):
     peak = {}
     for times in (4, 12):
         n = times * len(log)
-        long = dataclasses.replace(log, time=0.01 * np.arange(n), data=pd.concat([log.data] * times, ignore_index=True))
+        long = dataclasses.replace(
+            log, time=0.01 * np.arange(n), data=pd.concat([log.data] * times, ignore_index=True)
+        )
         tracemalloc.start()
         estimate_to(tmp_path / "x.csv", long, config)
         peak[n] = tracemalloc.get_traced_memory()[1]
@@ -171,7 +177,9 @@ def estimated(drive, tmp_path):
 
     def run(table, *options, codes=(0,)):
         table.to_csv(tmp_path / "log.csv", index=False)
-        done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, *options, cwd=tmp_path)
+        done = tselab_here(
+            "estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, *options, cwd=tmp_path
+        )
         assert done.code in codes, done.err
         return done, pd.read_csv(tmp_path / "log.est.csv")
 
@@ -211,7 +219,16 @@ def test_slow_log_of_20_hz_is_handled(drive, estimated):
 
 def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
     done = tselab_here(
-        "estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path
+        "estimate",
+        "--verbose",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--average",
+        0.04,
+        "--report",
+        "r.html",
+        cwd=tmp_path,
     )
     assert done.code == 0, done.err
     assert "500 rows, 20.0 s, every 40 ms (means of 4 rows)" in done.out
@@ -219,27 +236,40 @@ def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
     assert "accel_x_sd: 0.15 m/s2 of one sample is 0.075 of a mean of 4" in done.err
     last = pd.read_csv(tmp_path / "log.est.csv").iloc[-1]
     for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True):
-        assert abs(last[k] - n) < 2.6 * last[f"{k}_sd"] and abs(last[k] - n) < (0.15 if k == "cx_front" else 0.06) * n, k
+        assert (
+            abs(last[k] - n) < 2.6 * last[f"{k}_sd"]
+            and abs(last[k] - n) < (0.15 if k == "cx_front" else 0.06) * n
+        ), k
 
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.2, "0.2 is outside its range 0.001 .. 0.1 s"), (0.012, "the rows of the log are 0.01 s apart"), ("nan", "outside")],
+    [
+        (0.2, "0.2 is outside its range 0.001 .. 0.1 s"),
+        (0.012, "the rows of the log are 0.01 s apart"),
+        ("nan", "outside"),
+    ],
 )
 def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
-    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)
+    done = tselab_here(
+        "estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path
+    )
     assert done.code == 2 and "option --average: " in done.err and text in done.err
 
 
 def test_average_takes_rows_as_they_come():
-    time = np.array([0, 0.01, 0.02, 0.03, 0.1, 0.13, 0.14, 0.19, 0.2, 0.21, 0.22, 0.23, 5.0, 5.01, 5.02, 5.03, 5.1])
+    time = np.array(
+        [0, 0.01, 0.02, 0.03, 0.1, 0.13, 0.14, 0.19, 0.2, 0.21, 0.22, 0.23, 5.0, 5.01, 5.02, 5.03, 5.1]
+    )
     n = len(time)
     data = pd.DataFrame(dict.fromkeys(columns()[1:], 10.0 * time))
     data.loc[4:6, "accel_x"] = np.nan  # three of a block
     data.loc[8, "accel_y"] = np.nan  # one
     ref = pd.DataFrame({"ref_vel_x": np.where(time < 5, 1.0, np.nan)})
     log = average(Log(Path("x.csv"), time, data, ref, np.arange(n) + 2, 0.01), 0.1)
-    assert log.time == pytest.approx([0.015, 0.14, 0.215, 5.015])  # mean times; the last row alone is no block
+    assert log.time == pytest.approx(
+        [0.015, 0.14, 0.215, 5.015]
+    )  # mean times; the last row alone is no block
     assert log.data["yaw_rate"].tolist() == pytest.approx(10 * log.time)
     assert np.isnan(log.data["accel_x"][1]) and log.data["accel_x"].notna().sum() == 3
     assert log.data["accel_y"][2] == pytest.approx(2.2)
@@ -334,12 +364,23 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
     assert 0 < len(est) < len(long)
     assert np.isfinite(est.select_dtypes("number").to_numpy()).all()
     assert {p.name for p in tmp_path.iterdir()} == {"long.csv", "long.est.csv", "r.html", "car.tse"}
-    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--load-learnt", "car.tse", cwd=tmp_path)
+    done = tselab_here(
+        "estimate",
+        "--verbose",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--load-learnt",
+        "car.tse",
+        cwd=tmp_path,
+    )
     assert "started from: car.tse" in done.out
 
 
 def test_closed_pipe_is_not_an_error_message():
-    run = subprocess.run(f"{shlex.join(COMMAND)} settings | head -n 1", shell=True, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(
+        f"{shlex.join(COMMAND)} settings | head -n 1", shell=True, capture_output=True, text=True, timeout=60
+    )
     assert run.stdout.startswith("setting") and run.stderr == ""
 
 
@@ -457,7 +498,9 @@ def test_a_file_that_is_wrong_is_named_with_what_is_wrong_and_nothing_is_written
                        "log.tse": (first / "second.csv").read_bytes()}.items():  # fmt: skip
         (first / name).write_bytes(data)
         done = estimate(first, "second", "--load-learnt", name, "--save-learnt", "new.tse", codes=(2,))
-        assert done.err.startswith(f"tselab: error: {name}: not a learnt state of this library, or damaged"), done.err
+        assert done.err.startswith(
+            f"tselab: error: {name}: not a learnt state of this library, or damaged"
+        ), done.err
         assert "Traceback" not in done.err
         assert not (first / "second.est.csv").exists() and not (first / "new.tse").exists()
 
@@ -465,11 +508,26 @@ def test_a_file_that_is_wrong_is_named_with_what_is_wrong_and_nothing_is_written
 def test_another_vehicle_and_a_newer_format_are_told_apart(first):
     car = (first / "car.toml").read_text()
     (first / "other.toml").write_text(re.sub(r"(?m)^mass\s*=.*$", "mass = 1555", car))
-    done = tselab_here("estimate", "--verbose", "second.csv", "--vehicle", "other.toml", "--load-learnt", "default.tse", cwd=first)
+    done = tselab_here(
+        "estimate",
+        "--verbose",
+        "second.csv",
+        "--vehicle",
+        "other.toml",
+        "--load-learnt",
+        "default.tse",
+        cwd=first,
+    )
     assert done.code == 2 and "default.tse: the learnt state belongs to another vehicle" in done.err
     data = (first / "default.tse").read_bytes()
-    newer, older = data[:4] + struct.pack("<H", 4) + data[6:-4], data[:4] + struct.pack("<HH", 1, 96) + data[8:92]
-    said = {"newer": (newer, "a newer version of this library"), "older": (older, "an older version of this library; learn anew")}
+    newer, older = (
+        data[:4] + struct.pack("<H", 4) + data[6:-4],
+        data[:4] + struct.pack("<HH", 1, 96) + data[8:92],
+    )
+    said = {
+        "newer": (newer, "a newer version of this library"),
+        "older": (older, "an older version of this library; learn anew"),
+    }
     for name, (content, why) in said.items():
         (first / f"{name}.tse").write_bytes(content + struct.pack("<I", zlib.crc32(content)))
         done = estimate(first, "second", "--load-learnt", f"{name}.tse", codes=(2,))
@@ -535,7 +593,9 @@ def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, mo
     monkeypatch.setattr(single, "late_steering", lambda *_: [late])
     ran = single.run(single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None)
     valid = [f"{s}_valid" for s in ("cx_front", "cy_front", "cy_rear", "grip")]
-    assert results.exit_code(ran.findings) == results.NOTHING and not ran.estimate.table[valid].to_numpy().any()
+    assert (
+        results.exit_code(ran.findings) == results.NOTHING and not ran.estimate.table[valid].to_numpy().any()
+    )
     assert sum(late in note for note in ran.notes) == 1 and (ran.estimate.table["status"] == 10).mean() > 0.3
 
 
@@ -545,4 +605,6 @@ def test_strict_holds_for_the_car_that_was_calibrated_on_the_log(drive, monkeypa
     monkeypatch.setattr(single, "uncalibrated", lambda _: True)
     monkeypatch.setattr(single, "calibrated", lambda *_: single.of_class("of a test"))
     with pytest.raises(UserError, match="option --strict: odd"):
-        single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}, Reading(strict=True), single.Calibrate())
+        single.prepare(
+            drive.log, drive.vehicle, None, None, {}, "default", {}, Reading(strict=True), single.Calibrate()
+        )

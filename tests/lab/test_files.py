@@ -16,9 +16,10 @@ import pandas as pd
 import pytest
 
 from conftest import COMMAND, tselab_here
-from tse.impl import estimate, files
-from tse.impl.errors import UserError
-from tse.impl.estimate import csv_header, csv_rows
+from tse.estimation import estimate
+from tse.estimation.estimate import csv_header, csv_rows
+from tse.library import files
+from tse.library.errors import UserError
 
 KB = 40  # of room: less than any result of a drive
 
@@ -30,13 +31,17 @@ def with_little_room(*args: object, room: int = KB) -> subprocess.CompletedProce
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (room * 1024, room * 1024))
 
-    return subprocess.run([*COMMAND, *map(str, args)], capture_output=True, text=True, timeout=120, preexec_fn=limit)
+    return subprocess.run(
+        [*COMMAND, *map(str, args)], capture_output=True, text=True, timeout=120, preexec_fn=limit
+    )
 
 
 def test_a_full_disk_is_said_and_leaves_what_was_there(drive, tmp_path):
     out, report = tmp_path / "est.csv", tmp_path / "report.html"
     out.write_text("as before\n")
-    done = with_little_room("estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report)
+    done = with_little_room(
+        "estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report
+    )
     assert done.returncode == 2, done.stderr
     assert f"{out}: cannot be written: " in done.stderr
     assert "internal error" not in done.stderr and "Traceback" not in done.stderr
@@ -46,7 +51,9 @@ def test_a_full_disk_is_said_and_leaves_what_was_there(drive, tmp_path):
 
 def test_of_two_results_the_one_that_does_not_fit_is_named(drive, tmp_path):
     out, report = tmp_path / "est.csv", tmp_path / "report.html"
-    done = with_little_room("estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report, room=2000)
+    done = with_little_room(
+        "estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report, room=2000
+    )
     assert done.returncode == 2
     assert f"{report}: cannot be written: " in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["est.csv"]
@@ -70,7 +77,20 @@ unit = "1/m"
         ("est.csv", ["estimate", "LOG", "--vehicle", "CAR", "--out", "est.csv"]),
         ("learnt", ["estimate", "LOG", "--vehicle", "CAR", "--out", "/dev/null", "--save-learnt", "learnt"]),
         ("log.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "log.csv"]),
-        ("truth.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "/dev/null", "--truth", "truth.csv"]),
+        (
+            "truth.csv",
+            [
+                "simulate",
+                "--maneuver",
+                "step-steer",
+                "--duration",
+                "2",
+                "--out",
+                "/dev/null",
+                "--truth",
+                "truth.csv",
+            ],
+        ),
         ("car.h", ["vehicle", "CAR", "--c", "car.h"]),
         ("drag.h", ["formula", "drag.toml", "--c", "drag.h"]),
         ("studies", ["montecarlo", "--study", "robust", "--runs", "1", "--jobs", "1", "--out", "studies"]),
@@ -93,7 +113,9 @@ def test_not_a_byte_of_room_is_said_by_every_command(result, args, drive, tmp_pa
 @pytest.mark.parametrize("command", [["settings"], ["vehicle", "--example"]])
 def test_a_terminal_that_takes_no_more_is_no_fault_of_ours(command):
     with open("/dev/full", "w") as full:
-        done = subprocess.run([*COMMAND, *command], stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+        done = subprocess.run(
+            [*COMMAND, *command], stdout=full, stderr=subprocess.PIPE, text=True, timeout=120
+        )
     assert done.returncode == 2
     assert done.stderr.startswith("tselab: error: the output: cannot be written: ")
     assert len(done.stderr.splitlines()) == 1
@@ -109,7 +131,10 @@ def test_whatever_fails_the_old_file_stays_and_no_other(where, tmp_path, monkeyp
 
     if where != "block":
         monkeypatch.setattr(files.os, where, fail)
-    with pytest.raises(UserError, match=f"{path}: cannot be written: No space left"), files.atomic(path) as file:
+    with (
+        pytest.raises(UserError, match=f"{path}: cannot be written: No space left"),
+        files.atomic(path) as file,
+    ):
         file.write("new\n")
         if where == "block":
             fail()
@@ -146,10 +171,22 @@ def test_what_a_killed_process_has_left_is_cleared_and_nothing_else(tmp_path):
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        (["estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.xlsx"], "--out: e.xlsx: is written as .csv or .parquet"),
-        (["estimate", "log.csv", "--vehicle", "car.toml", "--report", "r.pdf"], "--report: r.pdf: is written as .html or .htm"),
-        (["simulate", "--maneuver", "sine", "--out", "log.mf4"], "option --out: log.mf4: is written as .csv, by its name"),
-        (["calibrate", "log.csv", "--vehicle", "car.toml", "--out", "c.json"], "option --out: c.json: is written as .toml"),
+        (
+            ["estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.xlsx"],
+            "--out: e.xlsx: is written as .csv or .parquet",
+        ),
+        (
+            ["estimate", "log.csv", "--vehicle", "car.toml", "--report", "r.pdf"],
+            "--report: r.pdf: is written as .html or .htm",
+        ),
+        (
+            ["simulate", "--maneuver", "sine", "--out", "log.mf4"],
+            "option --out: log.mf4: is written as .csv, by its name",
+        ),
+        (
+            ["calibrate", "log.csv", "--vehicle", "car.toml", "--out", "c.json"],
+            "option --out: c.json: is written as .toml",
+        ),
         (["signals", "log.csv", "--write", "s.csv"], "option --write: s.csv: is written as .toml"),
     ],
 )
@@ -208,7 +245,9 @@ def test_a_link_to_an_input_is_that_input(drive, tmp_path):
 def test_no_command_writes_over_what_it_reads(command, option, same, drive, tmp_path):
     for name, path in {"a.csv": drive.log, "b.csv": drive.log, "car.toml": drive.vehicle}.items():
         (tmp_path / name).write_bytes(path.read_bytes())
-    (tmp_path / "play.toml").write_text('id = "p"\ntitle = "p"\nplace = "front_angle"\nformula = "steer_angle"\n')
+    (tmp_path / "play.toml").write_text(
+        'id = "p"\ntitle = "p"\nplace = "front_angle"\nformula = "steer_angle"\n'
+    )
     before = {p: p.read_bytes() for p in tmp_path.iterdir()}
     done = tselab_here(*command, cwd=tmp_path)
     assert done.code == 2 and f"{option} is the same file as {same}" in done.err, done.err
@@ -286,7 +325,9 @@ def test_numbers_have_the_shortest_digits_and_every_bit(kind):
     bits = rng.integers(0, np.iinfo(np.uint64).max, 20000, np.uint64).view(np.float64)
     plain = rng.standard_normal(20000) * 10.0 ** rng.integers(-6, 7, 20000)
     with np.errstate(all="ignore"):
-        x = np.concatenate([bits, plain, [0.0, -0.0, 5e-324, 1e16, 1e22, 123456789.0, 0.1 + 0.2]]).astype(kind)
+        x = np.concatenate([bits, plain, [0.0, -0.0, 5e-324, 1e16, 1e22, 123456789.0, 0.1 + 0.2]]).astype(
+            kind
+        )
     x = x[np.isfinite(x)]
     texts = csv_rows({"x": x}).decode().split()
     back = np.array([float(c) for c in texts]).astype(kind)

@@ -17,20 +17,20 @@ import pytest
 
 from conftest import COMMAND, tselab, tselab_here
 from dask_cluster import kill_this_process, scheduler, starting, until, worker
-from tse.impl import maneuvers
-from tse.impl.core import STIFFNESS, Config, SimConfig
-from tse.impl.errors import Interrupted, UserError
-from tse.impl.estimate import write_table
-from tse.impl.fleet import work as module
-from tse.impl.fleet.find import Drive, drives, started
-from tse.impl.fleet.keep import Store, unlike
-from tse.impl.fleet.run import Plan, outcome_of, run
-from tse.impl.fleet.work import Task, code_of
-from tse.impl.processes import Local, check_workers
-from tse.impl.report import figures_of
-from tse.impl.rows import Reading
-from tse.impl.simulate import simulate
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.estimation.estimate import write_table
+from tse.library.core import STIFFNESS, Config, SimConfig
+from tse.library.errors import Interrupted, UserError
+from tse.library.processes import Local, check_workers
+from tse.log.rows import Reading
+from tse.report.report import figures_of
+from tse.runs import work as module
+from tse.runs.find import Drive, drives, started
+from tse.runs.keep import Store, unlike
+from tse.runs.run import Plan, outcome_of, run
+from tse.runs.work import Task, code_of
+from tse.simulation import maneuvers
+from tse.simulation.simulate import simulate
 
 CARS = {"golf": 1.0, "up": 0.7}  # level of the road under the tyres, which is how soft the car looks
 DAYS = 3
@@ -39,7 +39,9 @@ DAYS = 3
 def write_drive(path: Path, car: Path, seed: int, level: float, seconds: float = 20.0) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     config = Config.exact(read_vehicle(car).values)
-    plan = maneuvers.build("double-lane-change", config, sample_time=0.02, duration=seconds, road=[(0.0, level)])
+    plan = maneuvers.build(
+        "double-lane-change", config, sample_time=0.02, duration=seconds, road=[(0.0, level)]
+    )
     write_table(simulate(plan, config, SimConfig({"seed": seed})).log, path)
 
 
@@ -59,7 +61,9 @@ def logs(tmp_path_factory) -> Path:
 
 
 def fleet(folder: Path, out: Path, *more: object):
-    return tselab_here("fleet", folder / "logs", "--vehicle", folder / "car.toml", "--out", out, "--jobs", 2, *more)
+    return tselab_here(
+        "fleet", folder / "logs", "--vehicle", folder / "car.toml", "--out", out, "--jobs", 2, *more
+    )
 
 
 @pytest.fixture(scope="module")
@@ -73,13 +77,23 @@ def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_err
     ran, _, table = done
     assert ran.code == 3 and "9 logs of 2 cars" in ran.out and "3 that cannot be read" in ran.out, ran.err
     bad = table[table.error.notna()]
-    assert set(bad.log.map(lambda p: Path(p).name)) == {"2024-05-02 empty.csv", "2024-05-09.mf4", "2024-05-09.csv"}
-    assert bad.value.isna().all() and bad.error.str.contains("is empty").any() and bad.error.str.contains("tselab signals").any()
+    assert set(bad.log.map(lambda p: Path(p).name)) == {
+        "2024-05-02 empty.csv",
+        "2024-05-09.mf4",
+        "2024-05-09.csv",
+    }
+    assert (
+        bad.value.isna().all()
+        and bad.error.str.contains("is empty").any()
+        and bad.error.str.contains("tselab signals").any()
+    )
     good = table[table.error.isna()]
     assert sorted(good.groupby(["car", "log"]).stiffness.unique().map(len)) == [3] * 6
     last = good.groupby(["car", "stiffness"]).value.last() / good.groupby(["car", "stiffness"]).nominal.last()
     for name, level in CARS.items():
-        np.testing.assert_allclose(last[name].to_numpy(), level, rtol=0.07)  # along: wheel radii are known to 0.2 % at best
+        np.testing.assert_allclose(
+            last[name].to_numpy(), level, rtol=0.07
+        )  # along: wheel radii are known to 0.2 % at best
     assert (good.sd > 0).all() and (good.start_from == "name").all()
     assert good.start_time.dt.day.tolist() == sorted(good[good.car == "golf"].start_time.dt.day) * 2
 
@@ -89,9 +103,24 @@ def test_a_drive_starts_from_what_the_one_before_it_taught(done, logs, tmp_path)
     _, out, table = done
     up = [logs / "logs" / "up" / f"2024-05-{day:02d}.csv" for day in (1, 2)]
     car = ["--vehicle", logs / "car.toml"]
-    assert tselab_here("estimate", up[0], *car, "--out", tmp_path / "1.parquet", "--save-learnt", tmp_path / "l").code == 0
+    assert (
+        tselab_here(
+            "estimate", up[0], *car, "--out", tmp_path / "1.parquet", "--save-learnt", tmp_path / "l"
+        ).code
+        == 0
+    )
     age = (86400 - table.seconds[table.log == str(up[0])].iloc[0]) / 86400
-    again = tselab_here("estimate", up[1], *car, "--out", tmp_path / "2.parquet", "--load-learnt", tmp_path / "l", "--age", age)
+    again = tselab_here(
+        "estimate",
+        up[1],
+        *car,
+        "--out",
+        tmp_path / "2.parquet",
+        "--load-learnt",
+        tmp_path / "l",
+        "--age",
+        age,
+    )
     assert again.code == 0, again.err
     for day in (1, 2):
         (kept,) = (out / "estimates").glob(f"up-2024-05-{day:02d}-*.parquet")
@@ -101,7 +130,9 @@ def test_a_drive_starts_from_what_the_one_before_it_taught(done, logs, tmp_path)
     alone = fleet(logs, tmp_path / "alone", "--no-learn", "--no-reports", "--jobs", 1)
     assert alone.code == 3
     by_itself = pd.read_parquet(tmp_path / "alone" / "fleet.parquet")
-    second = [t[(t.log == str(up[1])) & (t.stiffness == "cy_front")].valid.iloc[0] for t in (table, by_itself)]
+    second = [
+        t[(t.log == str(up[1])) & (t.stiffness == "cy_front")].valid.iloc[0] for t in (table, by_itself)
+    ]
     assert second[0] > second[1]
 
 
@@ -168,7 +199,25 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
 
 def task(log: Path) -> Task:
     """Nothing but a log."""
-    return Task(log, log.parent, None, None, False, (), None, None, "default", {}, None, 0.0, False, None, False, (), code_of())
+    return Task(
+        log,
+        log.parent,
+        None,
+        None,
+        False,
+        (),
+        None,
+        None,
+        "default",
+        {},
+        None,
+        0.0,
+        False,
+        None,
+        False,
+        (),
+        code_of(),
+    )
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
@@ -253,7 +302,9 @@ def test_when_a_drive_began(tmp_path):
     assert at("4711_12345678.csv")[1] == "file"
     mf4 = b"MDF     4.10    ".ljust(64, b"\0") + b"##HD".ljust(72, b"\0") + int(1.7e18).to_bytes(8, "little")
     assert at("a.mf4", mf4.ljust(300, b"\0")) == ("2023-11-14T22:13:20", "log")
-    blf = b"LOGG".ljust(40, b"\0") + b"".join(x.to_bytes(2, "little") for x in (2022, 2, 1, 28, 23, 59, 58, 0))
+    blf = b"LOGG".ljust(40, b"\0") + b"".join(
+        x.to_bytes(2, "little") for x in (2022, 2, 1, 28, 23, 59, 58, 0)
+    )
     assert at("2024-01-01.blf", blf.ljust(200, b"\0")) == ("2022-02-28T23:59:58", "log")
 
 
@@ -268,7 +319,9 @@ def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
 
 
 def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path):
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is missing: there is no cluster to test with")
+    distributed = pytest.importorskip(
+        "distributed", reason="dask.distributed is missing: there is no cluster to test with"
+    )
     with starting() as start:
         address = scheduler(start)
         with distributed.Client(address, set_as_default=False) as client:
@@ -276,7 +329,9 @@ def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path
             until(lambda: len(client.scheduler_info()["workers"]) == 1)
             command = [*COMMAND, "fleet", logs / "logs", "--vehicle", logs / "car.toml", "--out", tmp_path / "out", "--no-reports",
                        "--scheduler", address]  # fmt: skip
-            process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            process = subprocess.Popen(
+                [*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
             kept = tmp_path / "out" / "logs"
             until(lambda: len(list(kept.glob("*.json"))) >= 2)
             start(*worker(address, tmp_path / "dask"))
@@ -288,10 +343,12 @@ def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path
 
 
 def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is missing: there is no cluster to test with")
-    (tmp_path / "old" / "tse" / "impl").mkdir(parents=True)
+    distributed = pytest.importorskip(
+        "distributed", reason="dask.distributed is missing: there is no cluster to test with"
+    )
+    (tmp_path / "old" / "tse" / "library").mkdir(parents=True)
     (tmp_path / "old" / "tse" / "__init__.py").touch()
-    (tmp_path / "old" / "tse" / "impl" / "__init__.py").write_text('__version__ = "0.0.1"\n')
+    (tmp_path / "old" / "tse" / "library" / "__init__.py").write_text('__version__ = "0.0.1"\n')
     with starting() as start:
         address = scheduler(start)
         with distributed.Client(address, set_as_default=False) as client:
@@ -306,7 +363,10 @@ def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
 def test_the_table_is_read_by_others_as_the_help_says(done):
     """What the help says of reading it works."""
     _, out, table = done
-    assert set(table.usable.unique()) <= {"yes", "in part", "no"} and list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
+    assert (
+        set(table.usable.unique()) <= {"yes", "in part", "no"}
+        and list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
+    )
     duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
     text = f"select car, stiffness, arg_max(value, start_time) from '{out}/fleet.parquet' where usable <> 'no' group by all"
     assert len(duckdb.sql(text).fetchall()) == 6
@@ -340,7 +400,10 @@ def test_a_table_of_cars_of_any_spreadsheet(text, says, tmp_path):
         with pytest.raises(UserError, match=says):
             drives([str(tmp_path)], None, table, None, tmp_path / "out")
     else:
-        assert drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle == (tmp_path / "car.toml").resolve()
+        assert (
+            drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle
+            == (tmp_path / "car.toml").resolve()
+        )
 
 
 def test_cars_of_names_alike_have_files_of_their_own(tmp_path):
@@ -348,7 +411,9 @@ def test_cars_of_names_alike_have_files_of_their_own(tmp_path):
     store = Store(tmp_path, False)
     names = ("car_1", "car 1", "Car_1", "x" * 61, "x" * 62)
     files = [store.calibrated(Drive(name, Path("log.csv"), tmp_path / "car.toml"), name) for name in names]
-    assert [f.read_text() for f in files] == list(names) and len({f.name.lower() for f in files}) == len(names)
+    assert [f.read_text() for f in files] == list(names) and len({f.name.lower() for f in files}) == len(
+        names
+    )
 
 
 def test_a_log_of_another_car_is_said():
@@ -363,7 +428,7 @@ def test_a_log_of_another_car_is_said():
 
 MANY = """
 import contextlib, sys, time
-from tse.impl import processes
+from tse.library import processes
 
 if __name__ == "__main__":
     try:
@@ -385,7 +450,9 @@ def test_an_interrupt_between_many_short_tasks_ends_all(tmp_path):
             [sys.executable, str(tmp_path / "many.py")],
             stdout=subprocess.PIPE,
             start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a test run in the background ignores it
+            preexec_fn=lambda: signal.signal(
+                signal.SIGINT, signal.SIG_DFL
+            ),  # a test run in the background ignores it
         )
         assert run.stdout is not None and run.stdout.readline() == b"busy\n"
         time.sleep(0.037 * moment)
@@ -399,7 +466,7 @@ def test_an_interrupt_between_many_short_tasks_ends_all(tmp_path):
 
 def test_cars_are_ranked_by_their_stiffness_and_not_by_their_own_calibration(done):
     """A car that is soft, as its vehicle file says, is soft; of what is not known the reason is said."""
-    from tse.impl.fleet.page import Car, Last
+    from tse.runs.page import Car, Last
 
     def car(name, **last):
         return Car(name, [], {k: Last(v, 5e3, v / nominal, pd.Timestamp(0)) for k, (v, nominal) in last.items()},

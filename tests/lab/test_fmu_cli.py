@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from conftest import tselab, tselab_here
-from tse.impl.errors import UserError
+from tse.library.errors import UserError
 from tselab import fmu_build as build
 from tselab import fmu_build as platforms
 
@@ -30,7 +30,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = tselab("fmu", "build", "--out", folder)
     assert done.code == 0, done.err
     assert [line.split(":")[0] for line in done.out.splitlines()] == [
-        str(folder / name) for name in (*(f"{n}{v}.fmu" for n in FMUS for v in ("", "-fmi3")), "StiffnessStudy.ssp")
+        str(folder / name)
+        for name in (*(f"{n}{v}.fmu" for n in FMUS for v in ("", "-fmi3")), "StiffnessStudy.ssp")
     ]
     return folder
 
@@ -39,7 +40,9 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def everywhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with binaries of all platforms; those of FMI 3.0, which cost as long again, of two besides this one."""
     if importlib.util.find_spec("ziglang") is None:
-        pytest.skip("ziglang, which compiles for other platforms, is not installed (scripts/setup.sh platforms)")
+        pytest.skip(
+            "ziglang, which compiles for other platforms, is not installed (scripts/setup.sh platforms)"
+        )
     folder = tmp_path_factory.mktemp("everywhere")
     build.build(folder, tuple(platforms.PLATFORMS), None, lambda _: None, fmi=("2",))
     build.build(folder, PLATFORMS3, None, lambda _: None, fmi=("3",))
@@ -144,7 +147,13 @@ def slices(data: bytes) -> list:
 
 
 X86, ARM = lief.Header.ARCHITECTURES.X86_64, lief.Header.ARCHITECTURES.ARM64
-MACHINES = {"linux64": [X86], "win64": [X86], "darwin64": [X86, ARM], "aarch64-linux": [ARM], "aarch64-darwin": [ARM]}
+MACHINES = {
+    "linux64": [X86],
+    "win64": [X86],
+    "darwin64": [X86, ARM],
+    "aarch64-linux": [ARM],
+    "aarch64-darwin": [ARM],
+}
 C_LIBRARY = ("libc.so.6", "libm.so.6", "kernel32.dll", "ntdll.dll", "ucrtbase.dll", "msvcrt.dll", "api-ms-win-crt-",
              "/usr/lib/libsystem.")  # fmt: skip
 LINKER_MADE = {"_init", "_fini", "_edata", "_end", "__bss_start", "_mh_dylib_header", "__dso_handle", "___dso_handle",
@@ -155,26 +164,40 @@ OLDEST = {"linux64": (2, 2, 5), "aarch64-linux": (2, 17)}  # glibc that a binary
 @pytest.mark.parametrize("name", [*FMUS, *FMUS3])
 def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere, name):
     fmi = build.version_of(name)
-    header = (build.checkout() / ".venv" / "share" / f"fmi{fmi}" / "headers" / f"fmi{fmi}Functions.h").read_text()
+    header = (
+        build.checkout() / ".venv" / "share" / f"fmi{fmi}" / "headers" / f"fmi{fmi}Functions.h"
+    ).read_text()
     required = re.findall(rf"^ *FMI{fmi}_Export \w+\s+(fmi{fmi}\w+);", header, flags=re.M)
     if fmi == "2":  # an FMU for co-simulation alone has not those of model exchange
         del required[required.index("fmi2EnterEventMode") : required.index("fmi2SetRealInputDerivatives")]
     with zipfile.ZipFile(everywhere / f"{name}.fmu") as fmu:
         binaries = {n.split("/")[1]: fmu.read(n) for n in fmu.namelist() if n.startswith("binaries/")}
-    wanted = MACHINES if fmi == "2" else {p: MACHINES[p] for p in {platforms.native(), *PLATFORMS3} & set(MACHINES)}
+    wanted = (
+        MACHINES
+        if fmi == "2"
+        else {p: MACHINES[p] for p in {platforms.native(), *PLATFORMS3} & set(MACHINES)}
+    )
     assert set(binaries) == {platforms.PLATFORMS[p].folder(fmi) for p in wanted}
     for platform, machines in wanted.items():
         data = binaries[platforms.PLATFORMS[platform].folder(fmi)]
         found = slices(data)
         assert [b.abstract.header.architecture for b in found] == (machines if fmi == "2" else machines[:1])
         for b in found:
-            assert {f.name for f in b.exported_functions} - LINKER_MADE in ({*required}, {f"_{n}" for n in required})
+            assert {f.name for f in b.exported_functions} - LINKER_MADE in (
+                {*required},
+                {f"_{n}" for n in required},
+            )
             needs = [getattr(x, "name", x).lower() for x in b.libraries]
-            assert [x for x in needs if not x.startswith((*C_LIBRARY, "@rpath/"))] == []  # its own name in macOS
+            assert [
+                x for x in needs if not x.startswith((*C_LIBRARY, "@rpath/"))
+            ] == []  # its own name in macOS
             if isinstance(b, lief.ELF.Binary):
                 versions = [a.name for r in b.symbols_version_requirement for a in r.get_auxiliary_symbols()]
                 numbers = [tuple(int(x) for x in v.removeprefix("GLIBC_").split(".")) for v in versions]
-                assert max(numbers, default=()) <= ((2, 17) if fmi == "3" else OLDEST[platform]) and b.has_nx is not False
+                assert (
+                    max(numbers, default=()) <= ((2, 17) if fmi == "3" else OLDEST[platform])
+                    and b.has_nx is not False
+                )
             if isinstance(b, lief.MachO.Binary) and b.abstract.header.architecture == ARM:
                 assert b.has_code_signature  # macOS on arm64 loads nothing else
         assert b"/tmp/" not in data and str(build.checkout()).encode() not in data

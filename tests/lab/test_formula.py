@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from tse.impl import formula as module
-from tse.impl.errors import UserError
-from tse.impl.formula import Formula, Number, c_header, parse, read_formula, toml_text, write_formula
+from tse.car import formula as module
+from tse.car.formula import Formula, Number, c_header, parse, read_formula, toml_text, write_formula
+from tse.library.errors import UserError
 
 W = Number("w", 0.002, "rad", 0.0003, "half of the play")
 T = Number("tau", 0.08, "s")
@@ -38,7 +38,11 @@ def names(formula) -> list[str]:
 
 def drive(rows=200, seed=1) -> dict[str, np.ndarray]:
     random = np.random.default_rng(seed)
-    return {op.name: random.normal(size=rows) for op in module.library().formula_ops.values() if op.kind == "SIGNAL"}
+    return {
+        op.name: random.normal(size=rows)
+        for op in module.library().formula_ops.values()
+        if op.kind == "SIGNAL"
+    }
 
 
 # Programs.
@@ -76,7 +80,12 @@ def stack_machine(formula: Formula, row: dict[str, float]) -> float:
         38: max,
         39: min,
     }
-    unary = {36: lambda x: -x, 37: abs, 40: lambda x: math.sqrt(x) if x > 0 else 0.0, 41: lambda x: x / math.sqrt(1 + x * x)}
+    unary = {
+        36: lambda x: -x,
+        37: abs,
+        40: lambda x: math.sqrt(x) if x > 0 else 0.0,
+        41: lambda x: x / math.sqrt(1 + x * x),
+    }
     stack: list[float] = []
     for code in codes:
         if code == 0:
@@ -185,7 +194,10 @@ REFUSED = {
     "unknown name": ("steer_angl", r"column 1: 'steer_angl' is neither.*did you mean steer_angle"),
     "column": ("   slip_front + what", r"column 17: 'what'"),
     "operation as a name": ("lag", "neither a signal nor a number"),
-    "unknown operation": ("sofd(1)", r"'sofd' is not an operation \(did you mean soft or second\?\); allowed: \+ - \* /"),
+    "unknown operation": (
+        "sofd(1)",
+        r"'sofd' is not an operation \(did you mean soft or second\?\); allowed: \+ - \* /",
+    ),
     "builtin": ("print(1)", r"not an operation.*operations \(abs, max, min, sqrt, soft, lag"),
     "import": ("__import__(time)", "'__import__' is not an operation"),
     "import of a text": ("__import__('os')", 'column 12: "\'" is not allowed'),
@@ -227,7 +239,10 @@ REFUSED = {
     "open": ("(1", "never closed"),
     "34 operations": ("+".join([LONG] * 8) + "+-1", "beyond the 33 operations"),
     "deep stack": ("1-(1-(1-(1-(1-(1-(1-(1-1)))))))", "more than the 8 values in hand"),
-    "4 memories": ("rate(rate(rate(rate(steer_angle))))*time**4", "beyond the 3 that are allowed of lag, second"),
+    "4 memories": (
+        "rate(rate(rate(rate(steer_angle))))*time**4",
+        "beyond the 3 that are allowed of lag, second",
+    ),
     "memories by power": ("lag(steer_angle, time)**4", "beyond the 3 that are allowed"),
     "2 late": ("late(late(steer_angle, time), time)", "beyond the 1 'late'"),
     "9 literals": ("3+4+5+6+7+8+9+10+11", "needs 9 numbers .*, 8 are allowed"),
@@ -293,7 +308,13 @@ def test_no_text_of_allowed_characters_ends_otherwise_than_in_a_formula_or_a_ref
     ],
 )
 def test_parts_that_are_refused(change, message):
-    parts = {"id": "it", "title": "a title", "place": "front_angle", "text": "play(steer_angle, w)", "numbers": [W]} | change
+    parts = {
+        "id": "it",
+        "title": "a title",
+        "place": "front_angle",
+        "text": "play(steer_angle, w)",
+        "numbers": [W],
+    } | change
     with pytest.raises(UserError, match=message) as error:
         parse(**parts, source="x.toml")
     assert str(error.value).startswith("x.toml: key ")
@@ -331,14 +352,29 @@ def test_dimensions_that_fit(text, place, unit):
     ("text", "place", "unit", "message"),
     [
         ("k*accel_y", "front_angle", "rad", r"column 1: 'k\*accel_y' has the unit m/s2, the place has rad"),
-        ("steer_angle + k", "front_angle", "m", r"'steer_angle \+ k' does not fit: 'k' has the unit m, needed is 1"),
-        ("k*(vel_x - 0.5)", "force_x", "1/s", r"column 4: .*'0.5' has the unit 1, needed is m/s; a literal.*\[numbers.<name>\]"),
+        (
+            "steer_angle + k",
+            "front_angle",
+            "m",
+            r"'steer_angle \+ k' does not fit: 'k' has the unit m, needed is 1",
+        ),
+        (
+            "k*(vel_x - 0.5)",
+            "force_x",
+            "1/s",
+            r"column 4: .*'0.5' has the unit 1, needed is m/s; a literal.*\[numbers.<name>\]",
+        ),
         ("k*0", "force_x", "1", "has the unit 1, the place has m/s2"),
         ("max(accel_x, k)", "force_x", "m/s", "'k' has the unit m/s, needed is m/s2"),
         ("sqrt(vel_x)*k", "force_x", "m/s2", r"has the unit m1.5/s2.5, the place"),
         ("soft(accel_y)*k", "force_y", "m/s2", "'accel_y' has the unit m/s2, needed is 1"),
         ("lag(steer_angle, k)", "front_angle", "Hz", "'k' has the unit 1/s, needed is s"),
-        ("lag(steer_angle, 0.1)*k", "front_angle", "1", "'0.1' has the unit 1, needed is s; a literal has no unit"),
+        (
+            "lag(steer_angle, 0.1)*k",
+            "front_angle",
+            "1",
+            "'0.1' has the unit 1, needed is s; a literal has no unit",
+        ),
         ("second(steer_angle, k, 0.3)", "front_angle", "s", "needed is 1/s"),
         ("second(steer_angle, 1/time, k)", "front_angle", "s", "needed is 1"),
         ("late(steer_angle, k)", "front_angle", "1", "needed is s"),
@@ -346,7 +382,12 @@ def test_dimensions_that_fit(text, place, unit):
         ("limit(vel_x, k)", "force_x", "m/s", "needed is m/s2"),
         ("rate(vel_x)*k", "force_x", "s", "has the unit m/s, the place has m/s2"),
         ("-k", "force_x", "m", "has the unit m, the place"),
-        ("steer_angle*k", "front_angle", "deg", "0.0174533 of the unit that the model counts in; write the number in rad"),
+        (
+            "steer_angle*k",
+            "front_angle",
+            "deg",
+            "0.0174533 of the unit that the model counts in; write the number in rad",
+        ),
         ("vel_x*k", "force_x", "1/ms", "1000 of the unit"),
         ("vel_x*k", "force_x", "kg/m s2", "after each / stands one name"),
         ("vel_x*k", "force_x", "m\ns", "is not a unit"),
@@ -376,7 +417,12 @@ def test_a_file_is_read_and_written(tmp_path):
 
 
 def test_whatever_a_formula_holds_comes_back_from_its_file(tmp_path):
-    numbers = (W, T, Number("k", 1e-5, "rad s2/m", 0.0, 'has "quotes", a \\ and\na line\x7f'), Number("n", -3.0, ""))
+    numbers = (
+        W,
+        T,
+        Number("k", 1e-5, "rad s2/m", 0.0, 'has "quotes", a \\ and\na line\x7f'),
+        Number("n", -3.0, ""),
+    )
     found = {
         "names": ["w", "tau"],
         "covariance": np.array([[1.0, 0.5], [0.5, 1.0]]),
@@ -400,16 +446,28 @@ def test_whatever_a_formula_holds_comes_back_from_its_file(tmp_path):
     [
         ('id = "steering_play"', "", "key id is missing"),
         ('id = "steering_play"', "id = 3", "key id: 3 is not a text"),
-        ('id = "steering_play"', 'id = "steering_play"\ngian = 1.0', r"key gian is not known \(did you mean gain\?\)"),
+        (
+            'id = "steering_play"',
+            'id = "steering_play"\ngian = 1.0',
+            r"key gian is not known \(did you mean gain\?\)",
+        ),
         ('id = "steering_play"', 'id = "steering_play"\ngain = "1"', "key gain: '1' is not a number"),
         ('id = "steering_play"', 'id = "steering_play"\ngain = true', "key gain: True is not a number"),
-        ('id = "steering_play"', f'id = "steering_play"\ngain = 1{"0" * 400}', "key gain: an integer has at most 64 bits"),
+        (
+            'id = "steering_play"',
+            f'id = "steering_play"\ngain = 1{"0" * 400}',
+            "key gain: an integer has at most 64 bits",
+        ),
         ("[numbers.w]\n", "[numbers]\nv = 1\n[numbers.w]\n", r"key numbers.v must be a table: \[numbers.v\]"),
         ("value = 0.002", "", "key numbers.w.value is missing"),
         ("value = 0.002", "value = nan", "key numbers.w.value: nan"),
         ("value = 0.002", "value = [1]", r"key numbers.w.value: \[1\] is not a number"),
         ('unit = "rad"', "", "key numbers.w.unit is missing"),
-        ('unit = "rad"', 'unit = "rad"\nvlaue = 1', r"key numbers.w.vlaue is not known \(did you mean value\?\)"),
+        (
+            'unit = "rad"',
+            'unit = "rad"\nvlaue = 1',
+            r"key numbers.w.vlaue is not known \(did you mean value\?\)",
+        ),
         ('unit = "rad"', 'unit = "rad"\n[found]\nday = 2024-01-01', "key found.day.*cannot be kept"),
         ('unit = "rad"', 'unit = "rad"\n[found.more]\nx = 1', "key found.more.*cannot be kept"),
         ("[numbers.w]", "[numbers.w", "is not valid TOML"),
@@ -474,10 +532,18 @@ def test_late_play_limit_and_rate_row_by_row():
     signals = {"steer_angle": x}
     assert make("play(steer_angle, p)", n[0]).evaluate(signals, dt) == pytest.approx([1, 1, 1, 3, 3, 1, 1])
     assert make("play(steer_angle, -p)", n[0]).evaluate(signals, dt) == pytest.approx([1, 1, 1, 3, 3, 1, 1])
-    assert make("limit(steer_angle, q)", n[1]).evaluate(signals, dt) == pytest.approx([1, 1, 1.5, 2, 3, 2.5, 2])
-    assert make("rate(steer_angle)*time").evaluate(signals | {"time": np.ones(7)}, dt) == pytest.approx([0, 0, 10, 20, 0, -40, 0])
-    assert make("late(steer_angle, late_by)", n[2]).evaluate(signals, dt) == pytest.approx([1, 1, 1, 1.5, 4, 4, 2])
-    assert make("late(steer_angle, -late_by)", n[2]).evaluate(signals, dt) == pytest.approx(x)  # no look ahead
+    assert make("limit(steer_angle, q)", n[1]).evaluate(signals, dt) == pytest.approx(
+        [1, 1, 1.5, 2, 3, 2.5, 2]
+    )
+    assert make("rate(steer_angle)*time").evaluate(signals | {"time": np.ones(7)}, dt) == pytest.approx(
+        [0, 0, 10, 20, 0, -40, 0]
+    )
+    assert make("late(steer_angle, late_by)", n[2]).evaluate(signals, dt) == pytest.approx(
+        [1, 1, 1, 1.5, 4, 4, 2]
+    )
+    assert make("late(steer_angle, -late_by)", n[2]).evaluate(signals, dt) == pytest.approx(
+        x
+    )  # no look ahead
 
 
 def test_two_rows_of_one_time_change_no_memory_but_what_follows_at_once():
@@ -499,7 +565,9 @@ def test_memories_in_memories_are_those_of_the_parts():
     signals, k = drive(), [W, T]
     both = make("lag(play(steer_angle, w), tau)", *k).evaluate(signals, 0.01)
     inner = make("play(steer_angle, w)", W).evaluate(signals, 0.01)
-    assert both == pytest.approx(make("lag(steer_angle, tau)", T).evaluate({"steer_angle": inner}, 0.01), abs=1e-14)
+    assert both == pytest.approx(
+        make("lag(steer_angle, tau)", T).evaluate({"steer_angle": inner}, 0.01), abs=1e-14
+    )
 
 
 def test_a_formula_without_signals_is_a_constant():
@@ -544,7 +612,14 @@ int main(void)
   return 0;
 }
 """
-TITLES = "*/ int x = ; /*", "ends in \\", "??/", "a\n*/\n#error", "/*/*/", "\u202e ü */"  # none of which ends a comment
+TITLES = (
+    "*/ int x = ; /*",
+    "ends in \\",
+    "??/",
+    "a\n*/\n#error",
+    "/*/*/",
+    "\u202e ü */",
+)  # none of which ends a comment
 FORMULA = parse(
     "play_and_lag", "*/ a play, softened with the speed\n#error \\", "rear_angle",
     "k*(play(steer_angle, w) - steer_angle)*(1 + soft((vel_x - v0)/vw)) + j*lag(accel_y, T)",
@@ -558,8 +633,22 @@ def run(folder: Path, settings: dict[str, float], *flags: str) -> bytes:
     lines = " ".join(f"c.{k} = {v!r};" for k, v in settings.items())
     (folder / "main.c").write_text(PROGRAM.replace("SETTINGS", lines))
     warn = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wno-float-conversion", "-Werror"]
-    build = ["cc", "-std=c99", "-O1", "-ffp-contract=off", *warn, "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", *flags]
-    files = [f"-I{ROOT / 'include'}", f"-I{ROOT / 'src'}", "main.c", *(ROOT / "src" / name for name in SOURCES)]
+    build = [
+        "cc",
+        "-std=c99",
+        "-O1",
+        "-ffp-contract=off",
+        *warn,
+        "-DTSE_REAL_DOUBLE=1",
+        "-DTSE_MAX_PARTICLES=64",
+        *flags,
+    ]
+    files = [
+        f"-I{ROOT / 'include'}",
+        f"-I{ROOT / 'src'}",
+        "main.c",
+        *(ROOT / "src" / name for name in SOURCES),
+    ]
     subprocess.run([*build, *files, "-lm", "-o", "run"], cwd=folder, check=True)
     return subprocess.run([folder / "run"], check=True, capture_output=True).stdout
 

@@ -14,23 +14,23 @@ import pytest
 
 from gap_logs import car, write_log
 from tests.gap.runs import changed
-from tse.impl.core import Config, Replay
-from tse.impl.errors import UserError
-from tse.impl.estimate import write_table
-from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.fit import fit
-from tse.impl.gap.infer import excerpt as ex
-from tse.impl.gap.infer.hypotheses import NAME_AT
-from tse.impl.gap.infer.naming import Named, name
-from tse.impl.gap.parallel import apart, is_copy
-from tse.impl.gap.problem import STIFFNESS, Problem
-from tse.impl.gap.run import workflow
-from tse.impl.identify.data import BURN_IN, fresh, prepare, prepare_all, simulate, smoothed
-from tse.impl.logs.agree import read_agreeing
-from tse.impl.logs.log import read_log
-from tse.impl.results import plain
-from tse.impl.rows import MEASURES, Log, Reading
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.channels.agree import read_agreeing
+from tse.channels.log import read_log
+from tse.estimation.estimate import write_table
+from tse.gaps.catalogue import catalogue
+from tse.gaps.fit import fit
+from tse.gaps.infer import excerpt as ex
+from tse.gaps.infer.hypotheses import NAME_AT
+from tse.gaps.infer.naming import Named, name
+from tse.gaps.parallel import apart, is_copy
+from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.run import workflow
+from tse.identify.data import BURN_IN, fresh, prepare, prepare_all, simulate, smoothed
+from tse.library.core import Config, Replay
+from tse.library.errors import UserError
+from tse.log.rows import MEASURES, Log, Reading
+from tse.report.results import plain
 
 TIME = 0.005 * np.arange(4000)
 SIGNAL = np.sin(1.7 * TIME) + 0.3 * np.sin(11.0 * TIME)
@@ -72,7 +72,9 @@ def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
     notes: list[str] = []
     turned = pd.read_csv(good).assign(accel_y=lambda t: -t["accel_y"])
     turned.to_csv(tmp_path / "turned.csv", index=False)
-    found = read_agreeing([tmp_path / "bad.csv", tmp_path / "turned.csv", good], notes, Reading(car=read_vehicle(vehicle)))
+    found = read_agreeing(
+        [tmp_path / "bad.csv", tmp_path / "turned.csv", good], notes, Reading(car=read_vehicle(vehicle))
+    )
     assert [x.path.name for x in found] == ["good.csv"]
     assert len(notes) == 2 and all(n.startswith("left out: ") for n in notes) and "is no table" in notes[0]
     assert "nothing is learnt from it" in notes[1] and "accel_y is positive to the right" in notes[1]
@@ -90,7 +92,11 @@ def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     config = Config.exact(read_vehicle(vehicle).values)
     paths = [whole, tmp_path / "without.csv", tmp_path / "empty.csv"]
     logs = [prepare(x, config) for x in read_agreeing(paths, [], Reading())]
-    assert [log.channels for log in logs] == [["accel_x", "accel_y", "yaw_rate"], ["accel_y", "yaw_rate"], ["accel_y", "yaw_rate"]]
+    assert [log.channels for log in logs] == [
+        ["accel_x", "accel_y", "yaw_rate"],
+        ["accel_y", "yaw_rate"],
+        ["accel_y", "yaw_rate"],
+    ]
     assert "without accel_x" in logs[1].notes[0] and "without accel_x" in logs[2].notes[0]
     values = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}
     of_all, of_some = (Problem([log], config) for log in logs[:2])
@@ -120,7 +126,10 @@ def test_each_is_done_in_another_process_which_makes_no_more() -> None:
 
 @LINUX
 def test_only_what_is_light_is_sent() -> None:
-    assert apart(2, lambda x: (x, lambda: None), [1, 2], lambda pair: pair[0]) == [1, 2]  # a function cannot be sent
+    assert apart(2, lambda x: (x, lambda: None), [1, 2], lambda pair: pair[0]) == [
+        1,
+        2,
+    ]  # a function cannot be sent
 
 
 def test_an_error_of_a_user_stays_one() -> None:
@@ -174,7 +183,7 @@ def long_log(tmp_path_factory):
 def test_the_part_with_the_bends_is_chosen(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     baseline = fit(problem, STIFFNESS, {})
-    with changed("gap.infer.excerpt.MOST_SECONDS", 60.0):
+    with changed("gaps.infer.excerpt.MOST_SECONDS", 60.0):
         assert ex.is_long(problem)
         few = ex.excerpt(problem, baseline)
     log = few.logs[0]
@@ -188,7 +197,7 @@ def test_the_part_with_the_bends_is_chosen(long_log):
 
 def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
-    with changed("gap.infer.excerpt.MOST_SECONDS", 200.0):
+    with changed("gaps.infer.excerpt.MOST_SECONDS", 200.0):
         assert not ex.is_long(problem)
         assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
 
@@ -196,15 +205,20 @@ def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
 def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
     """A car that rolls, in 48 s of log, of which 20 are searched: its size is that of all logs, and so is what is left."""
     vehicle = car(tmp_path)
-    logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k) for k, d in enumerate(("sweep", "brakes"))]
-    with changed("gap.infer.excerpt.MOST_SECONDS", 20.0):
+    logs = [
+        write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
+        for k, d in enumerate(("sweep", "brakes"))
+    ]
+    with changed("gaps.infer.excerpt.MOST_SECONDS", 20.0):
         result = workflow.run(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)
     (named,) = result.as_json()["effects"]
     assert named["id"] == "body_roll"
     gain = named["parameters"]["gain"]
     assert gain["ci95"][0] < gain["value"] < gain["ci95"][1]
-    assert gain["value"] == pytest.approx(0.009, rel=0.05)  # 44 s of log know it to a percent; forms are the same
+    assert gain["value"] == pytest.approx(
+        0.009, rel=0.05
+    )  # 44 s of log know it to a percent; forms are the same
     assert len(result.problem.logs) == 2 and sum(log.seconds for log in result.problem.logs) > 40.0
     assert all(after < 1.15 for after in result.fit_after.values())
 

@@ -10,15 +10,15 @@ import pytest
 
 from conftest import RAN, tselab, tselab_here
 from gap_logs import car, problem_of, write_log
-from tse.impl.core import Config
-from tse.impl.formula import Number, parse, read_formula, write_formula
-from tse.impl.gap.fit import fit, gap
-from tse.impl.gap.infer import formula_search as search
-from tse.impl.gap.infer import formula_terms as terms
-from tse.impl.gap.problem import STIFFNESS, Problem
-from tse.impl.gap.respond import _moved, responses, signals
-from tse.impl.logs.log import read_log
-from tse.impl.vehicle import read_vehicle
+from tse.car.formula import Number, parse, read_formula, write_formula
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.gaps.fit import fit, gap
+from tse.gaps.infer import formula_search as search
+from tse.gaps.infer import formula_terms as terms
+from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.respond import _moved, responses, signals
+from tse.library.core import Config
 
 # A yaw damping that sets in beyond a yaw rate: as a stability control does.
 HIDDEN = parse("damper", "hidden", "yaw_moment", "k*(yaw_rate - max(-w, min(w, yaw_rate)))",
@@ -27,7 +27,9 @@ HIDDEN = parse("damper", "hidden", "yaw_moment", "k*(yaw_rate - max(-w, min(w, y
 
 def problem(folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int) -> Problem:
     vehicle = car(folder)
-    paths = [write_log(folder / f"{d}_{seed}.csv", vehicle, d, effects, seed + i) for i, d in enumerate(drives)]
+    paths = [
+        write_log(folder / f"{d}_{seed}.csv", vehicle, d, effects, seed + i) for i, d in enumerate(drives)
+    ]
     return problem_of(vehicle, *paths)
 
 
@@ -35,7 +37,9 @@ def problem(folder: Path, effects: dict[str, float], drives: tuple[str, ...], se
 def damped(tmp_path_factory) -> tuple[Problem, Problem]:
     """A car with the damper: fitted logs, and one that is held out."""
     folder = tmp_path_factory.mktemp("damped")
-    return problem(folder, HIDDEN.settings(), ("sweep", "brakes"), 1), problem(folder, HIDDEN.settings(), ("steps",), 7)
+    return problem(folder, HIDDEN.settings(), ("sweep", "brakes"), 1), problem(
+        folder, HIDDEN.settings(), ("steps",), 7
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,13 +51,26 @@ def plain(tmp_path_factory) -> Problem:
 def test_the_linearisation_answers_as_the_replay_does(plain, place):
     """Within a fifth: one step a block, straight driving, no coupling of both directions; it only chooses what is simulated."""
     values = fit(plain, STIFFNESS, {}).values
-    term = terms.Term("accel_x", terms.PULL.unit) if place in terms.LONGITUDINAL else terms.Term("steer_angle", (0, 0))
-    size = {"force_x": 0.1, "accel_x": 0.1, "force_y": 5.0, "yaw_moment": 3.0, "accel_y": 5.0, "yaw_rate": 1.0}.get(place, 0.05)
+    term = (
+        terms.Term("accel_x", terms.PULL.unit)
+        if place in terms.LONGITUDINAL
+        else terms.Term("steer_angle", (0, 0))
+    )
+    size = {
+        "force_x": 0.1,
+        "accel_x": 0.1,
+        "force_y": 5.0,
+        "yaw_moment": 3.0,
+        "accel_y": 5.0,
+        "yaw_rate": 1.0,
+    }.get(place, 0.05)
     formula = terms.formula(place, term, size)
     base = plain.residuals(values)
     exact = plain.residuals(values | formula.settings()) - base
     at = signals(plain, values)
-    found = responses(plain, values, at, place, [size * terms.values_of(term, s, s["dt"])[:, None] for s in at])[:, 0]
+    found = responses(
+        plain, values, at, place, [size * terms.values_of(term, s, s["dt"])[:, None] for s in at]
+    )[:, 0]
     for c in ("accel_x",) if place in terms.LONGITUDINAL else ("accel_y", "yaw_rate"):
         mine = plain.rows.of(c)
         if np.linalg.norm(exact[mine]) > 0.05 * np.linalg.norm(exact):
@@ -66,7 +83,9 @@ def test_a_constant_force_is_felt_until_the_wheels_hold_the_speed():
     along = c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear
     at = {"vel_x": np.full(30, v), "dt": np.full(30, dt)}
     found = _moved(c, {"cx_front": 1.0}, at, "force_x", np.ones((30, 1)))["accel_x"][:, 0]
-    np.testing.assert_allclose(found, np.exp(-along / (c.mass * v) * dt * np.arange(1, 31)), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        found, np.exp(-along / (c.mass * v) * dt * np.arange(1, 31)), rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("place", [*terms.LATERAL, *terms.LONGITUDINAL])
@@ -100,8 +119,13 @@ def test_a_hidden_formula_is_found_and_holds_on_the_other_log(damped):
     assert formula is not None and formula.place == "yaw_moment"
     numbers = {n.name: n for n in formula.numbers}
     assert formula.text == "k*(yaw_rate - max(-w, min(w, yaw_rate)))"
-    assert numbers["k"].value == pytest.approx(-3.0, rel=0.1) and numbers["w"].value == pytest.approx(0.1, rel=0.1)
-    assert abs(numbers["k"].value + 3.0) < 4 * numbers["k"].sd and abs(numbers["w"].value - 0.1) < 4 * numbers["w"].sd
+    assert numbers["k"].value == pytest.approx(-3.0, rel=0.1) and numbers["w"].value == pytest.approx(
+        0.1, rel=0.1
+    )
+    assert (
+        abs(numbers["k"].value + 3.0) < 4 * numbers["k"].sd
+        and abs(numbers["w"].value - 0.1) < 4 * numbers["w"].sd
+    )
     assert found.share > 0.9
     before, after = gap(held, held.residuals(last.values)), gap(held, held.residuals(found.values))
     assert before["yaw_rate"] > 2.0 and after["yaw_rate"] < 1.3
@@ -143,9 +167,24 @@ def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     vehicle = car(folder)
-    logs = [write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i) for i, d in enumerate(("sweep", "brakes"), 1)]
+    logs = [
+        write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i)
+        for i, d in enumerate(("sweep", "brakes"), 1)
+    ]
     held = write_log(folder / "held.csv", vehicle, "steps", HIDDEN.settings(), 3)
-    done = tselab("gap", "--verbose", *logs, "--vehicle", vehicle, "--out", folder / "out", "--hold-out", held, "--jobs", 2)
+    done = tselab(
+        "gap",
+        "--verbose",
+        *logs,
+        "--vehicle",
+        vehicle,
+        "--out",
+        folder / "out",
+        "--hold-out",
+        held,
+        "--jobs",
+        2,
+    )
     return folder, logs, done
 
 
@@ -153,10 +192,20 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     folder, _, done = run
     assert done.code == 20, done.out + done.err
     assert "A formula closes" in done.out and "not a cause" in done.out
-    verdict, report = (json.loads((folder / "out" / "verdict.json").read_text()), (folder / "out" / "report.html").read_text())
+    verdict, report = (
+        json.loads((folder / "out" / "verdict.json").read_text()),
+        (folder / "out" / "report.html").read_text(),
+    )
     assert verdict["formula"]["proposed"]["place"] == "yaw_moment"
-    assert all(p["why"] and f"{p['id']} (" in report and f"{p['why']})" in report for p in verdict["possible"])
-    assert verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
+    assert all(
+        p["why"] and f"{p['id']} (" in report and f"{p['why']})" in report for p in verdict["possible"]
+    )
+    assert (
+        verdict["gap"]["held_out"]["after"]["yaw_rate"]
+        < 1.3
+        < 2.0
+        < verdict["gap"]["held_out"]["before"]["yaw_rate"]
+    )
     formula = read_formula(folder / "out" / "formula.toml")
     improved = read_vehicle(folder / "out" / "vehicle_improved.toml")
     assert improved.formula == formula
@@ -174,7 +223,9 @@ def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
         assert tselab_here("estimate", logs[0], "--vehicle", car_file, "--out", estimated).code in RAN
         done = tselab_here("simulate", "--maneuver", "sine-sweep", "--vehicle", car_file, "--out", simulated)
         assert done.code == 0, done.out + done.err
-    with_it, without = (read_log(folder / f"{n}_sim.csv").data["yaw_rate"] for n in ("vehicle_improved", "car"))
+    with_it, without = (
+        read_log(folder / f"{n}_sim.csv").data["yaw_rate"] for n in ("vehicle_improved", "car")
+    )
     assert np.abs(with_it - without).max() > 0.005  # of one seed: noise is the same
 
 
@@ -183,10 +234,20 @@ def test_a_vehicle_file_keeps_the_formula_that_it_has(run):
     folder, logs, _ = run
     out = folder / "again"
     done = tselab_here(
-        "gap", "--verbose", logs[0], "--vehicle", folder / "out" / "vehicle_improved.toml", "--out", out, "--jobs", 2
+        "gap",
+        "--verbose",
+        logs[0],
+        "--vehicle",
+        folder / "out" / "vehicle_improved.toml",
+        "--out",
+        out,
+        "--jobs",
+        2,
     )
     assert done.code in (0, 10, 11), done.out + done.err
-    assert read_vehicle(out / "vehicle_improved.toml").formula == read_formula(folder / "out" / "formula.toml")
+    assert read_vehicle(out / "vehicle_improved.toml").formula == read_formula(
+        folder / "out" / "formula.toml"
+    )
 
 
 def test_vehicle_files_that_name_a_formula_wrongly_are_refused(tmp_path):

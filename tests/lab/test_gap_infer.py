@@ -14,21 +14,21 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal, norm
 
 from gap_logs import car, problem_of, write_log
-from tse.impl.core import Config
-from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car
-from tse.impl.gap.fit import fit as gap_fit
-from tse.impl.gap.infer import folds, naming, roads
-from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
-from tse.impl.gap.infer.naming import Named, Probability, matters, settings
-from tse.impl.gap.infer.remainder import Remainder
-from tse.impl.gap.infer.search import Around, Search, judge, ln_likelihood, together
-from tse.impl.gap.infer.space import LASTING, Space
-from tse.impl.gap.problem import STIFFNESS, Problem, Rows
-from tse.impl.gap.run import workflow
-from tse.impl.identify.data import BLOCK, CHANNELS, prepare
-from tse.impl.identify.fit import measure_scales
-from tse.impl.identify.unknowns import COMPLIANCE
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.gaps.catalogue import Own, Parameter, catalogue, of_the_car
+from tse.gaps.fit import fit as gap_fit
+from tse.gaps.infer import folds, naming, roads
+from tse.gaps.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
+from tse.gaps.infer.naming import Named, Probability, matters, settings
+from tse.gaps.infer.remainder import Remainder
+from tse.gaps.infer.search import Around, Search, judge, ln_likelihood, together
+from tse.gaps.infer.space import LASTING, Space
+from tse.gaps.problem import STIFFNESS, Problem, Rows
+from tse.gaps.run import workflow
+from tse.identify.data import BLOCK, CHANNELS, prepare
+from tse.identify.fit import measure_scales
+from tse.identify.unknowns import COMPLIANCE
+from tse.library.core import Config
 
 N = 1500
 
@@ -53,17 +53,23 @@ class Linear:
         self.measured = self.predict(truth) + 0.4 + rng.standard_normal(N)
 
     def predict(self, values: dict[str, float]) -> np.ndarray:
-        numbers = {k: 1.0 / values.get(k, 1.0) if k in COMPLIANCE else values.get(k, 0.0) for k in self.columns}
+        numbers = {
+            k: 1.0 / values.get(k, 1.0) if k in COMPLIANCE else values.get(k, 0.0) for k in self.columns
+        }
         return sum(numbers[k] * c for k, c in self.columns.items())
 
     def residuals(self, values: dict[str, float]) -> np.ndarray:
         left = self.measured - self.predict(values)
         return left - left.mean()
 
-    def jacobian(self, values: dict[str, float], base: np.ndarray, parameters: list[Parameter], reach: float) -> np.ndarray:
+    def jacobian(
+        self, values: dict[str, float], base: np.ndarray, parameters: list[Parameter], reach: float
+    ) -> np.ndarray:
         by = {p.name: 1e-6 * p.scale for p in parameters}
         moved = [self.residuals(values | {n: values[n] + h}) for n, h in by.items()]
-        return np.column_stack([(m - base) / h for m, h in zip(moved, by.values(), strict=True)] or [np.zeros((N, 0))])
+        return np.column_stack(
+            [(m - base) / h for m, h in zip(moved, by.values(), strict=True)] or [np.zeros((N, 0))]
+        )
 
 
 def one_effect(of: float = 1.0) -> tuple[Hypothesis, Linear]:
@@ -84,7 +90,11 @@ def test_a_likelihood_falls_with_the_sd_that_its_residuals_count_with(rms: float
     noise = np.random.default_rng(3).standard_normal(N)
     residual = rms * noise / np.sqrt(np.mean(noise**2))
     space = SimpleNamespace(
-        groups=[(0, "accel_y")], channels=("accel_y",), noise=Space.noise, step=Space.step, lasting_error=Space.lasting_error
+        groups=[(0, "accel_y")],
+        channels=("accel_y",),
+        noise=Space.noise,
+        step=Space.step,
+        lasting_error=Space.lasting_error,
     )
     sd = measure_scales(space, [residual])["accel_y"].sd
     h = 1e-4
@@ -129,7 +139,9 @@ def test_a_search_names_what_is_there_and_nothing_else() -> None:
         h, problem = one_effect(of)
         search = Search(problem, [h])
         assert search.run().ids == expected
-        assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
+        assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(
+            1.0 if expected else 0.0, abs=0.05
+        )
 
 
 def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
@@ -165,14 +177,18 @@ def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
     drawn = np.random.default_rng(0).standard_normal(1_000_000)
     for size, sd in ((1.0, 0.5), (0.5, 0.3), (-1.2, 1.0), (3.0, 0.1)):  # of what is negligible
         one.values[p.name], one.sd()[p.name] = size * p.negligible, sd * p.negligible
-        assert matters(one, one.effects[0]) == pytest.approx(np.mean(np.abs(size + sd * drawn) > 1.0), abs=0.002)
+        assert matters(one, one.effects[0]) == pytest.approx(
+            np.mean(np.abs(size + sd * drawn) > 1.0), abs=0.002
+        )
 
 
 def test_effects_that_share_the_probability_are_each_others_look_alikes() -> None:
     """Two of which the logs of all drives prefer the one that the fitted ones do not: one class, surely missing."""
     sets = {("yaw_inertia",): 0.3, ("mass",): 0.6, ("mass", "grade"): 0.06, (): 0.04}
     known = {frozenset(k): large(*k) for k in sets}
-    search = SimpleNamespace(probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, all=lambda: known)
+    search = SimpleNamespace(
+        probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, all=lambda: known
+    )
     found = Probability(search, frozenset(("yaw_inertia",)))
     assert found.of_class("yaw_inertia") == pytest.approx(0.96)
     assert found.in_place("yaw_inertia") == pytest.approx({"mass": 0.66, "grade": 0.06})
@@ -186,9 +202,15 @@ def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
     for p in h.effect.strengths:
         top = max(abs(p.typical_low - p.default), abs(p.typical_high - p.default))
         edges = np.geomspace(1e-4 * top, 100 * top, 60)
-        mass = sum(quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0] for s in (-1, 1) for a, b in pairwise(edges))
+        mass = sum(
+            quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0]
+            for s in (-1, 1)
+            for a, b in pairwise(edges)
+        )
         assert mass == pytest.approx(1.0, abs=0.01), p.name
-        assert ln_size(p, p.scale * (p.sign or 1)) > ln_size(p, 10 * p.scale * (p.sign or 1)) + 5.0  # no car has that
+        assert (
+            ln_size(p, p.scale * (p.sign or 1)) > ln_size(p, 10 * p.scale * (p.sign or 1)) + 5.0
+        )  # no car has that
 
 
 def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path) -> None:
@@ -201,7 +223,10 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
     heavy = next(h for h in hypotheses(effects) if h.id == "mass")
     for size in (0.0, -0.15):
         assert heavy.ln_prior({"mass_change": size}) == pytest.approx(norm.logpdf(size, 0.0, 0.01))
-    logs = [write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k) for k, d in enumerate(("sweep", "steps"))]
+    logs = [
+        write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k)
+        for k, d in enumerate(("sweep", "steps"))
+    ]
     problem = problem_of(path, *logs)
     for asked, names in ((list(catalogue().values()), {"mass", "yaw_inertia"}), (effects, {"yaw_inertia"})):
         (named,) = naming.name(problem, asked).named
@@ -219,7 +244,11 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Problem) -> None:
     """Positive: what the C library simulates as a delay. Negative: as latencies. The same numbers to 2 % of the change."""
     plain = late.predict({})
-    for values in ({"imu_delay_time": 0.02}, {"steering_delay_time": 0.015}, {"imu_delay_time": -0.02, "accel_y_latency": 0.01}):
+    for values in (
+        {"imu_delay_time": 0.02},
+        {"steering_delay_time": 0.015},
+        {"imu_delay_time": -0.02, "accel_y_latency": 0.01},
+    ):
         told = settings(late, values)
         assert all(v >= 0 for k, v in told.items() if not k.endswith("_latency"))
         shifted = late.predict(values)
@@ -234,7 +263,13 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
 
 def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
     """All of them: settings, stiffness, latencies. A road's profile is fitted to what they leave."""
-    values = {"cy_front": 0.9, "cy_rear": 1.05, "body_roll_gain": 0.01, "imu_delay_time": -0.01, "accel_y_latency": 0.02}
+    values = {
+        "cy_front": 0.9,
+        "cy_rear": 1.05,
+        "body_roll_gain": 0.01,
+        "imu_delay_time": -0.01,
+        "accel_y_latency": 0.02,
+    }
     given = late.residuals(values)
     late.fixed = values
     try:
@@ -278,7 +313,10 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
 def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path) -> None:
     """Of the road: what is written of it is bank_superelevation, and it is no answer by itself where something is left."""
     vehicle = car(tmp_path)
-    logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {"bank_superelevation": 0.12}, 5) for d in ("sweep", "steps")]
+    logs = [
+        write_log(tmp_path / f"{d}.csv", vehicle, d, {"bank_superelevation": 0.12}, 5)
+        for d in ("sweep", "steps")
+    ]
     result = workflow.run(logs, vehicle, jobs=2)
     assert [e["id"] for e in result.as_json()["effects"]] == ["superelevation"], result.words
     (named,) = [n for n in result.naming.named if not n.message]
@@ -302,7 +340,9 @@ def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_p
     logs, config = workflow.read([path], read)
     found = roads.find([prepare(log, config) for log in logs], config, read, 1)
     assert [r.effect.id for r in found.found] == ["grade"]
-    assert found.found[0].size == pytest.approx(0.057, abs=0.012)  # knots are 2 s apart, and a prior of 0.03 rad holds them
+    assert found.found[0].size == pytest.approx(
+        0.057, abs=0.012
+    )  # knots are 2 s apart, and a prior of 0.03 rad holds them
     problem = Problem(found.logs, config)
     level = naming.plain_car(problem_of(vehicle, path))
     names = naming.name(problem, [catalogue()["imu_delay"]], baseline=level, roads=found.found)
@@ -322,13 +362,21 @@ def test_a_level_road_has_no_name(tmp_path: Path) -> None:
 
 def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
     """The steering's: its own and the IMU's; the wheels': the IMU's; an effect of the car has no share. Of a low pass its own."""
-    sizes = {"imu_delay": (-0.02, 0.002), "steering_delay": (-0.01, 0.001), "steering_lag": (0.012, 0.003), "mass": (0.1, 0.02)}
+    sizes = {
+        "imu_delay": (-0.02, 0.002),
+        "steering_delay": (-0.01, 0.001),
+        "steering_lag": (0.012, 0.003),
+        "mass": (0.1, 0.02),
+    }
     named = []
     for effect, (x, half) in sizes.items():
         key = catalogue()[effect].strengths[0].name
         named.append(Named(catalogue()[effect], {key: x}, {key: (x - half, x + half)}, 0.5, 40.0))
     values = {k: v for n in named for k, v in n.values.items()}
-    found = {s["id"]: s for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))}
+    found = {
+        s["id"]: s
+        for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))
+    }
     expected = {
         "steer_angle_latency": (0.03, np.hypot(0.002, 0.001)),
         "wheel_speed_front_latency": (0.02, 0.002),
@@ -345,7 +393,9 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
     """A scale that is surely below what counts is not there; a name that does not stand has the reason given, and so has one that
     closes less of what the others leave than a name must."""
     vehicle = car(tmp_path)
-    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.002}, 3)
+    log = write_log(
+        tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.002}, 3
+    )
     problem = problem_of(vehicle, log)
     asked = [catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")]
     found = naming.name(problem, asked)
@@ -357,7 +407,10 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
     assert naming.LEAST_CLOSED < found.named[0].alone <= 1.0
     monkeypatch.setattr(naming, "LEAST_CLOSED", 1.1)
     idle = naming.name(problem, asked)
-    assert not idle.named and {p["id"]: p["why"] for p in idle.possible}["body_roll"] == "it closes next to nothing"
+    assert (
+        not idle.named
+        and {p["id"]: p["why"] for p in idle.possible}["body_roll"] == "it closes next to nothing"
+    )
 
 
 def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
@@ -368,7 +421,9 @@ def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
     problem = level.of([replace(level.logs[0], road=profile)])
     baseline, fitted = naming.plain_car(level), naming.plain_car(problem)
     road = roads.FoundRoad(catalogue()["grade"], 0.007, (0.006, 0.008), 40.0, 0.99)
-    assert naming.named_roads(problem, baseline, fitted, [road]) == []  # the log was driven on a level road: it closes nothing
+    assert (
+        naming.named_roads(problem, baseline, fitted, [road]) == []
+    )  # the log was driven on a level road: it closes nothing
     (named,) = naming.named_roads(problem, fitted, baseline, [road])  # and the other way round
     assert named.values == {"grade_angle": 0.007} and 0.0 <= named.share <= 1.0
     found = naming.Naming(baseline, baseline, [named], 0.5, [], [], True)
@@ -380,7 +435,9 @@ def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
 def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
     """Of a car with rolls and delays: no other stiffness leaves less, by a search of scipy without slopes."""
     vehicle = car(tmp_path)
-    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "imu_delay_time": 0.03}, 3)
+    log = write_log(
+        tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "imu_delay_time": 0.03}, 3
+    )
     problem = problem_of(vehicle, log)
     keys = [p.name for p in STIFFNESS]
 
@@ -388,7 +445,9 @@ def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
         e = problem.residuals(dict(zip(keys, np.exp(x), strict=True)))
         return float(e @ e)
 
-    best = minimize(left, np.zeros(3), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6 * left(np.zeros(3))})
+    best = minimize(
+        left, np.zeros(3), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6 * left(np.zeros(3))}
+    )
     plain = naming.plain_car(problem).residuals
     assert float(plain @ plain) == pytest.approx(best.fun, rel=2e-3)
 
@@ -403,7 +462,9 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     assert "or accel_x wanders by 0.2 m/s2" in workflow._sentence(grade)
     assert "wanders" not in workflow._sentence(grade, 2)  # a road is the same again, a sensor is not
     assert workflow._as_json(bank)["parameters"].keys() == {"angle"}
-    delay = Named(catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0)
+    delay = Named(
+        catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0
+    )
     assert delay.message and "logged late" in workflow._sentence(delay)
 
 
@@ -413,7 +474,11 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
 
     def judged(probability: float | None, elsewhere: list[Remainder]) -> tuple[int, list[str]]:
         values, ci95 = {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}
-        named = [] if probability is None else [Named(catalogue()["body_roll"], values, ci95, 0.4, 40.0, probability)]
+        named = (
+            []
+            if probability is None
+            else [Named(catalogue()["body_roll"], values, ci95, 0.4, 40.0, probability)]
+        )
         found = naming.Naming(baseline, baseline, named, 0.4, [], [], True)
         return workflow.judge(workflow.Found(found), [], [], elsewhere)[1:]
 
@@ -423,7 +488,9 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
     assert judged(None, [])[0] == 0
     swing = 5.0 * np.sin(np.pi * late.rows.time)
     assert len(workflow.what_is_left(late, replace(baseline, residuals=baseline.residuals + swing))) == 3
-    assert workflow.what_is_left(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []  # noise, though larger
+    assert (
+        workflow.what_is_left(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []
+    )  # noise, though larger
     code, words = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
     assert code == 20 and "yaw_rate 3.08 times the noise" in words[-1]
     assert "Nothing" not in " ".join(words) and "nothing is missing" not in " ".join(words)
@@ -444,7 +511,11 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
         found = naming.Naming(baseline, baseline, named, closed, maybe, [], True)
         return workflow.judge(workflow.Found(found), [], remains)[1]
 
-    assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (10, 20, 20)
+    assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (
+        10,
+        20,
+        20,
+    )
     assert (code("body_roll", 0.06, []), code("grade", 0.8, [])) == (10, 10)
     for closes, wanted in ((0.2, 10), (0.1, 20)):  # of the 0.3 that the road leaves
         names = [name_of("body_roll", closes), name_of("grade", 0.7)]
@@ -455,13 +526,19 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
     found = workflow.Found(naming.Naming(baseline, baseline, [roll], 0.9, [], [], True), beside)
     assert workflow.judge(found, [], [])[1] == 10
     assert workflow.judge(found, [], [], left)[1] == 20  # held-out logs that names and formula do not explain
-    assert (code("body_roll", 0.0, [], 0.61), code("body_roll", 0.0, [], 0.3), code("body_roll", 0.0, left, 0.61)) == (11, 0, 20)
+    assert (
+        code("body_roll", 0.0, [], 0.61),
+        code("body_roll", 0.0, [], 0.3),
+        code("body_roll", 0.0, left, 0.61),
+    ) == (11, 0, 20)
 
 
 def test_the_friction_of_each_axle_is_said_where_they_differ() -> None:
     """1/(inverse friction (1 +- balance))."""
     size = {"tyre_saturation_inverse_friction": 0.8, "tyre_saturation_balance": 0.2}
-    named = Named(catalogue()["tyre_saturation"], size, {k: (x - 0.01, x + 0.01) for k, x in size.items()}, 0.5, 40.0)
+    named = Named(
+        catalogue()["tyre_saturation"], size, {k: (x - 0.01, x + 0.01) for k, x in size.items()}, 0.5, 40.0
+    )
     assert "friction 1.04 in front and 1.56 in the rear" in workflow._sentence(named)
     same = replace(named, values=size | {"tyre_saturation_balance": 0.0})
     assert "in the rear" not in workflow._sentence(same)
@@ -470,7 +547,13 @@ def test_the_friction_of_each_axle_is_said_where_they_differ() -> None:
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
     """Of the IMU, as far as a log can say; a lag of a steering is one."""
     lag = {
-        t: Named(catalogue()["steering_lag"], {"steering_lag_time": t}, {"steering_lag_time": (t - 0.002, t + 0.002)}, 0.5, 40.0)
+        t: Named(
+            catalogue()["steering_lag"],
+            {"steering_lag_time": t},
+            {"steering_lag_time": (t - 0.002, t + 0.002)},
+            0.5,
+            40.0,
+        )
         for t in (0.012, 0.03)
     }
     assert lag[0.012].message and "low pass" in lag[0.012].title

@@ -10,12 +10,18 @@ import pytest
 
 from conftest import tselab
 from gap_logs import car, write_log
-from tse.impl.gap.infer.hypotheses import SENSORS
-from tse.impl.gap.run import workflow
-from tse.impl.identify.data import in_time, prepare
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.gaps.infer.hypotheses import SENSORS
+from tse.gaps.run import workflow
+from tse.identify.data import in_time, prepare
 
-LATE = {"steer_angle": 0.03, "wheel_speed_front": 0.02, "wheel_speed_rear": 0.02, "accel_x": 0.01, "accel_y": -0.02}  # whole rows
+LATE = {
+    "steer_angle": 0.03,
+    "wheel_speed_front": 0.02,
+    "wheel_speed_rear": 0.02,
+    "accel_x": 0.01,
+    "accel_y": -0.02,
+}  # whole rows
 HIDDEN = {"body_roll_gain": 0.009}
 
 
@@ -31,7 +37,11 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path
     table.dropna().to_csv(folder / "late.csv", index=False, float_format="%.9g")
     told = folder / "told.toml"
     told.write_text(vehicle.read_text() + "\n[latency]\n" + "".join(f"{k} = {v}\n" for k, v in LATE.items()))
-    return {"in time": (log, vehicle), "told": (folder / "late.csv", told), "not told": (folder / "late.csv", vehicle)}
+    return {
+        "in time": (log, vehicle),
+        "told": (folder / "late.csv", told),
+        "not told": (folder / "late.csv", vehicle),
+    }
 
 
 def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -> None:
@@ -42,7 +52,9 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
         found[name] = in_time(prepare(read[0], config), config)
     there = np.searchsorted(found["in time"].time, found["told"].time - 1e-6)
     steer = {who: log.inputs["steer_angle"] for who, log in found.items()}
-    off = {who: float(np.std((steer[who] - steer["in time"][there])[200:-200])) for who in ("told", "not told")}
+    off = {
+        who: float(np.std((steer[who] - steer["in time"][there])[200:-200])) for who in ("told", "not told")
+    }
     assert off["told"] < 0.05 * off["not told"]
     assert all(np.isfinite(x).all() for x in found["told"].inputs.values())
     assert found["told"].late == {k: v for k, v in LATE.items() if k.startswith("accel")}
@@ -52,14 +64,19 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
 def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str, tuple[Path, Path]]) -> None:
     """As in the log that is in time; not told of them, that something is late is found, and no physics that is not there."""
     results = {name: workflow.run([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
-    named = {name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {} for name, r in results.items()}
+    named = {
+        name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {}
+        for name, r in results.items()
+    }
     assert list(named["in time"]) == list(named["told"]) == ["body_roll"]
     sizes = [named[name]["body_roll"].values["body_roll_gain"] for name in ("in time", "told")]
     assert sizes[1] == pytest.approx(sizes[0], rel=0.05)
     assert sizes[0] == pytest.approx(HIDDEN["body_roll_gain"], rel=0.15)
     verdict = results["not told"].as_json()
     assert verdict["sensors"] or "imu_delay" in named["not told"] or "steering_delay" in named["not told"]
-    physics = {n.effect.id for n in results["not told"].naming.named if n.effect.id not in SENSORS and not n.message}
+    physics = {
+        n.effect.id for n in results["not told"].naming.named if n.effect.id not in SENSORS and not n.message
+    }
     assert physics <= {"body_roll"}, results["not told"].words
 
 
@@ -77,7 +94,9 @@ def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(tmp_path: Pa
     assert verdict["verdict"] == "named"
     (effect,) = verdict["effects"]
     assert {effect["id"], *effect["look_alikes"]} >= ALIKE
-    assert effect["parameters"]["time"]["value"] == pytest.approx(DELAY, rel=0.1)  # of a lag, too: seen below its corner
+    assert effect["parameters"]["time"]["value"] == pytest.approx(
+        DELAY, rel=0.1
+    )  # of a lag, too: seen below its corner
     sentence = f"These logs cannot exclude {', '.join(effect['look_alikes'])} in its place."
     assert verdict["words"][0].startswith("Stiffness at no slip") and sentence in verdict["words"][1]
     assert sentence in done.out

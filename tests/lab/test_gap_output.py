@@ -15,11 +15,11 @@ import pytest
 
 from conftest import RAN, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
-from tse.impl.core import Config, library
-from tse.impl.gap.run.output import COLUMNS
-from tse.impl.report import figures_of
-from tse.impl.rows import MEASURES
-from tse.impl.vehicle import filter_values, read_vehicle
+from tse.car.vehicle import filter_values, read_vehicle
+from tse.gaps.run.output import COLUMNS
+from tse.library.core import Config, library
+from tse.log.rows import MEASURES
+from tse.report.report import figures_of
 from tselab.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,10 +47,15 @@ def case(tmp_path_factory):
     """An IMU that is 20 ms late, in two logs and one that is held out."""
     folder = tmp_path_factory.mktemp("gap")
     vehicle = car(folder)
-    logs = [write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0) for seed, d in enumerate(("sweep", "brakes"), 1)]
+    logs = [
+        write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0)
+        for seed, d in enumerate(("sweep", "brakes"), 1)
+    ]
     held = write_log(folder / "held.csv", vehicle, "steps", DELAY, 3, 16.0)
     out = folder / "out"
-    done = tselab("gap", "--verbose", *logs, "--vehicle", vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
+    done = tselab(
+        "gap", "--verbose", *logs, "--vehicle", vehicle, "--out", out, "--hold-out", held, "--jobs", 2
+    )
     return Case(folder, vehicle, logs, held, out, done)
 
 
@@ -69,7 +74,9 @@ def test_names_the_hidden_effect_in_words_and_by_exit_code(case):
 def test_verdict_has_all_that_was_agreed_and_no_number_that_json_lacks(case):
     text = (case.out / "verdict.json").read_text()
     assert "NaN" not in text and "Infinity" not in text
-    assert {"verdict", "effects", "where", "gap", "undetectable", "stiffness", "estimator", "words"} <= set(case.verdict)
+    assert {"verdict", "effects", "where", "gap", "undetectable", "stiffness", "estimator", "words"} <= set(
+        case.verdict
+    )
     assert {"channel", "condition", "entry_point", "strength"} <= set(case.verdict["where"][0])
     for key, true in STIFFNESS.items():
         assert case.verdict["stiffness"][key] == pytest.approx(true, rel=0.02)
@@ -78,7 +85,9 @@ def test_verdict_has_all_that_was_agreed_and_no_number_that_json_lacks(case):
 def test_the_estimator_is_valid_as_long_and_foresees_rows_as_well_with_the_improved_vehicle(case):
     estimator = case.verdict["estimator"]
     for key in ("cy_front", "cy_rear"):
-        assert estimator["valid"]["after"][key] > estimator["valid"]["before"][key] - 0.02  # lag_steer finds it untold
+        assert (
+            estimator["valid"]["after"][key] > estimator["valid"]["before"][key] - 0.02
+        )  # lag_steer finds it untold
     assert "The estimator's front cornering stiffness: valid" in case.done.out
     assert [d["part"] for d in estimator["logs"]] == ["fit", "fit", "held_out"]
     # of a car that is known exactly but for its steering, which the filter follows: hardly worse with its size given
@@ -88,7 +97,9 @@ def test_the_estimator_is_valid_as_long_and_foresees_rows_as_well_with_the_impro
 def test_improved_vehicle_is_the_users_with_stiffness_and_effect(case):
     old, new = read_vehicle(case.vehicle), read_vehicle(case.out / "vehicle_improved.toml")
     assert new.name == old.name and not new.filled
-    assert all("[uncertainty] is 0" in note for note in new.notes)  # as the user's is, who told the simulator's car exactly
+    assert all(
+        "[uncertainty] is 0" in note for note in new.notes
+    )  # as the user's is, who told the simulator's car exactly
     assert new.values["imu_delay_time"] == pytest.approx(0.02, abs=0.002)
     assert new.values["cornering_stiffness_front"] == pytest.approx(0.92 * 110000, rel=0.02)
     assert new.values["longitudinal_stiffness_rear"] == pytest.approx(1.1 * 160000, rel=0.03)
@@ -103,14 +114,26 @@ def test_improved_vehicle_estimates_and_simulates(case):
     improved = case.out / "vehicle_improved.toml"
     est = tselab("estimate", case.held, "--vehicle", improved, "--out", case.folder / "e.csv")
     assert est.code in RAN, est.err
-    sim = tselab("simulate", "--maneuver", "step-steer", "--duration", 1, "--vehicle", improved, "--out", case.folder / "s.csv")
+    sim = tselab(
+        "simulate",
+        "--maneuver",
+        "step-steer",
+        "--duration",
+        1,
+        "--vehicle",
+        improved,
+        "--out",
+        case.folder / "s.csv",
+    )
     assert sim.code == 0, sim.err
 
 
 @pytest.mark.parametrize(("compiler", "flags", "suffix"), [
     ("cc", ("-std=c99", "-Wstrict-prototypes", "-Wmissing-prototypes"), "c"), ("c++", ("-std=c++17",), "cpp"),
 ])  # fmt: skip
-def test_header_compiles_without_a_warning_and_sets_what_the_file_says(case, tmp_path, compiler, flags, suffix):
+def test_header_compiles_without_a_warning_and_sets_what_the_file_says(
+    case, tmp_path, compiler, flags, suffix
+):
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is missing")
     lib = library()
@@ -125,7 +148,10 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(case, tmp
          tmp_path / "set.so"], capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0 and not done.stderr, done.stderr
-    theirs, mine = Config.exact(), Config.exact(filter_values(read_vehicle(case.out / "vehicle_improved.toml")))
+    theirs, mine = (
+        Config.exact(),
+        Config.exact(filter_values(read_vehicle(case.out / "vehicle_improved.toml"))),
+    )
     assert theirs.as_dict() != mine.as_dict()
     ctypes.CDLL(str(tmp_path / "set.so")).set(ctypes.c_void_p(theirs.address))
     assert theirs.as_dict() == mine.as_dict()
@@ -133,7 +159,9 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(case, tmp
 
 def test_header_and_vehicle_are_the_same_bytes_again(case):
     before = {f: (case.out / f).read_bytes() for f in ("effects.h", "vehicle_improved.toml", "verdict.json")}
-    again = tselab("gap", "--verbose", *case.logs, "--vehicle", case.vehicle, "--out", case.out, "--hold-out", case.held)
+    again = tselab(
+        "gap", "--verbose", *case.logs, "--vehicle", case.vehicle, "--out", case.out, "--hold-out", case.held
+    )
     assert again.code == case.done.code and again.out == case.done.out
     assert {f: (case.out / f).read_bytes() for f in before} == before
     assert not re.search(r"\b20\d\d-|\d\d:\d\d", before["effects.h"].decode())  # no date
@@ -177,7 +205,10 @@ def test_picture_is_a_png(case):
 
 def test_nothing_hidden_is_exit_0(tmp_path):
     vehicle = car(tmp_path)
-    logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "brakes"), 5)]
+    logs = [
+        write_log(tmp_path / f"{d}.csv", vehicle, d, {}, seed)
+        for seed, d in enumerate(("sweep", "brakes"), 5)
+    ]
     done = tselab("gap", "--verbose", *logs, "--vehicle", vehicle, "--out", tmp_path / "out")
     assert done.code == 0, done.out + done.err
     text = (tmp_path / "out" / "vehicle_improved.toml").read_text()
@@ -205,7 +236,9 @@ def test_bad_input_is_exit_2_and_a_sentence(tmp_path, case, args, text, monkeypa
     slow.to_csv(tmp_path / "slow.csv", index=False)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["tselab", *args])
-    with pytest.raises(SystemExit) as end:  # in this process: a dozen starts of Python take longer than all the rest
+    with pytest.raises(
+        SystemExit
+    ) as end:  # in this process: a dozen starts of Python take longer than all the rest
         main()
     out, err = capsys.readouterr()
     assert end.value.code == 2 and text in err and "internal error" not in err, out + err
@@ -221,9 +254,25 @@ def test_help_tells_of_the_workflow_and_its_commands():
 
 def test_what_held_out_logs_leave_is_in_the_words_and_in_the_report(case, tmp_path):
     """A log of a car with another steering: what is left of the fitted logs is noise, and not of that one."""
-    held = write_log(tmp_path / "other.csv", case.vehicle, "steps", DELAY | {"steering_ratio_change": 0.1}, 3, 16.0)
+    held = write_log(
+        tmp_path / "other.csv", case.vehicle, "steps", DELAY | {"steering_ratio_change": 0.1}, 3, 16.0
+    )
     out = tmp_path / "out"
-    done = tselab("gap", "--verbose", *case.logs, "--vehicle", case.vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
+    done = tselab(
+        "gap",
+        "--verbose",
+        *case.logs,
+        "--vehicle",
+        case.vehicle,
+        "--out",
+        out,
+        "--hold-out",
+        held,
+        "--jobs",
+        2,
+    )
     assert "The held-out logs are not explained" in done.out
-    assert re.search(r"<li>Held-out logs: [^<]*times the noise", (out / "report.html").read_text(encoding="utf-8"))
+    assert re.search(
+        r"<li>Held-out logs: [^<]*times the noise", (out / "report.html").read_text(encoding="utf-8")
+    )
     assert "<li>Held-out logs:" not in (case.out / "report.html").read_text(encoding="utf-8")

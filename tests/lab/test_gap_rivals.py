@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.infer import rivals
-from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
-from tse.impl.gap.infer.naming import Named
-from tse.impl.gap.infer.rivals import Worlds, price_of
-from tse.impl.gap.infer.search import together
-from tse.impl.gap.infer.space import LASTING
+from tse.gaps.catalogue import catalogue
+from tse.gaps.infer import rivals
+from tse.gaps.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tse.gaps.infer.naming import Named
+from tse.gaps.infer.rivals import Worlds, price_of
+from tse.gaps.infer.search import together
+from tse.gaps.infer.space import LASTING
 
 ROWS = 3000
 
@@ -48,7 +48,9 @@ def test_a_name_costs_its_prior_odds_and_its_size():
     known = {h.id: h for h in hypotheses()}
     assert price_of("mass") == pytest.approx(SIZE_COST - known["mass"].odds)
     assert price_of("mass") > price_of("body_roll") > SIZE_COST  # every car rolls
-    assert price_of("grade") == pytest.approx(SIZE_COST + np.log(9.0))  # a road is no hypothesis of the search
+    assert price_of("grade") == pytest.approx(
+        SIZE_COST + np.log(9.0)
+    )  # a road is no hypothesis of the search
 
 
 def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
@@ -64,7 +66,9 @@ def test_near_the_noise_a_square_counts_as_much_as_everywhere_there():
     w = worlds((naming(1.1, "mass"),), (naming(1.0, "mass", *names),))
     ratio = np.log(w.known[1].probability) - np.log(w.known[0].probability)
     fall = 0.21 * float(np.sum(fit(1.0).residuals ** 2))
-    assert ratio == pytest.approx(0.5 * fall / (1.0 + together() * LASTING**2) - sum(map(price_of, names)), rel=1e-6)
+    assert ratio == pytest.approx(
+        0.5 * fall / (1.0 + together() * LASTING**2) - sum(map(price_of, names)), rel=1e-6
+    )
 
 
 def test_a_patchwork_of_names_does_not_stand_beside_a_formula_that_is_shorter():
@@ -81,7 +85,9 @@ def test_one_name_that_closes_as_much_as_a_formula_stands():
     empty = naming(10.0)
     w = worlds((naming(2.0, "mass"),), (empty, formula(2.0, 5)))
     assert w.with_name("mass") > NAME_AT
-    assert w.known[1].probability / w.known[0].probability == pytest.approx(np.exp(price_of("mass") - 10.0 - np.log(4.0)))
+    assert w.known[1].probability / w.known[0].probability == pytest.approx(
+        np.exp(price_of("mass") - 10.0 - np.log(4.0))
+    )
 
 
 def test_a_formula_beside_a_name_is_asked_with_both_prices():
@@ -122,9 +128,15 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     nothing, kept = naming(10.0), []
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
-    monkeypatch.setattr(rivals, "discover", lambda _p, last, *_: found if last is nothing.final else SimpleNamespace(formula=None))
+    monkeypatch.setattr(
+        rivals,
+        "discover",
+        lambda _p, last, *_: found if last is nothing.final else SimpleNamespace(formula=None),
+    )
     monkeypatch.setattr(rivals, "on_all", lambda _p, _last, discovery: discovery)
-    monkeypatch.setattr(rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing)
+    monkeypatch.setattr(
+        rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing
+    )
     _, names, shown = rivals.explained(problem(), None, one, lambda _: None)
     share = sum(r["probability"] for r in shown if r["ids"] == ["mass"])
     assert NAME_AT < share < NAME_AT / 0.95
@@ -152,7 +164,9 @@ def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
     monkeypatch.setattr(rivals, "discover", lambda *_: SimpleNamespace(formula=None))
-    monkeypatch.setattr(rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing)
+    monkeypatch.setattr(
+        rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing
+    )
     _, names, _ = rivals.explained(problem(), None, one, lambda _: None)
     assert not names.named and kept == [(frozenset(), "the names together close less than 20 % of the gap")]
 
@@ -162,7 +176,9 @@ def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
     judged, with its words, or it is not, and there are none."""
     short = naming(2.0)
     short.baseline, short.closed, short.possible = fit(2.0), 0.0, []
-    found = SimpleNamespace(fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"])
+    found = SimpleNamespace(
+        fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"]
+    )
     monkeypatch.setattr(rivals, "discover", lambda *_: found)
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))

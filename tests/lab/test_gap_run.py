@@ -10,26 +10,26 @@ from scipy.ndimage import gaussian_filter1d
 
 from conftest import RAN, tselab_here
 from gap_logs import CAR, DRIVES, STIFFNESS, car, problem_of, write_log
-from tse.impl.config import make_config
-from tse.impl.core import NOMINAL, Config, Replay
-from tse.impl.estimate import estimate
-from tse.impl.gap.catalogue import catalogue
-from tse.impl.gap.drives import library, prepared
-from tse.impl.gap.fit import fit
-from tse.impl.gap.infer.naming import Naming
-from tse.impl.gap.problem import STIFFNESS as PARAMETERS
-from tse.impl.gap.problem import Problem
-from tse.impl.gap.run import add, workflow
-from tse.impl.gap.run import plan as planning
-from tse.impl.gap.run.check import check
-from tse.impl.gap.run.posterior import UNCERTAIN, posterior
-from tse.impl.identify.data import prepare
-from tse.impl.identify.slip import longitudinal
-from tse.impl.identify.unknowns import prior_of
-from tse.impl.logs.log import read_log
-from tse.impl.results import IN_PART
-from tse.impl.rows import average
-from tse.impl.vehicle import read_vehicle, unknown_car
+from tse.car.config import make_config
+from tse.car.vehicle import read_vehicle, unknown_car
+from tse.channels.log import read_log
+from tse.estimation.estimate import estimate
+from tse.gaps.catalogue import catalogue
+from tse.gaps.drives import library, prepared
+from tse.gaps.fit import fit
+from tse.gaps.infer.naming import Naming
+from tse.gaps.problem import STIFFNESS as PARAMETERS
+from tse.gaps.problem import Problem
+from tse.gaps.run import add, workflow
+from tse.gaps.run import plan as planning
+from tse.gaps.run.check import check
+from tse.gaps.run.posterior import UNCERTAIN, posterior
+from tse.identify.data import prepare
+from tse.identify.slip import longitudinal
+from tse.identify.unknowns import prior_of
+from tse.library.core import NOMINAL, Config, Replay
+from tse.log.rows import average
+from tse.report.results import IN_PART
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,9 @@ def vehicle(folder):
 @pytest.fixture
 def few(monkeypatch):
     """Three manoeuvres instead of all."""
-    monkeypatch.setattr(planning, "library", lambda config: [c for c in library(config) if c.name in DRIVES.values()])
+    monkeypatch.setattr(
+        planning, "library", lambda config: [c for c in library(config) if c.name in DRIVES.values()]
+    )
 
 
 # ---- plan
@@ -54,7 +56,9 @@ def few(monkeypatch):
 def test_exact_aliases_cannot_be_separated(few, vehicle):
     found = planning.plan("mass,yaw_inertia", vehicle)
     assert not found.separable and len(found.options) == len(DRIVES)
-    assert all(o.shows > 8 for o in found.options if "sweep" in o.name)  # each shows; they are only not told apart
+    assert all(
+        o.shows > 8 for o in found.options if "sweep" in o.name
+    )  # each shows; they are only not told apart
     assert "cannot be separated by any" in found.text(3)
 
 
@@ -132,16 +136,24 @@ def test_check_prints_a_table(folder, vehicle):
 
 
 def test_optional_columns_are_kept_checked_and_averaged(folder, vehicle):
-    path = write_log(folder / "extra.csv", vehicle, "sweep", {}, 1, seconds=6.0, vehicle_speed=0.05, wheel_torque_front=5.0)
+    path = write_log(
+        folder / "extra.csv", vehicle, "sweep", {}, 1, seconds=6.0, vehicle_speed=0.05, wheel_torque_front=5.0
+    )
     table = pd.read_csv(path)
     table.loc[3, "vehicle_speed"] = 500.0
     table["wheel_torque_rear"] = "n/a at all"
     table.to_csv(path, index=False)
     log = read_log(path)
     assert list(log.extra) == ["vehicle_speed", "wheel_torque_front"]
-    assert np.isnan(log.extra["vehicle_speed"][3]) and log.extra["vehicle_speed"][4] == table["vehicle_speed"][4]
-    assert any("1 values outside" in n for n in log.notes) and any("wheel_torque_rear is not numeric" in n for n in log.notes)
-    assert average(log, 0.1).extra["wheel_torque_front"][5] == pytest.approx(table["wheel_torque_front"][50:60].mean())
+    assert (
+        np.isnan(log.extra["vehicle_speed"][3]) and log.extra["vehicle_speed"][4] == table["vehicle_speed"][4]
+    )
+    assert any("1 values outside" in n for n in log.notes) and any(
+        "wheel_torque_rear is not numeric" in n for n in log.notes
+    )
+    assert average(log, 0.1).extra["wheel_torque_front"][5] == pytest.approx(
+        table["wheel_torque_front"][50:60].mean()
+    )
 
 
 def test_column_in_other_units_is_not_used_and_the_log_is_not_refused(folder, vehicle):
@@ -163,12 +175,16 @@ def case(tmp_path_factory):
     folder = tmp_path_factory.mktemp("posterior")
     vehicle = folder / "car.toml"
     vehicle.write_text(CLASS, encoding="utf-8")
-    paths = [write_log(folder / f"{d}.csv", vehicle, d, {}, k, 20.0) for k, d in enumerate(("sweep", "brakes"), 5)]
+    paths = [
+        write_log(folder / f"{d}.csv", vehicle, d, {}, k, 20.0) for k, d in enumerate(("sweep", "brakes"), 5)
+    ]
     problem = problem_of(vehicle, *paths)
     found = fit(problem, PARAMETERS, {})
     naming = Naming(found, found, [], 0.0, [], [], True)
     improved = folder / "improved.toml"
-    improved.write_text(add.improved(read_vehicle(vehicle), problem, workflow.Found(naming)), encoding="utf-8")
+    improved.write_text(
+        add.improved(read_vehicle(vehicle), problem, workflow.Found(naming)), encoding="utf-8"
+    )
     return folder, vehicle, problem, found, improved
 
 
@@ -188,7 +204,10 @@ def test_what_no_log_shows_and_what_may_be_missing_instead_is_in_the_interval(ca
     light, heavy = read_vehicle(vehicle), read_vehicle(vehicle)
     light.values["mass_sd"], heavy.values["mass_sd"] = 0.0, 0.08
     spread = np.outer([0.01, 0.03, -0.02], [0.01, 0.03, -0.02])
-    known = [posterior(problem, found, car, {}, (), s) for car, s in ((light, None), (heavy, None), (light, spread))]
+    known = [
+        posterior(problem, found, car, {}, (), s)
+        for car, s in ((light, None), (heavy, None), (light, spread))
+    ]
     for i, key in enumerate(NOMINAL):
         alone, scaled, shared = (k.sd(key) / found.values[key] for k in known)
         assert scaled == pytest.approx(np.hypot(alone, 0.08)), key
@@ -209,7 +228,9 @@ def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
     start = prior_of(written, Config.exact(written.values))
     for key in NOMINAL:
         k = start.names.index(key)
-        assert start.mean[k] == 0.0 and start.sd[k] == pytest.approx(wide.sd(key) / found.values[key], rel=1e-6)
+        assert start.mean[k] == 0.0 and start.sd[k] == pytest.approx(
+            wide.sd(key) / found.values[key], rel=1e-6
+        )
 
 
 def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
@@ -249,7 +270,9 @@ def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
 def test_an_exactly_known_car_stays_so(case):
     _, vehicle, problem, found, _ = case
     exact = read_vehicle(vehicle)
-    exact.values |= dict.fromkeys((k for k in exact.values if k in Config.exact().fields and k.endswith("_sd")), 0.0)
+    exact.values |= dict.fromkeys(
+        (k for k in exact.values if k in Config.exact().fields and k.endswith("_sd")), 0.0
+    )
     assert set(posterior(problem, found, exact, {}).uncertainty(exact).values()) == {0.0}
 
 

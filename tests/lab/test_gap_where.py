@@ -9,12 +9,12 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from gap_logs import STIFFNESS, car, problem_of, write_log
-from tse.impl.core import Config
-from tse.impl.gap.fit import fit
-from tse.impl.gap.infer import where
-from tse.impl.gap.infer.remainder import is_noise, without_spikes, without_walk
-from tse.impl.gap.problem import STIFFNESS as PARAMETERS
-from tse.impl.identify.data import BLOCK
+from tse.gaps.fit import fit
+from tse.gaps.infer import where
+from tse.gaps.infer.remainder import is_noise, without_spikes, without_walk
+from tse.gaps.problem import STIFFNESS as PARAMETERS
+from tse.identify.data import BLOCK
+from tse.library.core import Config
 
 STEP = 0.04  # s, a block
 
@@ -24,7 +24,9 @@ def clean(tmp_path_factory):
     """Two logs of the car as the vehicle file says, and their fit."""
     folder = tmp_path_factory.mktemp("where")
     vehicle = car(folder)
-    paths = [write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "steps"), 31)]
+    paths = [
+        write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "steps"), 31)
+    ]
     problem = problem_of(vehicle, *paths)
     return problem, fit(problem, PARAMETERS, {})
 
@@ -60,7 +62,9 @@ def answer(config: Config, speed: float, place: str, d: np.ndarray) -> tuple[np.
     f = expm(whole * STEP)
     x, ay, r = np.zeros(2), [], []
     for value in d:
-        force = value / m if place in ("front axle", "rear axle", "side force") else 0.0  # an accelerometer feels no gravity
+        force = (
+            value / m if place in ("front axle", "rear axle", "side force") else 0.0
+        )  # an accelerometer feels no gravity
         ay.append(matrix[0] @ x + speed * x[1] + force)
         r.append(x[1])
         x = f[:2, :2] @ x + f[:2, 2] * value
@@ -76,7 +80,9 @@ def disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
     for i in range(len(problem.logs)):
         ay_rows = (problem.rows.log == i) & problem.rows.of("accel_y")
         r_rows = (problem.rows.log == i) & problem.rows.of("yaw_rate")
-        ay, r = answer(problem.config, float(speed[ay_rows].mean()), place, size * make(i, int(ay_rows.sum()), rng))
+        ay, r = answer(
+            problem.config, float(speed[ay_rows].mean()), place, size * make(i, int(ay_rows.sum()), rng)
+        )
         residuals[ay_rows] += problem.weight[ay_rows] * ay
         residuals[r_rows] += problem.weight[r_rows] * r
     return where.entries(problem, replace(baseline, residuals=residuals))
@@ -144,7 +150,9 @@ def test_what_lasts_swings_or_comes_and_goes_is_not(seed: int) -> None:
     t = BLOCK * np.arange(len(LOG))
     assert not is_noise(white(seed) + low_pass(white(seed + 100), 0.3), LOG)  # gusts
     assert not is_noise(white(seed) + 1.2 * np.sin(2 * np.pi * 5.5 * t), LOG)  # an axle
-    assert not is_noise(white(seed) * np.where(np.sin(0.4 * t) > 0.5, 3.0, 1.0), LOG)  # where something is done
+    assert not is_noise(
+        white(seed) * np.where(np.sin(0.4 * t) > 0.5, 3.0, 1.0), LOG
+    )  # where something is done
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -14,11 +14,11 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 from scipy.sparse import csc_matrix
 
-from tse.impl.core import Config, Replay, SimConfig, Simulator
-from tse.impl.errors import UserError
-from tse.impl.identify import advice
-from tse.impl.identify.data import Prepared, curves, prepare, smoothed, speed, together
-from tse.impl.identify.fit import (
+from tse.car.vehicle import default_vehicle, read_vehicle
+from tse.channels.log import read_log
+from tse.identify import advice
+from tse.identify.data import Prepared, curves, prepare, smoothed, speed, together
+from tse.identify.fit import (
     HUBER,
     LITTLE,
     MODEL_TIME,
@@ -32,17 +32,28 @@ from tse.impl.identify.fit import (
     normal,
     step,
 )
-from tse.impl.identify.knots import Knots
-from tse.impl.identify.lasting import Piece, measure
-from tse.impl.identify.problem import SPEED_TIME, Problem, as_measured
-from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, prior_of
-from tse.impl.logs.log import read_log
-from tse.impl.rows import Slower
-from tse.impl.vehicle import default_vehicle, read_vehicle
+from tse.identify.knots import Knots
+from tse.identify.lasting import Piece, measure
+from tse.identify.problem import SPEED_TIME, Problem, as_measured
+from tse.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, prior_of
+from tse.library.core import Config, Replay, SimConfig, Simulator
+from tse.library.errors import UserError
+from tse.log.rows import Slower
 
 DT = 0.01
-LATE = {"steer_angle": -0.024, "wheel_speed_front": 0.013, "wheel_speed_rear": 0.013, "accel_x": 0.006, "accel_y": 0.006}
-HIDDEN = {"steering_offset_angle": 0.004, "body_roll_gain": 0.009, "relaxation_length": 0.5, "imu_lever_arm_x": 0.4}
+LATE = {
+    "steer_angle": -0.024,
+    "wheel_speed_front": 0.013,
+    "wheel_speed_rear": 0.013,
+    "accel_x": 0.006,
+    "accel_y": 0.006,
+}
+HIDDEN = {
+    "steering_offset_angle": 0.004,
+    "body_roll_gain": 0.009,
+    "relaxation_length": 0.5,
+    "imu_lever_arm_x": 0.4,
+}
 STIFF = {"cx_front": 0.9, "cy_front": 1.1, "cy_rear": 0.95}
 QUIET = {"accel_x_sd": 0.03, "accel_y_sd": 0.03, "yaw_rate_sd": 0.001}
 
@@ -59,11 +70,15 @@ def made(
     speed."""
     n = round(seconds / DT)
     settings = {f"true_{k}": v for k, v in STIFF.items()} | {f"spread_{k}": 0.0 for k in STIFF}
-    simulator = Simulator(Config.exact(QUIET | (hidden or {})), SimConfig({"seed": seed, "speed": 18.0} | settings))
+    simulator = Simulator(
+        Config.exact(QUIET | (hidden or {})), SimConfig({"seed": seed, "speed": 18.0} | settings)
+    )
     inputs, outputs = simulator.inputs(n), simulator.outputs(n)
     t = DT * np.arange(n)
     inputs["dt"], inputs["road_level"] = DT, 1.0
-    inputs["steer_angle"] = 0.025 * np.sin(2 * np.pi * 0.3 * t + 4 * np.sin(0.2 * t + seed)) * (1 + 0.5 * np.sin(0.11 * t))
+    inputs["steer_angle"] = (
+        0.025 * np.sin(2 * np.pi * 0.3 * t + 4 * np.sin(0.2 * t + seed)) * (1 + 0.5 * np.sin(0.11 * t))
+    )
     torque = 500 * np.tanh(4 * np.sin(0.9 * t + seed)) - 60
     if steer is not None:
         inputs["steer_angle"], torque = steer(t), np.zeros(n)
@@ -71,7 +86,8 @@ def made(
     for i in range(n):
         simulator.step_into(inputs, outputs, i)
     rows = {
-        k: outputs[k].copy() for k in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+        k: outputs[k].copy()
+        for k in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     }
     for k, by in (late or {}).items():
         rows[k] = np.interp(t - by, t, rows[k])
@@ -80,12 +96,21 @@ def made(
 
 def written(path: Path, rows: np.ndarray) -> Path:
     names = rows.dtype.names
-    np.savetxt(path, np.column_stack([rows[n] for n in names]), delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    np.savetxt(
+        path,
+        np.column_stack([rows[n] for n in names]),
+        delimiter=",",
+        header=",".join(names),
+        comments="",
+        fmt="%.9g",
+    )
     return path
 
 
 def ready(folder: Path, config: Config, count: int = 2, **how: dict[str, float]) -> list[Prepared]:
-    return [prepare(read_log(written(folder / f"log{i}.csv", made(i + 1, **how))), config) for i in range(count)]
+    return [
+        prepare(read_log(written(folder / f"log{i}.csv", made(i + 1, **how))), config) for i in range(count)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +142,10 @@ def test_the_power_of_what_lasts_is_the_integral_of_its_autocovariance(time: flo
     """size^2 x time; 10 %: what 4,000 s leave of it, and that means of 100 s take away."""
     pieces = drawn(4, lambda t: 0.25 * np.exp(-t / time))
     assert measure(pieces).power == pytest.approx(0.25 * time, rel=0.1)
-    noise = [replace(p, residual=0.5 * np.random.default_rng(k).standard_normal(len(p.time))) for k, p in enumerate(pieces)]
+    noise = [
+        replace(p, residual=0.5 * np.random.default_rng(k).standard_normal(len(p.time)))
+        for k, p in enumerate(pieces)
+    ]
     assert measure(noise).power == pytest.approx(0.25 * 0.02, rel=0.2)  # half of a step
     assert measure(noise).walk < 0.3 * measure(drawn(5, hills(0.5, 3.0), 5)).walk
 
@@ -161,9 +189,9 @@ def test_the_prior_is_around_what_the_vehicle_file_tells_and_messages_are_late_t
     assert prior.mean[at("yaw_inertia")] == config.yaw_inertia
     front, rear = at("wheel_speed_front_latency"), at("wheel_speed_rear_latency")
     assert prior.covariance[front, rear] == pytest.approx(COMMON_SD["wheels"] ** 2)
-    assert prior.covariance[front, front] + prior.covariance[rear, rear] - 2 * prior.covariance[front, rear] == pytest.approx(
-        2 * 0.0005**2
-    )
+    assert prior.covariance[front, front] + prior.covariance[rear, rear] - 2 * prior.covariance[
+        front, rear
+    ] == pytest.approx(2 * 0.0005**2)
     assert np.linalg.eigvalsh(prior.covariance / np.outer(prior.sd, prior.sd))[0] > 0
 
 
@@ -178,7 +206,9 @@ def test_what_the_file_says_of_an_uncertainty_is_the_prior_of_that_number() -> N
     assert stated.sd[at("cg_shift_distance")] == pytest.approx(0.05)
     assert stated.sd[at("yaw_inertia")] == pytest.approx(0.02 * config.yaw_inertia)
     assert 0 < stated.sd[at("steering_ratio_change")] < 1e-3  # exactly known: still a density
-    assert stated.sd[at("relaxation_length")] == prior.sd[at("relaxation_length")]  # filled in by rule, not stated
+    assert (
+        stated.sd[at("relaxation_length")] == prior.sd[at("relaxation_length")]
+    )  # filled in by rule, not stated
 
 
 def test_an_earlier_calibration_is_the_prior_of_the_next(found: tuple[Problem, Fit]) -> None:
@@ -203,15 +233,23 @@ def test_a_latency_moves_the_simulation_by_itself(found: tuple[Problem, Fit]) ->
     x = problem.mean.copy()
     x[problem.names.index("accel_y_latency")] = 0.03
     level = np.zeros(problem.knots)
-    log, before, after = (problem.logs[0], *(problem.simulate(0, at, level)["accel_y"] for at in (problem.mean, x)))
+    log, before, after = (
+        problem.logs[0],
+        *(problem.simulate(0, at, level)["accel_y"] for at in (problem.mean, x)),
+    )
     rows = slice(log.stretches[0].first + 50, log.stretches[0].last - 50)
-    np.testing.assert_allclose(after[rows], before[rows.start - 3 : rows.stop - 3], atol=1e-9)  # 30 ms are three rows
+    np.testing.assert_allclose(
+        after[rows], before[rows.start - 3 : rows.stop - 3], atol=1e-9
+    )  # 30 ms are three rows
     x = problem.mean.copy()
     x[problem.names.index("steer_angle_latency")] = 0.03
     early = problem.simulate(0, x, level)  # a log that is late is read later: the car answers earlier
     rows = slice(log.stretches[0].first + 300, log.stretches[0].last - 50)
     usual = problem.simulate(0, problem.mean, level)["yaw_rate"]
-    apart = [float(np.mean((early["yaw_rate"][rows] - usual[rows.start + k : rows.stop + k]) ** 2)) for k in range(7)]
+    apart = [
+        float(np.mean((early["yaw_rate"][rows] - usual[rows.start + k : rows.stop + k]) ** 2))
+        for k in range(7)
+    ]
     assert int(np.argmin(apart)) == 3
 
 
@@ -219,15 +257,26 @@ def test_slopes_are_differences_of_the_residuals(found: tuple[Problem, Fit]) -> 
     problem, first = found
     base, x = problem.residuals(first.search, first.z), first.search
     slopes = problem.slopes(x, first.z, base)
-    for name in ("cy_rear", "superelevation@1", "relaxation_length", "wheel_speed_front_latency", "yaw_rate~1", "accel_x~0"):
+    for name in (
+        "cy_rear",
+        "superelevation@1",
+        "relaxation_length",
+        "wheel_speed_front_latency",
+        "yaw_rate~1",
+        "accel_x~0",
+    ):
         k = problem.names.index(name)
         h = 0.01 * problem.sd[k]
         there, back = x.copy(), x.copy()
         there[k] += h
         back[k] -= h
-        for a, b, s in zip(problem.residuals(there, first.z), problem.residuals(back, first.z), slopes, strict=True):
+        for a, b, s in zip(
+            problem.residuals(there, first.z), problem.residuals(back, first.z), slopes, strict=True
+        ):
             expected = (a - b) / (2 * h)
-            np.testing.assert_allclose(s[:, k], expected, atol=0.03 * max(float(np.max(np.abs(expected))), 1e-9), err_msg=name)
+            np.testing.assert_allclose(
+                s[:, k], expected, atol=0.03 * max(float(np.max(np.abs(expected))), 1e-9), err_msg=name
+            )
 
 
 def test_slopes_of_the_road_are_those_of_one_value_after_the_other(found: tuple[Problem, Fit]) -> None:
@@ -260,7 +309,9 @@ def test_stiffness_is_searched_as_compliance_and_its_prior_goes_with_it(found: t
     assert np.sqrt(first.covariance[k, k]) == pytest.approx(sd)
 
 
-def test_the_lean_of_roads_that_the_file_tells_is_where_each_log_starts_and_does_not_count_twice(tmp_path: Path) -> None:
+def test_the_lean_of_roads_that_the_file_tells_is_where_each_log_starts_and_does_not_count_twice(
+    tmp_path: Path,
+) -> None:
     log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
     told = Config.exact(QUIET | {"bank_superelevation": 0.2})
     other, plain = (Problem([log], c, prior_of(default_vehicle(), c)) for c in (told, Config.exact(QUIET)))
@@ -280,7 +331,9 @@ def test_late_wheels_are_asked_of_accel_x_alone(found: tuple[Problem, Fit]) -> N
         x[problem.names.index(name)] += 0.05
     before, after = problem.simulate(0, first.search, first.z), problem.simulate(0, x, first.z)
     for channel in ("accel_y", "yaw_rate"):
-        np.testing.assert_allclose(after[channel], before[channel], atol=1e-12)  # a mean of two latencies is rounded
+        np.testing.assert_allclose(
+            after[channel], before[channel], atol=1e-12
+        )  # a mean of two latencies is rounded
     assert np.nanmax(np.abs(after["accel_x"] - before["accel_x"])) > 0.05
 
 
@@ -291,7 +344,12 @@ def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
     t = 0.04 * np.arange(500)
     wheels = 0.3 * np.sin(0.7 * t)  # m/s about 20 m/s
     problem = Problem.__new__(Problem)
-    problem.groups, problem._time, problem._speed, problem.config = ([(0, "accel_x")], [t], [np.full(500, 20.0)], config)
+    problem.groups, problem._time, problem._speed, problem.config = (
+        [(0, "accel_x")],
+        [t],
+        [np.full(500, 20.0)],
+        config,
+    )
 
     def accelerating(stiffness: float) -> np.ndarray:
         lag = config.mass * 20 / stiffness
@@ -313,13 +371,18 @@ def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
     assert np.corrcoef(a, b)[0, 1] > 0.98 and np.std(a) == pytest.approx(np.std(b), rel=0.1)
 
 
-def test_noise_of_what_is_compared_is_that_of_the_sensor_through_the_comparison(found: tuple[Problem, Fit]) -> None:
+def test_noise_of_what_is_compared_is_that_of_the_sensor_through_the_comparison(
+    found: tuple[Problem, Fit],
+) -> None:
     """White noise of a thousand logs as long as the first, through it: each rms to 3 %."""
     problem, rng = found[0], np.random.default_rng(7)
     for channel in ("accel_x", "yaw_rate"):
         g = problem.groups.index((0, channel))
         sd = problem.logs[0].noise[channel] / np.sqrt(problem._count[g])
-        made_of = [problem.compared(g, sd * rng.standard_normal(len(sd)))[problem._together[g]].mean(axis=1) for _ in range(1000)]
+        made_of = [
+            problem.compared(g, sd * rng.standard_normal(len(sd)))[problem._together[g]].mean(axis=1)
+            for _ in range(1000)
+        ]
         late = np.array(made_of)[:, 12:]  # after the start, from which the leak has not yet let go
         assert np.sqrt(np.mean(late**2)) == pytest.approx(problem.noise(g), rel=0.03), channel
 
@@ -339,7 +402,9 @@ def test_a_measured_velocity_is_that_of_its_place_in_its_axes(tmp_path: Path) ->
     spin = np.cross([0, 0, motion["true_yaw_rate"][at]], [*place, 0])[:2]
     of_place = np.array([motion["vel_x"][at], motion["vel_y"][at]]) + spin
     axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    np.testing.assert_allclose([got["ins_vel_x"][at + 2], got["ins_vel_y"][at + 2]], axes @ of_place, rtol=1e-6)
+    np.testing.assert_allclose(
+        [got["ins_vel_x"][at + 2], got["ins_vel_y"][at + 2]], axes @ of_place, rtol=1e-6
+    )
     assert got["gnss_speed"][at + 2] == pytest.approx(np.linalg.norm(of_place), rel=1e-6)
 
 
@@ -487,7 +552,9 @@ def test_eliminating_the_road_leaves_what_the_whole_normal_equations_say(found: 
         gradient += both.T @ (weight * e)
     inverse = np.linalg.inv(whole)
     sd = np.sqrt(np.diag(inverse)[:n])
-    np.testing.assert_allclose(np.linalg.inv(got.information) / np.outer(sd, sd), inverse[:n, :n] / np.outer(sd, sd), atol=1e-6)
+    np.testing.assert_allclose(
+        np.linalg.inv(got.information) / np.outer(sd, sd), inverse[:n, :n] / np.outer(sd, sd), atol=1e-6
+    )
     np.testing.assert_allclose(got.road_sd(), np.sqrt(np.diag(inverse)[n:]), rtol=1e-6)
     by = np.linalg.solve(got.information, -got.gradient)
     # equations whose condition number is 1e11 leave five digits
@@ -500,19 +567,26 @@ def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
     beyond the end of the loss's square."""
     config = Config.exact(QUIET)
     prior = prior_of(default_vehicle(), config).only(STIFFNESS)
-    problem = Problem(ready(tmp_path, config, 1, hidden={"relaxation_length": 0.3}), config, prior, road=False)
+    problem = Problem(
+        ready(tmp_path, config, 1, hidden={"relaxation_length": 0.3}), config, prior, road=False
+    )
     ended = fit(problem)
     root = np.linalg.cholesky(problem.information).T
 
     def weighted(x: np.ndarray) -> np.ndarray:
-        parts = [e / ended.scales[c].sd for e, (_, c) in zip(problem.residuals(x, np.zeros(0)), problem.groups, strict=True)]
+        parts = [
+            e / ended.scales[c].sd
+            for e, (_, c) in zip(problem.residuals(x, np.zeros(0)), problem.groups, strict=True)
+        ]
         return np.concatenate([*parts, root @ (x - problem.mean)])
 
     other = least_squares(weighted, problem.mean, x_scale=problem.sd, diff_step=1e-6)
     sd = np.sqrt(np.diag(np.linalg.inv(other.jac.T @ other.jac)))
     assert np.max(np.abs(ended.search - other.x) / sd) < 0.15  # a search ends where a step is below a tenth
     np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(ended.equations.information))), sd, rtol=0.03)
-    assert cost(problem, ended.scales, ended.search, ended.z, ended.residuals) == pytest.approx(other.cost, rel=0.02)
+    assert cost(problem, ended.scales, ended.search, ended.z, ended.residuals) == pytest.approx(
+        other.cost, rel=0.02
+    )
 
 
 def test_noise_counts_in_every_value_and_an_error_of_the_model_once_in_model_time() -> None:
@@ -567,7 +641,9 @@ def test_what_a_channel_tells_is_the_covariance_without_the_others(found: tuple[
     np.testing.assert_allclose(whole, first.covariance, rtol=1e-6, atol=1e-12)
     few = covariance_of(problem, first, ["accel_x"])
     k = problem.names.index("cy_front")
-    assert few[k, k] > 10 * whole[k, k]  # front wheels that are turned brake the car: all that accel_x shows of cornering
+    assert (
+        few[k, k] > 10 * whole[k, k]
+    )  # front wheels that are turned brake the car: all that accel_x shows of cornering
     assert np.all(np.diag(few) > 0.999 * np.diag(whole))
 
 
@@ -642,7 +718,9 @@ def test_offers_are_surer_than_now_and_said_in_percent(found: tuple[Problem, Fit
 
 
 def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> None:
-    car = "mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n[calibration]\n"
+    car = (
+        "mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n[calibration]\n"
+    )
     for text in (
         "names = ['a']",
         "names = ['a']\nmean = [1]\ncovariance = [[-1]]",
@@ -659,11 +737,15 @@ def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> 
         with pytest.raises(UserError, match=r"\[calibration\]"):
             read_vehicle(path)
     # what is left of nothing by rounding is no contradiction: `tselab calibrate` writes such files
-    path.write_text(car + "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 1e-12], [2e-12, 1e-3]]", encoding="utf-8")
+    path.write_text(
+        car + "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 1e-12], [2e-12, 1e-3]]", encoding="utf-8"
+    )
     assert read_vehicle(path).calibration["names"] == ["a", "b"]
 
 
-def test_a_simulation_that_diverges_is_bad_and_ends_no_search(found: tuple[Problem, Fit], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_simulation_that_diverges_is_bad_and_ends_no_search(
+    found: tuple[Problem, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem, ended = found
 
     def refuse(*_args: object, **_start: float) -> dict[str, np.ndarray]:

@@ -47,7 +47,9 @@ def test_an_input_gives_what_the_clean_log_gives(name, wanted, tmp_path):
     log, database = SAME[name]
     for file in filter(None, (log, database)):
         shutil.copy(INPUTS / file, tmp_path / file)
-    done = tselab_here("signals", tmp_path / log, "--vehicle", INPUTS / "known.toml", "--write", tmp_path / "signals.toml")
+    done = tselab_here(
+        "signals", tmp_path / log, "--vehicle", INPUTS / "known.toml", "--write", tmp_path / "signals.toml"
+    )
     assert done.code == 0, done.err
     assert ("warning: the unit 'km^h'" in done.out) == (name == "10-unit-km^h")
     if name in ("27-quoted-decimal-comma.csv", "28-hhmmss.csv"):
@@ -57,11 +59,19 @@ def test_an_input_gives_what_the_clean_log_gives(name, wanted, tmp_path):
 
 def test_a_long_table_and_one_without_accel_y_are_read_as_far_as_they_go():
     done = tselab_here("signals", INPUTS / "26-long-table.csv", "--vehicle", INPUTS / "known.toml")
-    assert "yaw_rate = yaw_rate: deg/s" in done.out and "a long table" in done.out and "not found: wheel_speed_front\n" in done.out
+    assert (
+        "yaw_rate = yaw_rate: deg/s" in done.out
+        and "a long table" in done.out
+        and "not found: wheel_speed_front\n" in done.out
+    )
     done = tselab_here("signals", INPUTS / "11-kmph-omega.csv", "--vehicle", INPUTS / "known.toml")
     assert "warning" not in done.out and "yaw_rate = omega" in done.out and "not found: accel_y\n" in done.out
 
 
 def test_a_gear_is_no_steering_angle():
     done = tselab_here("signals", INPUTS / "32-gear-as-steering.csv")
-    assert done.code == 3 and "steer_angle = " not in done.out and "  steer_angle: no signal has a name like it" in done.out
+    assert (
+        done.code == 3
+        and "steer_angle = " not in done.out
+        and "  steer_angle: no signal has a name like it" in done.out
+    )

@@ -5,11 +5,12 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, simulated, tselab_here
-from tse.impl import plots, regimes
-from tse.impl.core import STIFFNESS, Config, Filter, SettingError, library
-from tse.impl.errors import UserError
-from tse.impl.report import figures_of
-from tse.impl.vehicle import latency_settings, read_vehicle
+from tse.car.vehicle import latency_settings, read_vehicle
+from tse.estimation import regimes
+from tse.library.core import STIFFNESS, Config, Filter, SettingError, library
+from tse.library.errors import UserError
+from tse.report import plots
+from tse.report.report import figures_of
 
 ROWS, DT = 6000, 0.01
 LAST = slice(-1500, None)
@@ -23,7 +24,10 @@ def driven() -> np.ndarray:
     """Rows of the simulator at 1 ms, nothing late: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s."""
     n = 10
     t = DT / n * np.arange(ROWS * n)
-    steer, torque = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)), 1000 * np.tanh(6 * np.sin(1.3 * t))
+    steer, torque = (
+        0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)),
+        1000 * np.tanh(6 * np.sin(1.3 * t)),
+    )
     sim = {"seed": 3, "speed": 20.0, "noise": 0.0}
     return simulated({"sample_time": DT / n}, sim, DT / n, steer_angle=steer, wheel_torque_front=torque)
 
@@ -75,14 +79,21 @@ def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
     age = told[-1]["estimate_age"]  # whole rows more than accel_x is late
     rows = (age - late["accel_x"]) / DT
     assert -1e-9 < age - max(late.values()) < DT and rows == pytest.approx(round(rows))
-    for channel in ("accel_x", "accel_y", "yaw_rate"):  # interpolation makes rows quieter and like the ones before
+    for channel in (
+        "accel_x",
+        "accel_y",
+        "yaw_rate",
+    ):  # interpolation makes rows quieter and like the ones before
         assert 0.5 < told[-1][f"noise_{channel}"] < 1.25
         assert told[-1][f"discrepancy_{channel}"] == 0
 
 
 def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
     """So that the test above shows what telling does: but for one of six, whose latencies happen to be alike."""
-    worst = [max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS) for seed in range(6)]
+    worst = [
+        max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS)
+        for seed in range(6)
+    ]
     assert sorted(worst)[1] > 0.05, worst
 
 
@@ -90,7 +101,9 @@ def test_channels_that_are_early_are_as_good(driven: np.ndarray) -> None:
     late = {name: -by for name, by in drawn(7).items()}
     last = estimated(logged(driven, late), late)[-1]
     assert last["estimate_age"] < DT and max(map(abs, normalised(last))) < 4
-    assert all(last[key] == pytest.approx(1.0, abs=0.08 if key == "cx_front" else INTEGRATED) for key in STIFFNESS)
+    assert all(
+        last[key] == pytest.approx(1.0, abs=0.08 if key == "cx_front" else INTEGRATED) for key in STIFFNESS
+    )
 
 
 # ------------------------------------------------------------------------------------------- tselab estimate
@@ -127,7 +140,14 @@ def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
     table.to_csv(folder / "log.csv", index=False)
     (folder / "car.toml").write_text(CAR + EXACT)
     done = tselab_here(
-        "estimate", "--verbose", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder
+        "estimate",
+        "--verbose",
+        folder / "log.csv",
+        "--vehicle",
+        folder / "car.toml",
+        "--report",
+        folder / "r.html",
+        cwd=folder,
     )
     assert done.code in RAN, done.err
     return done, pd.read_csv(folder / "log.est.csv"), table, (folder / "r.html").read_text(encoding="utf-8")
@@ -146,7 +166,12 @@ def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> Non
 def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tuple) -> None:
     """vel_y agrees with the reference where the plot draws it, and less where the row stands."""
     _, est, table, page = run
-    traces = {t["name"]: t for figure in figures_of(page) for t in figure["data"] if t["name"] in ("ref_vel_y", "estimate")}
+    traces = {
+        t["name"]: t
+        for figure in figures_of(page)
+        for t in figure["data"]
+        if t["name"] in ("ref_vel_y", "estimate")
+    }
     assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"].to_numpy())
     spoken = regimes.spoken_of(est)
     assert spoken == pytest.approx(table["time"].to_numpy() - 0.04, abs=1e-6)

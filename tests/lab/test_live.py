@@ -18,14 +18,14 @@ import tse
 from conftest import RAN, tselab, tselab_here
 from log_formats import RADIUS, RATIO, TRACK, drive
 from trade_files import DBC, frames
-from tse.impl.config import make_config
-from tse.impl.errors import UserError
-from tse.impl.live.drive import Live, bus_opener
-from tse.impl.live.page import Page
-from tse.impl.logs.log import read_log
-from tse.impl.logs.signals import read_signals
-from tse.impl.rows import Reading
-from tse.impl.vehicle import read_vehicle
+from tse.car.config import make_config
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.channels.signals import read_signals
+from tse.library.errors import UserError
+from tse.log.rows import Reading
+from tse.streaming.drive import Live, bus_opener
+from tse.streaming.page import Page
 
 can = pytest.importorskip("can")
 
@@ -60,13 +60,17 @@ def folder(tmp_path_factory):
     return made
 
 
-def sent(folder: Path, seconds: float = 20.0, qualifier: np.ndarray | None = None) -> list[tuple[float, int, bytes]]:
+def sent(
+    folder: Path, seconds: float = 20.0, qualifier: np.ndarray | None = None
+) -> list[tuple[float, int, bytes]]:
     """Frames of a drive, three messages each 10 ms."""
     clean = drive(folder / "car.toml", seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
         for side, sign in (("l", -1), ("r", 1)):
-            table[letter + side] = clean[f"wheel_speed_{axle}"] * RADIUS[axle] + sign * 0.5 * TRACK * clean.yaw_rate
+            table[letter + side] = (
+                clean[f"wheel_speed_{axle}"] * RADIUS[axle] + sign * 0.5 * TRACK * clean.yaw_rate
+            )
     return frames(table, qualifier)
 
 
@@ -133,14 +137,21 @@ def test_a_drive_has_the_numbers_of_its_file(folder, trip, tmp_path):
     assert done.code in RAN, done.err
     mine, theirs = pd.read_csv(out / "rows.est.csv"), pd.read_csv(tmp_path / "frames.est.csv")
     assert abs(len(mine) - len(theirs)) <= 2 and len(mine) > 1950
-    both = mine.assign(key=(100 * mine.time).round()).merge(theirs.assign(key=(100 * theirs.time).round()), on="key")
+    both = mine.assign(key=(100 * mine.time).round()).merge(
+        theirs.assign(key=(100 * theirs.time).round()), on="key"
+    )
     assert len(both) > 1950
     for s in ("cx_front", "cy_front", "cy_rear"):
         assert (np.abs(both[f"{s}_x"] - both[f"{s}_y"]) / both[f"{s}_sd_y"]).max() < 0.1
     rows = read_log(out / "frames.blf", reading=Reading(car=read_vehicle(folder / "car.toml")))
     own = pd.read_csv(out / "rows.csv")
     at = np.searchsorted(rows.time, own.time - 1e-4).clip(0, len(rows) - 1)
-    for c, size in (("yaw_rate", 0.002), ("accel_y", 0.05), ("steer_angle", 5e-4), ("wheel_speed_front", 0.02)):
+    for c, size in (
+        ("yaw_rate", 0.002),
+        ("accel_y", 0.05),
+        ("steer_angle", 5e-4),
+        ("wheel_speed_front", 0.02),
+    ):
         assert np.nanquantile(np.abs(rows.data[c].to_numpy()[at] - own[c]), 0.99) < size
 
 
@@ -158,7 +169,10 @@ def test_a_database_of_another_bus_is_said_and_it_goes_on(folder, trip):
     strange = [(t, i + 500, d) for t, i, d in trip[:1500]]  # 5 s, as long as the others are away
     driven(live, Sender("foreign", strange + trip[1500:], 2.0))
     said = " ".join(text for _, text in live.said)
-    assert "none of the 3 identifiers (0x258, 0x259, 0x25a) is in car.dbc: it is the database of another bus" in said
+    assert (
+        "none of the 3 identifiers (0x258, 0x259, 0x25a) is in car.dbc: it is the database of another bus"
+        in said
+    )
     assert live.drive.rows > 1300
 
 
@@ -216,7 +230,9 @@ def test_a_bus_that_fails_is_opened_again_and_what_follows_is_used(folder, trip)
         live.work(0.05)
     live.close()
     said = [text for _, text in live.said]
-    assert any("the bus failed (Network is down [Error Code 100]): it is opened again each second" in s for s in said)
+    assert any(
+        "the bus failed (Network is down [Error Code 100]): it is opened again each second" in s for s in said
+    )
     assert "the bus is open again" in said
     assert live.drive.rows > 1900
 
@@ -253,7 +269,7 @@ def test_a_clock_that_is_set_back_is_bridged(folder, trip):
 
 
 def test_signals_that_nobody_names_are_proposed_from_what_comes(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("tse.impl.live.drive.LISTENED", 2.0)
+    monkeypatch.setattr("tse.streaming.drive.LISTENED", 2.0)
     live = a_live(folder, "none", tmp_path / "out", signals=None)
     driven(live, Sender("none", sent(folder, 40.0), 5.0))
     said = [text for _, text in live.said]
@@ -278,7 +294,9 @@ def test_python_gives_each_row_and_goes_on_from_what_a_drive_taught(folder, trip
     def drive_(channel, **more):
         bus = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)
         sender = Sender(channel, trip)
-        with tse.live(folder / "car.toml", database=folder / "car.dbc", bus=bus, duration=6.0, **more) as live:
+        with tse.live(
+            folder / "car.toml", database=folder / "car.dbc", bus=bus, duration=6.0, **more
+        ) as live:
             sender.start()
             return live, list(live)
 
@@ -292,7 +310,12 @@ def test_python_gives_each_row_and_goes_on_from_what_a_drive_taught(folder, trip
     assert again[0].cy_front_sd < 0.6 * estimates[0].cy_front_sd
     with pytest.raises(tse.Error, match="another vehicle"):
         car = {"mass": 900.0, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.3, "wheel_radius_rear": 0.3}
-        tse.live(car, database=folder / "car.dbc", bus=can.Bus(interface="virtual", channel="third"), learnt=live.learnt)
+        tse.live(
+            car,
+            database=folder / "car.dbc",
+            bus=can.Bus(interface="virtual", channel="third"),
+            learnt=live.learnt,
+        )
     with pytest.raises(TypeError, match="an interface, or a bus"):
         tse.live(folder / "car.toml", database=folder / "car.dbc")
 
@@ -314,7 +337,9 @@ main()
 def command(folder, *more):
     paths = [str(Path(__file__).parent), *sys.path]
     text = COMMAND.format(paths=paths, folder=str(folder), more=[str(m) for m in more])
-    return subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", text], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_path):
@@ -324,11 +349,17 @@ def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_p
     out, err = done.communicate(timeout=120)
     assert done.returncode in RAN, err
     said = json.loads(out)
-    assert said["learnt"] == str(taught) and taught.stat().st_size == 268 and said["exit_code"] == done.returncode
+    assert (
+        said["learnt"] == str(taught)
+        and taught.stat().st_size == 268
+        and said["exit_code"] == done.returncode
+    )
     assert said["frames"] > 5000 and said["rows"] == len(pd.read_csv(tmp_path / "one" / "rows.csv")) > 1800
     assert set(pd.read_csv(tmp_path / "found.csv").stiffness) == {"cx_front", "cy_front", "cy_rear"}
     before = taught.read_bytes()
-    going = command(folder, "--out", tmp_path / "two", "--load-learnt", taught, "--age", 1, "--save-learnt", taught)
+    going = command(
+        folder, "--out", tmp_path / "two", "--load-learnt", taught, "--age", 1, "--save-learnt", taught
+    )
     rows = tmp_path / "two" / "rows.csv"
     end = time.monotonic() + 60
     while time.monotonic() < end and not (rows.is_file() and rows.stat().st_size > 20_000):
@@ -341,20 +372,38 @@ def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_p
     assert taught.read_bytes() != before and (tmp_path / "two" / "before.tse").read_bytes() == before
     again = tselab_here("estimate", rows, "--config", tmp_path / "two" / "filter.toml", "--vehicle", folder / "car.toml",
                         "--load-learnt", tmp_path / "two" / "before.tse", "--age", 1, "--out", tmp_path / "e.csv")  # fmt: skip
-    assert again.code in RAN and (tmp_path / "e.csv").read_bytes() == (tmp_path / "two" / "rows.est.csv").read_bytes()
+    assert (
+        again.code in RAN
+        and (tmp_path / "e.csv").read_bytes() == (tmp_path / "two" / "rows.est.csv").read_bytes()
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
         (["--interface", "virtual"], "option --database: is needed"),
-        (["--interface", "nosuch", "--database", "car.dbc"], "interface nosuch, channel None: cannot be opened"),
+        (
+            ["--interface", "nosuch", "--database", "car.dbc"],
+            "interface nosuch, channel None: cannot be opened",
+        ),
         (["--interface", "virtual", "--database", "gone.dbc"], "gone.dbc"),
-        (["--interface", "virtual", "--database", "car.dbc", "--bus", "bitrate"], "'bitrate' is not KEY=VALUE"),
-        (["--interface", "virtual", "--database", "car.dbc", "--signals", "typo.toml"], "there is no 'YawRat' in car.dbc"),
-        (["--interface", "virtual", "--database", "car.dbc", "--signals", "less.toml"], "steer_angle is missing"),
+        (
+            ["--interface", "virtual", "--database", "car.dbc", "--bus", "bitrate"],
+            "'bitrate' is not KEY=VALUE",
+        ),
+        (
+            ["--interface", "virtual", "--database", "car.dbc", "--signals", "typo.toml"],
+            "there is no 'YawRat' in car.dbc",
+        ),
+        (
+            ["--interface", "virtual", "--database", "car.dbc", "--signals", "less.toml"],
+            "steer_angle is missing",
+        ),
         (["--interface", "virtual", "--database", "car.dbc", "--out", "."], "is not empty"),
-        (["--interface", "virtual", "--database", "car.dbc", "--duration", "0"], "option --duration: 0 is outside its range"),
+        (
+            ["--interface", "virtual", "--database", "car.dbc", "--duration", "0"],
+            "option --duration: 0 is outside its range",
+        ),
     ],
 )
 def test_what_cannot_begin_is_refused_with_a_sentence(options, says, folder, tmp_path):
@@ -364,7 +413,13 @@ def test_what_cannot_begin_is_refused_with_a_sentence(options, says, folder, tmp
     (tmp_path / "less.toml").write_text(SIGNALS[SIGNALS.index("[signals.wheel_speed_front]") :])
     done = tselab_here("live", "--vehicle", "car.toml", *options, cwd=tmp_path)
     assert done.code == 2 and says in done.err and "Traceback" not in done.err
-    assert {p.name for p in tmp_path.iterdir()} == {"car.toml", "car.dbc", "signals.toml", "typo.toml", "less.toml"}
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "car.toml",
+        "car.dbc",
+        "signals.toml",
+        "typo.toml",
+        "less.toml",
+    }
 
 
 def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
@@ -372,7 +427,9 @@ def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
     page = Page(live)
     try:
         text = urllib.request.urlopen(page.url, timeout=10).read().decode()
-        assert "class Chart" in text and "/* @" not in text and "http://" not in text and "https://" not in text
+        assert (
+            "class Chart" in text and "/* @" not in text and "http://" not in text and "https://" not in text
+        )
         sender = Sender("page", trip[:3000])
         sender.start()
         while sender.is_alive():
@@ -380,11 +437,15 @@ def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
         found = json.load(urllib.request.urlopen(f"{page.url}rows?from=0&events=0", timeout=10))
         count = len(found["columns"]["time"])
         assert 150 < count < 210 and found["next"] == count and len(found["answer"]) == 3
-        assert found["columns"]["cy_front"][-1] == pytest.approx(float(live.last["cy_front"]) * 120.0, rel=0.05)
+        assert found["columns"]["cy_front"][-1] == pytest.approx(
+            float(live.last["cy_front"]) * 120.0, rel=0.05
+        )
         rest = json.load(urllib.request.urlopen(f"{page.url}rows?from={count}&events=0", timeout=10))
         assert rest["columns"]["time"] == [] and rest["begin"] == 0
         with pytest.raises(urllib.error.HTTPError, match="403"):
-            urllib.request.urlopen(urllib.request.Request(page.url, headers={"Host": "evil.example"}), timeout=10)
+            urllib.request.urlopen(
+                urllib.request.Request(page.url, headers={"Host": "evil.example"}), timeout=10
+            )
     finally:
         page.close()
         live.close()
@@ -400,7 +461,7 @@ def test_a_disk_that_is_full_is_a_sentence_and_it_goes_on(folder, trip, tmp_path
         def close(self):
             pass
 
-    monkeypatch.setattr("tse.impl.live.drive.open", lambda *a, **k: Full(), raising=False)
+    monkeypatch.setattr("tse.streaming.drive.open", lambda *a, **k: Full(), raising=False)
     sender = Sender("full", trip[:3000])
     driven(live, sender, 1.5)
     monkeypatch.undo()

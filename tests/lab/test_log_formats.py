@@ -15,17 +15,18 @@ import pytest
 from conftest import RAN, tselab, tselab_here
 from log_formats import DEG, FORMATS, LATENCY, RATIO, drive, messages, write_bus, write_mf4_bus, written
 from log_formats import RADIUS as RADII
-from tse.impl.core import STIFFNESS
-from tse.impl.errors import UserError
-from tse.impl.logs import physics, recording
-from tse.impl.logs.log import read_log
-from tse.impl.logs.look import _sign_bit
-from tse.impl.logs.proposal import propose
-from tse.impl.logs.readers import read_recording, reader_of
-from tse.impl.logs.recording import Channel, Recording
-from tse.impl.logs.signals import read_signals
-from tse.impl.rows import Reading
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.channels import physics
+from tse.channels.log import read_log
+from tse.channels.look import _sign_bit
+from tse.channels.proposal import propose
+from tse.channels.signals import read_signals
+from tse.library.core import STIFFNESS
+from tse.library.errors import UserError
+from tse.log.rows import Reading
+from tse.readers import recording
+from tse.readers.readers import read_recording, reader_of
+from tse.readers.recording import Channel, Recording
 
 TOLERANCE = 0.01  # of the estimate from the clean CSV
 LAST = 1000  # rows over which estimates are compared
@@ -56,7 +57,9 @@ def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean
     np.testing.assert_allclose(found / wanted, 1.0, atol=TOLERANCE)
 
 
-@pytest.mark.parametrize("name", ["ROS 1 bag", "MCAP, ROS 2", "BLF and DBC", "ASC and DBC", "TRC and DBC", "MF4"])
+@pytest.mark.parametrize(
+    "name", ["ROS 1 bag", "MCAP, ROS 2", "BLF and DBC", "ASC and DBC", "TRC and DBC", "MF4"]
+)
 def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
     """A recorder without power, a copy that broke off."""
     table, car, _ = clean
@@ -69,8 +72,12 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
         return
     log = read_log(path, reading=how)
     assert 0.3 * len(table) < len(log) < 0.7 * len(table)
-    assert any("damaged" in n or "its end is missing" in n or "end of the file" in n or "cut" in n for n in log.notes), log.notes
-    np.testing.assert_allclose(np.nanmean(log.data["yaw_rate"]), np.mean(table.yaw_rate[: len(log)]), atol=0.01)
+    assert any(
+        "damaged" in n or "its end is missing" in n or "end of the file" in n or "cut" in n for n in log.notes
+    ), log.notes
+    np.testing.assert_allclose(
+        np.nanmean(log.data["yaw_rate"]), np.mean(table.yaw_rate[: len(log)]), atol=0.01
+    )
 
 
 def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
@@ -119,7 +126,9 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
     late = proposed.signals["wheel_speed_rear"].latency
     assert late == pytest.approx(LATENCY["wheels"] - LATENCY["imu"], abs=0.005)
     np.testing.assert_allclose(
-        estimates(path, car, tmp_path)[["cy_front", "cy_rear"]] / wanted[["cy_front", "cy_rear"]], 1.0, atol=0.1
+        estimates(path, car, tmp_path)[["cy_front", "cy_rear"]] / wanted[["cy_front", "cy_rear"]],
+        1.0,
+        atol=0.1,
     )
 
 
@@ -131,9 +140,15 @@ def test_signals_lists_what_a_log_holds(clean, tmp_path):
     signals = {s["name"]: s for s in found["signals"]}
     assert done.code == 0 and len(signals) == 8
     wheel = signals["RadVL"]
-    assert wheel["rate"] == pytest.approx(50, rel=0.02) and wheel["used"] == "wheel_speed_front" and wheel["missing"] > 0.4
+    assert (
+        wheel["rate"] == pytest.approx(50, rel=0.02)
+        and wheel["used"] == "wheel_speed_front"
+        and wheel["missing"] > 0.4
+    )
     assert signals["Gierrate"]["rate"] == pytest.approx(100, rel=0.02)
-    assert signals["LenkradWinkel"]["high"] == pytest.approx(DEG * RATIO * table.steer_angle[::5].max(), rel=1e-6)
+    assert signals["LenkradWinkel"]["high"] == pytest.approx(
+        DEG * RATIO * table.steer_angle[::5].max(), rel=1e-6
+    )
     assert found["proposal"]["yaw_rate"]["figures"] and found["proposal"]["yaw_rate"]["unit"] == "deg/s"
 
 
@@ -147,7 +162,7 @@ def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
             raise ModuleNotFoundError(name, name="asammdf")
         return real(name, *args, **kw)
 
-    monkeypatch.setattr("tse.impl.logs.recording.importlib.import_module", without)
+    monkeypatch.setattr("tse.readers.recording.importlib.import_module", without)
     done = tselab_here("signals", path)
     assert done.code == 2 and "pip install 'tse[mf4]'" in done.err and "scripts/setup.sh logs" in done.err
 
@@ -170,7 +185,11 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
     (tmp_path / "a.rlog").write_bytes(raw)
     found = read_recording(tmp_path / "a.rlog")
     c = found.channels["carState.wheelSpeeds.fl"]
-    assert len(c) == 300 and c.value[-1] == pytest.approx(22.99, rel=1e-5) and np.diff(c.time) == pytest.approx(0.01, abs=1e-6)
+    assert (
+        len(c) == 300
+        and c.value[-1] == pytest.approx(22.99, rel=1e-5)
+        and np.diff(c.time) == pytest.approx(0.01, abs=1e-6)
+    )
 
 
 @pytest.mark.parametrize("command", ["calibrate", "gap check"])
@@ -205,7 +224,9 @@ def bends(tmp_path_factory):
 def log_of(time: np.ndarray, **columns: object) -> Recording:
     """A recording of columns: values, or (values, unit)."""
     parts = {n.replace("__", "."): x if isinstance(x, tuple) else (x, "") for n, x in columns.items()}
-    return Recording(Path("log"), "made", {n: Channel(n, time, np.asarray(v, float), u) for n, (v, u) in parts.items()})
+    return Recording(
+        Path("log"), "made", {n: Channel(n, time, np.asarray(v, float), u) for n, (v, u) in parts.items()}
+    )
 
 
 def without_wheels(bends) -> dict[str, object]:
@@ -225,7 +246,11 @@ def test_without_wheels_the_speed_stands_for_an_axle_and_says_so(bends):
     assert {g.channel: g.name for g in found.guesses} == {
         "steer_angle": ("df",), "wheel_speed_rear": ("vx",), "accel_x": ("a_long",),
         "accel_y": ("a_lat",), "yaw_rate": ("wz",)}  # fmt: skip
-    assert (found["wheel_speed_rear"].unit, found["steer_angle"].unit, found["steer_angle"].ratio) == ("m/s", "rad", None)
+    assert (found["wheel_speed_rear"].unit, found["steer_angle"].unit, found["steer_angle"].ratio) == (
+        "m/s",
+        "rad",
+        None,
+    )
     assert "slip and longitudinal stiffness are not known" in " ".join(found["wheel_speed_rear"].figures)
 
 
@@ -255,10 +280,15 @@ def test_a_measured_quantity_may_be_called_status(bends):
     named = {"vehicle_speed_status": 3.6 * RADIUS * bends.wheel_speed_rear, "steer_angle_status": bends.steer_angle * 57.3 * RATIO,
              "yaw_rate_status": bends.yaw_rate}  # fmt: skip
     found = propose(log_of(bends.time.to_numpy(), **named))
-    assert found["steer_angle"].name == ("steer_angle_status",) and found["yaw_rate"].name == ("yaw_rate_status",)
+    assert found["steer_angle"].name == ("steer_angle_status",) and found["yaw_rate"].name == (
+        "yaw_rate_status",
+    )
     assert found["wheel_speed_rear"].unit == "km/h"
     flags = {n: np.arange(len(bends)) // 100 % 3 for n in ("steer_angle_status", "yaw_rate_status")}
-    assert propose(log_of(bends.time.to_numpy(), vehicle_speed=bends.wheel_speed_rear, **flags))["yaw_rate"] is None
+    assert (
+        propose(log_of(bends.time.to_numpy(), vehicle_speed=bends.wheel_speed_rear, **flags))["yaw_rate"]
+        is None
+    )
 
 
 def test_the_four_pressures_of_the_tyres_are_no_wheel_speeds(bends):
@@ -306,7 +336,9 @@ def test_buses_and_kinds_of_identifiers_are_kept_apart(name, tmp_path):
     log = read_recording(tmp_path / name)
     assert {n: (c.value == k * 10 + np.arange(50)).all() for k, n in ((0, "M.speed#2"), (1, "M.speed"), (2, "E.angle"))
             for c in [log.channels[n]]} == {"M.speed#2": True, "M.speed": True, "E.angle": True}  # fmt: skip
-    assert len(log.channels) == 3 and any("message M is there more than once" in n and "M.speed#2" in n for n in log.notes)
+    assert len(log.channels) == 3 and any(
+        "message M is there more than once" in n and "M.speed#2" in n for n in log.notes
+    )
 
 
 @pytest.mark.parametrize("name", ["drive.candump", "drive.txt", "drive.log"])
@@ -326,7 +358,11 @@ def test_a_decimal_comma_that_comes_late_is_one(tmp_path):
     """The car stands at first: whole numbers."""
     rows = [f"{i};{'0' if i < 500 else f'{i},5'}" for i in range(600)]
     (tmp_path / "drive.csv").write_text("time;speed\n" + "\n".join(rows) + "\n")
-    assert read_recording(tmp_path / "drive.csv").channels["speed"].value[[499, 500, 599]].tolist() == [0, 500.5, 599.5]
+    assert read_recording(tmp_path / "drive.csv").channels["speed"].value[[499, 500, 599]].tolist() == [
+        0,
+        500.5,
+        599.5,
+    ]
 
 
 def test_a_database_of_frames_is_no_bag(tmp_path):
@@ -399,7 +435,10 @@ def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_p
         patch.setattr(recording, "LEAST_ROWS", 49999)
         done = tselab_here("signals", tmp_path / "t.parquet")
     assert size < 1e5
-    assert done.code == 2 and "the table has 50,000 rows; of a file of its size up to 49,999 are read" in done.err
+    assert (
+        done.code == 2
+        and "the table has 50,000 rows; of a file of its size up to 49,999 are read" in done.err
+    )
     assert "cut it into drives" in done.err
 
 
@@ -424,7 +463,10 @@ def test_real_log_gives_finite_positive_plausible_stiffness(name, average, tmp_p
         done = tselab_here("estimate", "--verbose", folder / "data.csv", "--vehicle", folder / "vehicle.toml", "--report", "r.html",
                            "--no-calibrate", *options, cwd=tmp_path)  # fmt: skip
         assert done.code in RAN, done.err
-        assert "filled in: cornering_stiffness_front" in done.out and "filled in: [uncertainty] mass_sd" in done.out
+        assert (
+            "filled in: cornering_stiffness_front" in done.out
+            and "filled in: [uncertainty] mass_sd" in done.out
+        )
         est = pd.read_csv(tmp_path / "data.est.csv")
         assert len(est) == ROWS[name][average]
         numbers = est.select_dtypes("number")

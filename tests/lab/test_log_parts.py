@@ -9,17 +9,18 @@ import pytest
 
 from conftest import tselab
 from log_formats import FORMATS, drive, messages, written
-from tse.impl import estimate, rows
-from tse.impl.clock import BRIDGED, straight
-from tse.impl.core import Config, library
-from tse.impl.errors import UserError
-from tse.impl.logs import raster
-from tse.impl.logs.log import read_log
-from tse.impl.logs.mapping import Series
-from tse.impl.logs.raster import entries, on_raster, rate_of, resample
-from tse.impl.logs.recording import Growing
-from tse.impl.rows import Reading
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.channels import raster
+from tse.channels.log import read_log
+from tse.channels.mapping import Series
+from tse.channels.raster import entries, on_raster, rate_of, resample
+from tse.estimation import estimate
+from tse.library.core import Config, library
+from tse.library.errors import UserError
+from tse.log import rows
+from tse.log.clock import BRIDGED, straight
+from tse.log.rows import Reading
+from tse.readers.recording import Growing
 
 
 def lines_of(drive, count: int = 450) -> list[str]:
@@ -44,7 +45,10 @@ def test_a_cell_that_is_no_number_is_named_wherever_it_is(drive, tmp_path, row):
     lines = lines_of(drive)
     lines[row + 1] = lines[row + 1].replace(",", ",oops,", 1).rsplit(",", 1)[0]
     log = read(tmp_path, lines)
-    assert f"steer_angle: a cell that is no number is treated as missing (first in line {row + 2}: 'oops')" in log.notes
+    assert (
+        f"steer_angle: a cell that is no number is treated as missing (first in line {row + 2}: 'oops')"
+        in log.notes
+    )
     assert list(np.flatnonzero(log.data["steer_angle"].isna())) == [row]
 
 
@@ -75,7 +79,9 @@ def test_a_column_of_wrong_cells_is_refused_with_the_first(drive, tmp_path):
 def test_a_row_with_too_many_cells_is_refused_wherever_it_is(drive, tmp_path, row):
     lines = lines_of(drive)
     lines[row] += ",1,2"
-    with pytest.raises(UserError, match=f"not a well-formed CSV: Expected 13 fields in line {row + 1}, saw 15"):
+    with pytest.raises(
+        UserError, match=f"not a well-formed CSV: Expected 13 fields in line {row + 1}, saw 15"
+    ):
         read(tmp_path, lines)
 
 
@@ -102,7 +108,13 @@ def four_wheels(folder, **columns):
     turn = 0.4 * np.sin(t)
     middle = {"wheel_speed_front": 60.0 + t, "wheel_speed_rear": 60.2 + t}
     half = 0.5 * TRACK / RADIUS * turn
-    table = {"time": t, "steer_angle": 0.05 * turn, "accel_x": 0 * t, "accel_y": 18 * turn + 0.2 * np.cos(t), "yaw_rate": turn}
+    table = {
+        "time": t,
+        "steer_angle": 0.05 * turn,
+        "accel_x": 0 * t,
+        "accel_y": 18 * turn + 0.2 * np.cos(t),
+        "yaw_rate": turn,
+    }
     for axle, speed in middle.items():
         table |= {f"{axle}_left": speed - half, f"{axle}_right": speed + half}
     path = folder / "four.csv"
@@ -128,7 +140,10 @@ def test_a_wheel_that_is_missing_is_made_up_for_by_the_other_and_the_turn(tmp_pa
     log = read_log(path)
     expected = np.where(np.arange(400) == 200, np.nan, middle["wheel_speed_front"])
     np.testing.assert_allclose(log.data["wheel_speed_front"], expected, atol=1e-9)
-    assert "wheel_speed_front: one of both wheels is missing in 70 rows: taken from the other and the yaw rate" in log.notes
+    assert (
+        "wheel_speed_front: one of both wheels is missing in 70 rows: taken from the other and the yaw rate"
+        in log.notes
+    )
 
 
 def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_path):
@@ -136,7 +151,10 @@ def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_
     np.testing.assert_allclose(read_log(path).data["wheel_speed_rear"], 50.0)
     table = pd.read_csv(path).drop(columns="wheel_speed_front_right")
     table.to_csv(path, index=False)
-    with pytest.raises(UserError, match=r"column wheel_speed_front is missing in the header .* left and right wheel may stand"):
+    with pytest.raises(
+        UserError,
+        match=r"column wheel_speed_front is missing in the header .* left and right wheel may stand",
+    ):
         read_log(path)
 
 
@@ -145,14 +163,19 @@ def test_a_wheel_out_of_range_is_missing_and_named_with_its_side(tmp_path):
     wrong[7] = 900.0
     path, *_ = four_wheels(tmp_path, wheel_speed_rear_right=wrong)
     log = read_log(path)
-    assert "wheel_speed_rear_right: 1 values outside -400 .. 400 rad/s are treated as missing (first in line 9)" in log.notes
+    assert (
+        "wheel_speed_rear_right: 1 values outside -400 .. 400 rad/s are treated as missing (first in line 9)"
+        in log.notes
+    )
     assert log.data["wheel_speed_rear"].notna().all()  # the other wheel stands in
 
 
 # ---- very long logs, here those of more than a few rows
 
 
-def test_of_a_very_long_log_a_part_of_the_rows_is_kept_for_the_verdict_and_all_are_counted(drive, monkeypatch):
+def test_of_a_very_long_log_a_part_of_the_rows_is_kept_for_the_verdict_and_all_are_counted(
+    drive, monkeypatch
+):
     log = read_log(drive.log)
     config = Config.exact(read_vehicle(drive.vehicle).values)
     whole = estimate.estimate_to(None, log, config)
@@ -204,9 +227,9 @@ def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_
 
 def in_small_pieces(monkeypatch) -> None:
     """Everything as of a log that is a hundred times as long."""
-    for name in ("raster", "read_can", "read_mdf", "read_text"):
-        monkeypatch.setattr(f"tse.impl.logs.{name}.PIECE", SMALL)
-    monkeypatch.setattr("tse.impl.logs.read_mat.MOST_AT_ONCE", 0)
+    for name in ("channels.raster", "readers.read_can", "readers.read_mdf", "readers.read_text"):
+        monkeypatch.setattr(f"tse.{name}.PIECE", SMALL)
+    monkeypatch.setattr("tse.readers.read_mat.MOST_AT_ONCE", 0)
 
 
 def test_a_spline_in_pieces_has_the_same_bits(monkeypatch):
@@ -243,7 +266,9 @@ def test_what_is_above_the_new_rate_does_not_come_down_as_something_slow():
     assert np.std(taken - np.sin(2 * np.pi * 2 * time)) > 0.5
 
 
-@pytest.mark.parametrize(("rate", "hz", "share"), [(10, 1, 0.01), (20, 2, 0.01), (50, 5, 0.01), (100, 10, 0.01)])
+@pytest.mark.parametrize(
+    ("rate", "hz", "share"), [(10, 1, 0.01), (20, 2, 0.01), (50, 5, 0.01), (100, 10, 0.01)]
+)
 def test_a_slow_channel_in_between_is_what_it_was(rate, hz, share):
     t = np.arange(0, 20, 1 / rate)
     time = np.arange(1.0, 19.0, 0.01)
@@ -280,7 +305,13 @@ def test_a_value_that_stands_still_is_no_hole():
 
 def table(**late: float) -> dict[str, Series]:
     """Channels of three rates, of which one has a gap."""
-    rates = {"steer_angle": 20, "wheel_speed_front": 50, "wheel_speed_rear": 50, "yaw_rate": 100, "accel_y": 100}
+    rates = {
+        "steer_angle": 20,
+        "wheel_speed_front": 50,
+        "wheel_speed_rear": 50,
+        "yaw_rate": 100,
+        "accel_y": 100,
+    }
     found = {}
     for name, rate in rates.items():
         t = np.arange(0, 30, 1 / rate)
@@ -301,7 +332,8 @@ def test_gaps_stay_gaps_and_only_of_the_channel_that_has_them():
 
 def test_a_gap_of_all_channels_is_no_rows():
     all_gone = {
-        n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)]) for n, s in table().items()
+        n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)])
+        for n, s in table().items()
     }
     rows = on_raster(all_gone, None)
     assert np.diff(rows.time).max() == pytest.approx(4.0, abs=0.15) and (np.diff(rows.time) > 0.02).sum() == 1
@@ -309,7 +341,10 @@ def test_a_gap_of_all_channels_is_no_rows():
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_channels_of_one_entry_are_a_row_and_of_none_no_row(count):
-    found = {n: Series(n, s.time[:count] + 1e-3 * k, s.value[:count], 0.01) for k, (n, s) in enumerate(table().items())}
+    found = {
+        n: Series(n, s.time[:count] + 1e-3 * k, s.value[:count], 0.01)
+        for k, (n, s) in enumerate(table().items())
+    }
     rows = on_raster(found, None)
     assert len(rows.time) == count
     assert {n: x.tolist() for n, x in rows.value.items()} == {n: s.value.tolist() for n, s in found.items()}
@@ -325,7 +360,9 @@ def test_any_rate(rate):
 
 def test_an_even_table_is_left_as_it_is():
     t = np.arange(0, 10, 0.02)
-    x = {n: Series(n, t, np.random.default_rng(1).standard_normal(len(t))) for n in ("steer_angle", "yaw_rate")}
+    x = {
+        n: Series(n, t, np.random.default_rng(1).standard_normal(len(t))) for n in ("steer_angle", "yaw_rate")
+    }
     rows = on_raster(x, None)
     assert rows.time is t and rows.value["yaw_rate"] is x["yaw_rate"].value and rows.rate == pytest.approx(50)
 

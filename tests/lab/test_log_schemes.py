@@ -10,12 +10,12 @@ import pytest
 
 from conftest import tselab_here
 from tests.cars.logs import make_logs
-from tse.impl.logs.log import read_log
-from tse.impl.logs.proposal import Proposal, propose
-from tse.impl.logs.recording import Channel, Recording
-from tse.impl.rows import Reading
-from tse.impl.units import factor
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.channels.log import read_log
+from tse.channels.proposal import Proposal, propose
+from tse.log.rows import Reading
+from tse.log.units import factor
+from tse.readers.recording import Channel, Recording
 
 DEG, G = 180 / np.pi, 9.80665
 STEER = ["SteeringWheelAngle", "Steering_Wheel_Angle", "StrgWhlAng", "SWA", "LWI_Lenkradwinkel", "LRW", "Lenkradwinkel",
@@ -92,11 +92,20 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
         names[channel] = (full,)
         sign[channel], si[channel] = way, per
 
-    flip = 1.0 if rng.random() < 0.7 else -1.0  # a maker who has right positive has it in all of the lateral ones, mostly
+    flip = (
+        1.0 if rng.random() < 0.7 else -1.0
+    )  # a maker who has right positive has it in all of the lateral ones, mostly
     n = len(clean)
     deg = rng.random() < 0.8
     way = flip if rng.random() < 0.9 else -flip
-    put("steer_angle", pick(STEER), clean.steer_angle.to_numpy() * ratio, "deg" if deg else "rad", 1 / DEG if deg else 1.0, way)
+    put(
+        "steer_angle",
+        pick(STEER),
+        clean.steer_angle.to_numpy() * ratio,
+        "deg" if deg else "rad",
+        1 / DEG if deg else 1.0,
+        way,
+    )
     deg = rng.random() < 0.6
     put("yaw_rate", pick([y for y in YAW if deg or not y.endswith("dps")]), clean.yaw_rate.to_numpy(), pick(["deg/s",
     "°/s"]) if deg else "rad/s",
@@ -104,8 +113,19 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
     in_g = rng.random() < 0.35
     at = int(rng.integers(len(AY)))
     for channel, name, x in (("accel_y", AY[at], clean.accel_y), ("accel_x", AX[at], clean.accel_x)):
-        way = (flip if rng.random() < 0.9 else -flip) if channel == "accel_y" else (1.0 if rng.random() < 0.9 else -1.0)
-        put(channel, name, x.to_numpy(), "g" if in_g else pick(["m/s2", "m/s^2", "m/s²"]), G if in_g else 1.0, way)
+        way = (
+            (flip if rng.random() < 0.9 else -flip)
+            if channel == "accel_y"
+            else (1.0 if rng.random() < 0.9 else -1.0)
+        )
+        put(
+            channel,
+            name,
+            x.to_numpy(),
+            "g" if in_g else pick(["m/s2", "m/s^2", "m/s²"]),
+            G if in_g else 1.0,
+            way,
+        )
     before, places, after = pick(WHEELS)
     unit, per = (("rpm", np.pi / 30 * radius) if "rpm" in after or "zahl" in before else ("km/h", 1 / 3.6) if "kmh" in after else
                  pick([("km/h", 1 / 3.6), ("km/h", 1 / 3.6), ("rad/s", radius), ("m/s", 1.0), ("rpm",
@@ -113,7 +133,10 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
     for axle, sides in (("front", places[:2]), ("rear", places[2:])):
         mine = []
         for side, s in zip((-1, 1), sides, strict=True):
-            speed = clean[f"wheel_speed_{axle}"].to_numpy() * radius + side * 0.5 * track * clean.yaw_rate.to_numpy()
+            speed = (
+                clean[f"wheel_speed_{axle}"].to_numpy() * radius
+                + side * 0.5 * track * clean.yaw_rate.to_numpy()
+            )
             full = f"{prefix}{before}{s}{after}"
             columns[full], units[full] = speed / per, unit if told else ""
             mine.append(full)
@@ -162,7 +185,9 @@ def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
             continue
         if len(names) == 2 and g.name != names:
             found.append(f"{channel}: left and right")
-        wanted = {"steer_angle": "rad", "yaw_rate": "rad/s"}.get(channel, "m/s2" if "accel" in channel else "rad/s")
+        wanted = {"steer_angle": "rad", "yaw_rate": "rad/s"}.get(
+            channel, "m/s2" if "accel" in channel else "rad/s"
+        )
         per = factor(g.unit, wanted, radius)
         true = scheme.si[channel] / (radius if "wheel" in channel else 1.0)
         if per is None or abs(per / true - 1) > 0.01:
@@ -193,7 +218,9 @@ def test_the_right_mapping_in_19_of_20_fresh_schemes(clean):
     found = {}
     for seed in FRESH:
         scheme = draw(seed, clean, RADIUS, TRACK, RATIO)
-        channels = {n: Channel(n, clean.time.to_numpy(), x, scheme.units[n]) for n, x in scheme.columns.items()}
+        channels = {
+            n: Channel(n, clean.time.to_numpy(), x, scheme.units[n]) for n, x in scheme.columns.items()
+        }
         found[seed] = wrong(scheme, propose(Recording(Path("log"), "drawn", channels)), RADIUS)
     bad = {seed: w for seed, w in found.items() if w}
     assert len(FRESH) - len(bad) >= RIGHT, bad
@@ -218,8 +245,13 @@ def drive() -> pd.DataFrame:
     return log
 
 
-def proposed(time: pd.Series, columns: dict[str, np.ndarray], units: dict[str, str] | None = None) -> Proposal:
-    made = {n: Channel(n, time.to_numpy(), np.asarray(x, float), (units or {}).get(n, "")) for n, x in columns.items()}
+def proposed(
+    time: pd.Series, columns: dict[str, np.ndarray], units: dict[str, str] | None = None
+) -> Proposal:
+    made = {
+        n: Channel(n, time.to_numpy(), np.asarray(x, float), (units or {}).get(n, ""))
+        for n, x in columns.items()
+    }
     return propose(Recording(Path("log"), "drawn", made))
 
 
@@ -234,22 +266,33 @@ def named(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
-    mph = {s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694 for s in ("rear_right", "front_left", "rear_left", "front_right")}
+    mph = {
+        s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694
+        for s in ("rear_right", "front_left", "rear_left", "front_right")
+    }
     noise = np.random.default_rng(0).normal(size=len(drive))
     columns = [noise, -drive.accel_y, mph["rear_right"], mph["front_left"], drive.yaw_rate * DEG, mph["rear_left"],
                drive.steer_angle * DEG * GEAR, mph["front_right"], drive.accel_x]  # fmt: skip
     found = proposed(drive.time, {f"ch{i:02d}": x for i, x in enumerate(columns)})
-    assert found["yaw_rate"].name == ("ch04",) and found["yaw_rate"].unit == "deg/s" and found["yaw_rate"].sign == 1
+    assert (
+        found["yaw_rate"].name == ("ch04",)
+        and found["yaw_rate"].unit == "deg/s"
+        and found["yaw_rate"].sign == 1
+    )
     assert found["accel_y"].name == ("ch01",) and found["accel_y"].sign == -1
     assert found["steer_angle"].name == ("ch06",) and found["accel_x"].name == ("ch08",)
-    assert found["wheel_speed_front"].name[0] == "ch03" and found["wheel_speed_rear"].name[0] == "ch05"  # left ones
+    assert (
+        found["wheel_speed_front"].name[0] == "ch03" and found["wheel_speed_rear"].name[0] == "ch05"
+    )  # left ones
     assert found["wheel_speed_front"].unit == found["wheel_speed_rear"].unit == "mph"
     for c in ("wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"):
         assert found[c].unsure and found[c].confidence != "sure", c
 
 
 def test_what_the_log_cannot_test_is_unsure(drive):
-    straight = drive.iloc[:400].assign(yaw_rate=1e-4 * np.random.default_rng(1).normal(size=400), steer_angle=0.05)
+    straight = drive.iloc[:400].assign(
+        yaw_rate=1e-4 * np.random.default_rng(1).normal(size=400), steer_angle=0.05
+    )
     noise = np.random.default_rng(2).normal(size=(4, 400))
     wheels = {f"whl_{p}_kmh": 60.0 + 0.01 * x for p, x in zip(("fl", "fr", "rl", "rr"), noise, strict=True)}
     found = proposed(straight.time, {**named(straight), **wheels, "accel_y": straight.accel_y})
@@ -267,7 +310,10 @@ def test_a_unit_is_what_its_spelling_means(unit, si, per):
 
 
 def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
-    found = proposed(drive.time[:500], {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)})
+    found = proposed(
+        drive.time[:500],
+        {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)},
+    )
     assert found["yaw_rate"].unit == "deg/s" and found["yaw_rate"].confidence == "unsure"
 
 
@@ -280,7 +326,10 @@ def test_the_unit_of_an_angle_that_cannot_be_tested_is_by_its_size(drive):
 @pytest.mark.parametrize("turned", [25.0, -15.0, 0.0])
 def test_an_imu_that_is_mounted_turned_is_said_with_its_angle(drive, turned):
     c, s = np.cos(turned / DEG), np.sin(turned / DEG)
-    more = {"accel_x": c * drive.accel_x + s * drive.accel_y, "accel_y": c * drive.accel_y - s * drive.accel_x}
+    more = {
+        "accel_x": c * drive.accel_x + s * drive.accel_y,
+        "accel_y": c * drive.accel_y - s * drive.accel_x,
+    }
     said = [w for w in proposed(drive.time, named(drive, **more)).warnings if "mounted turned" in w]
     if turned:
         angle = float(said[0].split("turned by ")[1].split()[0])
@@ -295,7 +344,9 @@ def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
                  "whl_rr_kmh": log["whl_rl_kmh"]}  # fmt: skip
     found = proposed(drive.time, exchanged)
     assert any("left and right wheels are exchanged" in w for w in found.warnings)
-    assert all(found[c].confidence == "likely" and found[c].unsure for c in ("steer_angle", "accel_y", "yaw_rate"))
+    assert all(
+        found[c].confidence == "likely" and found[c].unsure for c in ("steer_angle", "accel_y", "yaw_rate")
+    )
     right = proposed(drive.time, log)
     assert not any("exchanged" in w for w in right.warnings) and right["steer_angle"].confidence == "sure"
 
@@ -318,7 +369,9 @@ def test_flags_counters_and_numbers_for_no_value(drive):
     steer = found["steer_angle"]
     assert steer.name == ("LWI.LWI_Lenkradwinkel",) and steer.confidence == "sure"
     assert steer.valid == ("LWI.LWI_QBit_Lenkradwinkel", 0.0) and steer.counter == ("LWI.LWI_BZ", 16)
-    assert found["yaw_rate"].name == ("ESP.Gierrate",) and any("163.8" in f for f in found["yaw_rate"].figures)
+    assert found["yaw_rate"].name == ("ESP.Gierrate",) and any(
+        "163.8" in f for f in found["yaw_rate"].figures
+    )
     assert found["yaw_rate"].valid is None and found["yaw_rate"].counter is None
 
 
@@ -326,7 +379,11 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     """Toyota's: 1.5 degrees and a fraction in 0.1."""
     angle = drive.steer_angle * DEG * GEAR
     coarse = np.round(angle / 1.5) * 1.5
-    log = {**named(drive), "steering_wheel_angle_deg": coarse, "steer_fraction": np.round((angle - coarse) / 0.1) * 0.1}
+    log = {
+        **named(drive),
+        "steering_wheel_angle_deg": coarse,
+        "steer_fraction": np.round((angle - coarse) / 0.1) * 0.1,
+    }
     found = proposed(drive.time, log)["steer_angle"]
     assert found.add == "steer_fraction"
     pd.DataFrame({"time": drive.time, **log}).to_csv(tmp_path / "log.csv", index=False)

@@ -15,8 +15,8 @@ import pytest
 from scipy import stats
 
 from conftest import COMMAND, tselab, tselab_here
-from tse.impl.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
-from tse.impl.errors import UserError
+from tse.library.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
+from tse.library.errors import UserError
 from tselab.montecarlo import STUDIES, engine, estimators, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.pictures import write
@@ -45,7 +45,9 @@ def test_running_mean_is_the_mean_at_first_and_fades_later():
 
 
 def test_longest_run_is_counted():
-    assert scores.longest(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3 and scores.longest(np.zeros(4, bool)) == 0
+    assert (
+        scores.longest(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3 and scores.longest(np.zeros(4, bool)) == 0
+    )
 
 
 def test_interval_of_a_share_is_clopper_pearson():
@@ -110,7 +112,9 @@ def at_rest(rows: int, names: np.dtype, event: float) -> tuple[Drive, Case, scor
     inputs["dt"] = STEP
     config, no = Config.exact({"sample_time": STEP}), np.zeros(rows, bool)
     d = Drive(time_, inputs, truth, np.ones(rows), no, {}, config, config, SimConfig())
-    known = scores.Knowable(np.full((rows, 3), 0.01), d.stiffness, no.copy(), no.copy(), time_ >= 10, config.valid_sd)
+    known = scores.Knowable(
+        np.full((rows, 3), 0.01), d.stiffness, no.copy(), no.copy(), time_ >= 10, config.valid_sd
+    )
     return d, Case("still", "", None, events=(event,)), known, estimate
 
 
@@ -137,7 +141,9 @@ def test_a_right_estimate_scores_nothing(still):
         for n in (0, 1):
             assert row[f"{key}_settle_{n}"] == row[f"{key}_stay_{n}"] == 0
         assert row[f"{key}_false_valid"] == 0 and row[f"{key}_false_valid_of"] == ROWS - 50  # from 5 s on
-        assert row[f"{key}_false_invalid"] == 0 and row[f"{key}_false_invalid_of"] == ROWS - 100  # from 10 s on
+        assert (
+            row[f"{key}_false_invalid"] == 0 and row[f"{key}_false_invalid_of"] == ROWS - 100
+        )  # from 10 s on
 
 
 def test_error_bias_and_coverage_are_those_of_the_window(still):
@@ -145,7 +151,9 @@ def test_error_bias_and_coverage_are_those_of_the_window(still):
     inside = (d.time >= 15) & (d.time <= 30)
     estimate["cy_front"][inside] = 0.8 * 1.03
     estimate["cy_front"][~inside] = 5.0
-    estimate["cy_rear"][inside] = np.where(np.arange(inside.sum()) % 2, 0.8 * 1.01, 0.8 * 0.97)  # 76 of 151 rows
+    estimate["cy_rear"][inside] = np.where(
+        np.arange(inside.sum()) % 2, 0.8 * 1.01, 0.8 * 0.97
+    )  # 76 of 151 rows
     row = scores.score(d, case, known, estimate)
     assert row["cy_front_mean_square"] == pytest.approx(9)
     assert row["cy_front_bias"] == pytest.approx(3)
@@ -159,7 +167,10 @@ def test_diverged_counts_only_what_could_be_known(still):
     wrong = (d.time > 30) & (d.time < 33.05)  # 30 rows, 3 s
     estimate["cx_front"][wrong] = 0.8 * 1.25
     row = scores.score(d, case, known, estimate)
-    assert row["diverged"] == row["cx_front_diverged"] == row["diverged_any"] == 1 and row["cy_rear_diverged"] == 0
+    assert (
+        row["diverged"] == row["cx_front_diverged"] == row["diverged_any"] == 1
+        and row["cy_rear_diverged"] == 0
+    )
     assert row["cx_front_worst"] == pytest.approx(25)
 
     dark = replace(known, best_sd=np.where(wrong[:, None], 1.0, known.best_sd))
@@ -192,7 +203,9 @@ def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
     assert (row["cx_front_false_valid"], row["cx_front_false_valid_of"]) == (50, ROWS - 50)
     assert (row["cy_front_false_invalid"], row["cy_front_false_invalid_of"]) == (35, ROWS - 100 - 15)
     assert (row["cy_front_corrupted_reported"], row["cy_front_corrupted_reported_of"]) == (5, 15)
-    estimate["status"][240:243] = library().status("TSE_W_MISSING_CHANNEL")  # valid by the others, and says so
+    estimate["status"][240:243] = library().status(
+        "TSE_W_MISSING_CHANNEL"
+    )  # valid by the others, and says so
     estimate["status"][243] = library().status("TSE_W_RECOVERED")
     again = scores.score(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
     assert again["cy_front_corrupted_reported"] == 8
@@ -203,7 +216,12 @@ def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
 
 def test_grey_is_neither_observable_nor_unobservable(still):
     known = still[2]
-    for sd, seen, unseen in ((0.049, True, False), (0.051, False, False), (0.199, False, False), (0.201, False, True)):
+    for sd, seen, unseen in (
+        (0.049, True, False),
+        (0.051, False, False),
+        (0.199, False, False),
+        (0.201, False, True),
+    ):
         at = replace(known, best_sd=np.full((ROWS, 3), sd), level=np.ones((ROWS, 3)))  # valid_sd is 0.1
         assert (at.observable == seen).all() and (at.unobservable == unseen).all(), sd
     # 0.045 of nominal is 15 % of a truth of 0.3: not clearly enough to tell 20 % by
@@ -219,7 +237,9 @@ def test_regressors_are_what_the_accelerometer_feels():
     x, y = c.accel_x_sd * phi[:, 0], c.accel_y_sd * phi[:, 1:].sum(axis=1)
     front_y = c.accel_y_sd * phi[:, 1]
     assert d.truth["true_accel_x"] == pytest.approx(x - front_y * steer, abs=1e-9)
-    assert d.truth["true_accel_y"] == pytest.approx(y + x * steer, abs=0.03)  # x holds the rear wheels' part, too
+    assert d.truth["true_accel_y"] == pytest.approx(
+        y + x * steer, abs=0.03
+    )  # x holds the rear wheels' part, too
     assert not use.any()
 
 
@@ -249,7 +269,9 @@ def test_a_corruption_of_each_length_and_nothing_else(kind):
     lengths = sorted((edges[1::2] - edges[::2]) * 0.01)
     assert lengths == pytest.approx(studies.LENGTHS, abs=0.011)
     assert (edges[2::2] - edges[1:-1:2]).min() * 0.01 > scores.SETTLE_AFTER + 2  # time to judge what it left
-    assert (rows["accel_y"] == clean["accel_y"]).all() and (rows["accel_x"][~hit] == clean["accel_x"][~hit]).all()
+    assert (rows["accel_y"] == clean["accel_y"]).all() and (
+        rows["accel_x"][~hit] == clean["accel_x"][~hit]
+    ).all()
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         part = rows["accel_x"][a:b]
         assert np.isnan(part).all() if kind == "dropout" else (part == clean["accel_x"][a - 1]).all()
@@ -273,7 +295,9 @@ def test_every_stress_case_can_be_driven_and_looks_at_rows_it_has():
         if case.name.startswith("stuck-") or case.name in ("highway", "stop-and-go"):
             continue  # as dropout-; long
         d = driven(case, 3)
-        assert np.isfinite([d.truth[n] for n in ("true_vel_x", "true_vel_y", "true_yaw_rate")]).all(), case.name
+        assert np.isfinite([d.truth[n] for n in ("true_vel_x", "true_vel_y", "true_yaw_rate")]).all(), (
+            case.name
+        )
         assert scores.inside(d.time, case.windows).any() and max((*case.events, 0)) < d.time[-1], case.name
         assert np.abs(d.truth["true_vel_y"]).max() < 3, case.name  # nobody spins
         known = scores.knowable(d, case)
@@ -310,11 +334,17 @@ def test_the_truth_of_tyres_that_saturate_is_their_secant():
     d = driven(replace(studies.NOMINAL, sim=quiet))
     phi, use = scores.regressors(d)
     c, rows = d.car, slice(1500, 3000)
-    force_y = (c.accel_y_sd * phi[:, 1:] * scores.grip(use)).sum(axis=1)  # no other stiffness explains what is felt
+    force_y = (c.accel_y_sd * phi[:, 1:] * scores.grip(use)).sum(
+        axis=1
+    )  # no other stiffness explains what is felt
     x = c.accel_x_sd * phi[:, 0] * scores.grip(use[:, 0])
-    assert d.truth["true_accel_y"][rows] == pytest.approx((force_y + x * d.truth["steer_angle"])[rows], abs=0.03)
+    assert d.truth["true_accel_y"][rows] == pytest.approx(
+        (force_y + x * d.truth["steer_angle"])[rows], abs=0.03
+    )
     level = scores.knowable(d, studies.NOMINAL).level[rows]
-    assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[:, 1].mean()  # drive and steering in front
+    assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[
+        :, 1
+    ].mean()  # drive and steering in front
     one = np.ones(len(use), bool)
     assert (scores.felt(d.stiffness, phi, 0 * use, one, 100.0) == d.stiffness).all()
     alone = np.zeros_like(use)
@@ -339,7 +369,11 @@ def test_what_a_case_is_about_wins_over_the_users_settings():
     assert (config.forgetting, config.particles, config.initial_cx_front) == (0.98, 64, 0.7)
     assert engine.configure("robust-100", p, about).particles == 100
     robust, printed = (engine.configure(name, p, about) for name in ("robust", "printed"))
-    assert (robust.form, printed.form) == (1, 1) and robust.forgetting_mean == 0.98 and printed.initial_vel_x == 22
+    assert (
+        (robust.form, printed.form) == (1, 1)
+        and robust.forgetting_mean == 0.98
+        and printed.initial_vel_x == 22
+    )
     with pytest.raises(UserError, match="no estimator 'nonsense'"):
         engine.configure("nonsense", p, about)
 
@@ -394,7 +428,9 @@ def test_runs_of_other_settings_or_code_are_not_taken_and_stay_for_their_own(tmp
     path = tmp_path / engine.RUNS
     path.write_text(path.read_text().replace('"seed": 2', '"seed": 3'))  # no sum fits this any more
     assert len(engine.read(path, p.units)) == 1
-    monkeypatch.setattr(engine, "run_unit", lambda unit, real=engine.run_unit: real(unit) if unit.seed == 2 else 1 / 0)
+    monkeypatch.setattr(
+        engine, "run_unit", lambda unit, real=engine.run_unit: real(unit) if unit.seed == 2 else 1 / 0
+    )
     assert numbers(engine.run(p, tmp_path)).equals(first)
     with pytest.raises(RuntimeError, match="case nominal, seed 1: ZeroDivisionError"):
         engine.run(p, tmp_path, restart=True)
@@ -410,11 +446,24 @@ def test_a_process_with_another_library_refuses():
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory) -> pd.DataFrame:
     """In one process."""
-    return numbers(engine.run(plan("stress", "nominal", "paper-prior", runs=2), tmp_path_factory.mktemp("alone")))
+    return numbers(
+        engine.run(plan("stress", "nominal", "paper-prior", runs=2), tmp_path_factory.mktemp("alone"))
+    )
 
 
 def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
-    done = tselab("montecarlo", "--study", "stress", "--cases", "nominal,paper-prior", "--runs", 2, "--jobs", 2, cwd=tmp_path)
+    done = tselab(
+        "montecarlo",
+        "--study",
+        "stress",
+        "--cases",
+        "nominal,paper-prior",
+        "--runs",
+        2,
+        "--jobs",
+        2,
+        cwd=tmp_path,
+    )
     assert done.code == 0, done.err
     out = tmp_path / "montecarlo-stress"
     table = pd.read_csv(out / "runs.csv")
@@ -426,11 +475,15 @@ def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
     lines = pd.read_csv(out / "stress.csv")
     low, high = stats.binomtest(int(lines["diverged"][0]), 2).proportion_ci(method="exact")
     assert (lines["diverged_low"][0], lines["diverged_high"][0]) == pytest.approx((100 * low, 100 * high))
-    assert lines["cx_front_rms"][0] == pytest.approx(np.sqrt(alone["cx_front_mean_square"][:2].mean()), rel=1e-6)
+    assert lines["cx_front_rms"][0] == pytest.approx(
+        np.sqrt(alone["cx_front_mean_square"][:2].mean()), rel=1e-6
+    )
 
 
 def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tse[cluster]'")
+    distributed = pytest.importorskip(
+        "distributed", reason="Dask is not installed: pip install 'tse[cluster]'"
+    )
     options = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, **options) as cluster:
         p = plan("stress", "nominal", "paper-prior", runs=2)
@@ -441,7 +494,10 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="no signals to a process")
 @pytest.mark.parametrize(
     ("send", "what"),
-    [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)],  # a terminal tells the workers, too; kill does not
+    [
+        (os.killpg, signal.SIGINT),
+        (os.kill, signal.SIGTERM),
+    ],  # a terminal tells the workers, too; kill does not
     ids=["ctrl-c", "kill"],
 )
 def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_path, send, what):
@@ -453,7 +509,9 @@ def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_p
         stdout=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a test run in the background ignores it
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # a test run in the background ignores it
     )
     path, end = tmp_path / "runs.jsonl", time.monotonic() + 60
     while time.monotonic() < end and not (path.exists() and path.read_text().count("\n") > 2):
@@ -488,7 +546,9 @@ def test_bad_options_are_refused_with_what_is_allowed(tmp_path, options, named):
 @pytest.mark.parametrize("address", ["nonsense://x", "tcp://127.0.0.1:9", "tcp://127.0.0.1", "?"])
 def test_a_scheduler_that_is_not_there_is_named(tmp_path, address):
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tse[cluster]'")
-    with pytest.raises(UserError, match="option --scheduler: no Dask scheduler answers at " + re.escape(address)):
+    with pytest.raises(
+        UserError, match="option --scheduler: no Dask scheduler answers at " + re.escape(address)
+    ):
         engine.run(plan("stress", "nominal"), tmp_path, scheduler=address)
 
 
@@ -548,7 +608,9 @@ def test_a_small_part_of_each_study(name, tmp_path):
     p = plan(name, *cases, runs=runs)
     rows = engine.run(p, tmp_path)
     text, files = write(p, rows, tmp_path)
-    assert {f.name for f in files} == {f"{name}.{end}" for end in ("csv", "md", *(["png"] if name == "paper" else []))}
+    assert {f.name for f in files} == {
+        f"{name}.{end}" for end in ("csv", "md", *(["png"] if name == "paper" else []))
+    }
     assert f"seeds 1 .. {runs}" in text if runs > 1 else "seed 1" in text
 
     lines = pd.read_csv(tmp_path / f"{name}.csv").set_index(["case", "estimator"])
@@ -566,7 +628,10 @@ def test_a_small_part_of_each_study(name, tmp_path):
 def _accuracy(lines, text):
     # along: radii, which are exact here, are known to 0.2 %, and a drive of seconds hardly finds them
     for name, limit in (("cx_front", 12.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
-        assert lines.loc["accuracy", "tse"][f"{name}_rms"] < limit and lines.loc["accuracy", "tse"][f"{name}_covered"] > 90
+        assert (
+            lines.loc["accuracy", "tse"][f"{name}_rms"] < limit
+            and lines.loc["accuracy", "tse"][f"{name}_covered"] > 90
+        )
 
 
 def _paper(lines, text):
@@ -600,7 +665,9 @@ def _peers(lines, text):
 
 
 def _stress(lines, text):
-    assert (lines["cy_rear_rms"] < 20).all() and lines.loc["mass-10", "tse"]["cy_front_bias"] > 5  # C/m is what is seen
+    assert (lines["cy_rear_rms"] < 20).all() and lines.loc["mass-10", "tse"][
+        "cy_front_bias"
+    ] > 5  # C/m is what is seen
     assert lines.loc["road-0.3", "tse"]["cy_front_settle_2"] < 20
 
 

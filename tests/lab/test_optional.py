@@ -12,20 +12,20 @@ import tse
 from conftest import simulated
 from tests.cars import make_logs
 from tests.cars.logs import PEDALS
-from tse.impl.config import make_config
-from tse.impl.core import Filter, library
-from tse.impl.errors import UserError
-from tse.impl.estimate import estimate
-from tse.impl.identify.data import prepare
-from tse.impl.logs.agree import check_units
-from tse.impl.logs.log import read_frame, read_log
-from tse.impl.logs.proposal import propose, toml_text
-from tse.impl.logs.raster import _nearest
-from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import How
-from tse.impl.logs.signals import read_signals
-from tse.impl.rows import MEASURES, Log, Reading, average
-from tse.impl.vehicle import Vehicle, make_vehicle, read_vehicle
+from tse.car.config import make_config
+from tse.car.vehicle import Vehicle, make_vehicle, read_vehicle
+from tse.channels.agree import check_units
+from tse.channels.log import read_frame, read_log
+from tse.channels.proposal import propose, toml_text
+from tse.channels.raster import _nearest
+from tse.channels.signals import read_signals
+from tse.estimation.estimate import estimate
+from tse.identify.data import prepare
+from tse.library.core import Filter, library
+from tse.library.errors import UserError
+from tse.log.rows import MEASURES, Log, Reading, average
+from tse.readers.readers import read_recording
+from tse.readers.recording import How
 
 ROWS, DT = 4000, 0.01
 CAR: dict[str, Any] = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33,
@@ -52,7 +52,9 @@ def gnss(drive: pd.DataFrame) -> pd.DataFrame:
     course = heading + np.arctan2(drive.ref_vel_y, drive.ref_vel_x)
     new = np.arange(len(drive)) % 10 == 0
     wrapped = (course + np.pi) % (2 * np.pi) - np.pi
-    return drive.assign(gnss_speed=np.hypot(drive.ref_vel_x, drive.ref_vel_y).where(new), gnss_course=wrapped.where(new))
+    return drive.assign(
+        gnss_speed=np.hypot(drive.ref_vel_x, drive.ref_vel_y).where(new), gnss_course=wrapped.where(new)
+    )
 
 
 def test_the_library_names_the_velocities_behind_the_channels() -> None:
@@ -121,7 +123,10 @@ def test_a_row_of_a_filter_has_them_too(drive: pd.DataFrame) -> None:
 def test_a_channel_left_out_is_named(drive: pd.DataFrame) -> None:
     wrong = drive.ref_vel_y.where(np.arange(ROWS) < 2000, drive.ref_vel_y + 4.0)
     step = tse.Filter({**CAR}, sample_time=DT)
-    names = {step.step({**row, "ins_vel_y": v}).fault_channel for row, v in zip(drive.to_dict("records"), wrong, strict=True)}
+    names = {
+        step.step({**row, "ins_vel_y": v}).fault_channel
+        for row, v in zip(drive.to_dict("records"), wrong, strict=True)
+    }
     assert names == {None, "ins_vel_y"}
 
 
@@ -192,7 +197,14 @@ def its_car(made, tmp_path_factory) -> Vehicle:
 
 def said(log: Log, made) -> list[str]:
     v = made.vehicle
-    return check_units(log, v["wheelbase"], v["wheel_radius_front"], v["wheel_radius_rear"], v["steering_ratio"], mass=v["mass"])
+    return check_units(
+        log,
+        v["wheelbase"],
+        v["wheel_radius_front"],
+        v["wheel_radius_rear"],
+        v["steering_ratio"],
+        mass=v["mass"],
+    )
 
 
 def test_columns_are_bits_of_a_row_where_they_have_a_number(driven: pd.DataFrame) -> None:
@@ -238,8 +250,12 @@ def test_the_filter_uses_them_and_without_them_has_the_bits_it_had(its_car, driv
 
 
 def test_a_setting_without_its_channel_is_refused(its_car, driven: pd.DataFrame) -> None:
-    with pytest.raises(UserError, match="wheel_torque_least without effect: the log has none of wheel_torque_front"):
-        make_config(its_car, read_frame(driven.drop(columns=list(PEDALS[1:]))), options={"wheel_torque_least": 90.0})
+    with pytest.raises(
+        UserError, match="wheel_torque_least without effect: the log has none of wheel_torque_front"
+    ):
+        make_config(
+            its_car, read_frame(driven.drop(columns=list(PEDALS[1:]))), options={"wheel_torque_least": 90.0}
+        )
     config, _ = make_config(its_car, read_frame(driven), options={"wheel_torque_least": 90.0})
     assert config.wheel_torque_least == 90.0
 
@@ -247,7 +263,9 @@ def test_a_setting_without_its_channel_is_refused(its_car, driven: pd.DataFrame)
 def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.DataFrame) -> None:
     log = read_frame(driven.assign(brake=30.0 * driven.brake))
     assert "brake" not in log.optional
-    assert any("column brake is not used: allowed are 0 .. 1" in n and "above =" in n for n in log.notes), log.notes
+    assert any("column brake is not used: allowed are 0 .. 1" in n and "above =" in n for n in log.notes), (
+        log.notes
+    )
 
 
 @pytest.mark.parametrize(
@@ -261,7 +279,9 @@ def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.Dat
          ["times the force of mass x accel_x"]),
     ],
 )  # fmt: skip
-def test_what_contradicts_the_speed_or_the_acceleration_is_said(made, driven: pd.DataFrame, change, words) -> None:
+def test_what_contradicts_the_speed_or_the_acceleration_is_said(
+    made, driven: pd.DataFrame, change, words
+) -> None:
     found = said(read_frame(driven.assign(**change)), made)
     for word in words:
         assert any(word in line for line in found), found
@@ -290,7 +310,12 @@ def test_a_pressure_becomes_a_switch_by_signals_toml(its_car, driven: pd.DataFra
     recording = read_recording(tmp_path / "drive.csv", How())
     proposal = propose(recording)
     brake, torque = proposal["brake"], proposal["wheel_torque_front"]
-    assert brake is not None and brake.name == ("Brake_Pressure",) and brake.confidence == "sure" and 0.1 < brake.above < 5.1
+    assert (
+        brake is not None
+        and brake.name == ("Brake_Pressure",)
+        and brake.confidence == "sure"
+        and 0.1 < brake.above < 5.1
+    )
     assert torque is not None and torque.name == ("FrontAxleTorque",) and torque.unsure
     assert proposal["wheel_torque_rear"] is None
     path = tmp_path / "signals.toml"

@@ -14,12 +14,12 @@ from conftest import Result, tselab, tselab_here
 from tests.cars import make_cars, make_logs
 from tests.cars.study import TRUTH, truth_of
 from tests.gap.runs import changed
-from tse.impl.calibrate import own, workflow
-from tse.impl.config import make_config
-from tse.impl.core import Filter
-from tse.impl.fleet.keep import CALIBRATED
-from tse.impl.logs.log import read_log
-from tse.impl.vehicle import filter_values, make_vehicle, read_vehicle
+from tse.calibration import own, workflow
+from tse.car.config import make_config
+from tse.car.vehicle import filter_values, make_vehicle, read_vehicle
+from tse.channels.log import read_log
+from tse.library.core import Filter
+from tse.runs.keep import CALIBRATED
 
 MINUTES = 1.5
 AXLES = ("cy_front", "cy_rear")
@@ -42,7 +42,9 @@ def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
     log, car = folder / "log_mountain.csv", folder / "car.toml"
     first = tselab("estimate", "--verbose", log, "--vehicle", car, "--report", "r.html", "--json", cwd=folder)
     est = pd.read_csv(folder / "log_mountain.est.csv")
-    plain = tselab("estimate", "--verbose", log, "--vehicle", car, "--no-calibrate", "--out", "plain.csv", cwd=folder)
+    plain = tselab(
+        "estimate", "--verbose", log, "--vehicle", car, "--no-calibrate", "--out", "plain.csv", cwd=folder
+    )
     assert plain.code in (0, 3, 4), plain.err
     return Case(folder, log, car, first, est, pd.read_csv(folder / "plain.csv"))
 
@@ -97,7 +99,7 @@ def test_the_posterior_is_the_prior(case):
 
 
 def read_toml_text(text: str) -> dict:
-    from tse.impl.files import tomllib
+    from tse.library.files import tomllib
 
     return tomllib.loads(text)
 
@@ -107,7 +109,9 @@ def test_a_second_run_takes_what_the_first_has_kept(case, monkeypatch, tmp_path)
         raise AssertionError("calibrated anew")
 
     monkeypatch.setattr(workflow, "of_logs", fail)
-    again = tselab_here("estimate", "--verbose", case.log, "--vehicle", case.car, "--out", "est.csv", cwd=tmp_path)
+    again = tselab_here(
+        "estimate", "--verbose", case.log, "--vehicle", case.car, "--out", "est.csv", cwd=tmp_path
+    )
     assert "kept from an earlier run: " in again.out
     assert (tmp_path / "est.csv").read_bytes() == (case.folder / "log_mountain.est.csv").read_bytes()
 
@@ -115,14 +119,18 @@ def test_a_second_run_takes_what_the_first_has_kept(case, monkeypatch, tmp_path)
 def test_python_says_and_estimates_the_same(case):
     frame = pd.read_csv(case.log)
     found = tse.estimate(frame, case.car)
-    assert found.calibration == {k: v for k, v in json.loads(case.first.out)["calibration"].items() if k != "words"}
+    assert found.calibration == {
+        k: v for k, v in json.loads(case.first.out)["calibration"].items() if k != "words"
+    }
     assert np.array_equal(found.stiffness[:, 1].astype(np.float32), case.est["cy_front"].astype(np.float32))
     assert any("calibrated on the log itself" in n for n in found.notes)
     plain = tse.estimate(frame, case.car, calibrate=False)
     assert plain.calibration is None and np.array_equal(
         plain.stiffness[:, 1].astype(np.float32), case.plain["cy_front"].astype(np.float32)
     )
-    after = tse.estimate(frame, found.vehicle, learnt=found.learnt, age=0.0)  # of the car that it was learnt of
+    after = tse.estimate(
+        frame, found.vehicle, learnt=found.learnt, age=0.0
+    )  # of the car that it was learnt of
     assert after.calibration is None and after.valid[:, 1].mean() > found.valid[:, 1].mean() - 0.05
 
 
@@ -163,7 +171,17 @@ def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_pa
     done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", case.car, cwd=tmp_path)
     assert "not calibrated on the log itself: it lasts 29.99 s, 60 s are needed" in done.out
     assert "filled in: cornering_stiffness_front" in done.out
-    plain = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", case.car, "--no-calibrate", "--out", "p.csv", cwd=tmp_path)
+    plain = tselab_here(
+        "estimate",
+        "--verbose",
+        "log.csv",
+        "--vehicle",
+        case.car,
+        "--no-calibrate",
+        "--out",
+        "p.csv",
+        cwd=tmp_path,
+    )
     assert "calibrated on the log" not in plain.out
     assert (tmp_path / "p.csv").read_bytes() == (tmp_path / "log.est.csv").read_bytes()
 
@@ -196,12 +214,26 @@ def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch
         raise KeyboardInterrupt
 
     monkeypatch.setattr(workflow, "of_logs", interrupt)
-    (tmp_path / "car.toml").write_text(case.car.read_text() + "\n[latency]\nsteer_angle = 0.02\n", encoding="utf-8")
+    (tmp_path / "car.toml").write_text(
+        case.car.read_text() + "\n[latency]\nsteer_angle = 0.02\n", encoding="utf-8"
+    )
     before = sorted(cache.rglob("*.json"))
-    done = tselab_here("estimate", "--verbose", case.log, "--vehicle", "car.toml", "--out", "est.csv", cwd=tmp_path)
+    done = tselab_here(
+        "estimate", "--verbose", case.log, "--vehicle", "car.toml", "--out", "est.csv", cwd=tmp_path
+    )
     assert done.code == 130 and "the calibration was stopped by Ctrl-C" in done.err
     assert f"not calibrated on the log itself: {own.STOPPED}" in done.out
-    tselab_here("estimate", "--verbose", case.log, "--vehicle", "car.toml", "--no-calibrate", "--out", "plain.csv", cwd=tmp_path)
+    tselab_here(
+        "estimate",
+        "--verbose",
+        case.log,
+        "--vehicle",
+        "car.toml",
+        "--no-calibrate",
+        "--out",
+        "plain.csv",
+        cwd=tmp_path,
+    )
     assert (tmp_path / "est.csv").read_bytes() == (tmp_path / "plain.csv").read_bytes()
     assert sorted(cache.rglob("*.json")) == before and not list(cache.rglob("*.lock"))
     with pytest.raises(KeyboardInterrupt):
@@ -224,7 +256,9 @@ def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):
     learnt = tmp_path / "car.tse"
     for options in (("--vehicle", car), ("--vehicle", case.car, "--save-learnt", learnt),
                     ("--vehicle", case.car, "--load-learnt", learnt)):  # fmt: skip
-        done = tselab_here("estimate", "--verbose", case.log, *options, "--json", "--out", "e.csv", cwd=tmp_path)
+        done = tselab_here(
+            "estimate", "--verbose", case.log, *options, "--json", "--out", "e.csv", cwd=tmp_path
+        )
         assert json.loads(done.out)["calibration"] is None, options
 
 
@@ -248,12 +282,22 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     done = tselab_here(*command, cwd=tmp_path)
     first, second, _ = json.loads(done.out)["logs"]
     assert "calibrated on the log itself" in first["notes"][0]
-    assert any(n.startswith("left out: ") and "2026-01-03.csv: nothing is learnt from it" in n for n in first["notes"])
+    assert any(
+        n.startswith("left out: ") and "2026-01-03.csv: nothing is learnt from it" in n
+        for n in first["notes"]
+    )
     assert not any("calibrated on" in n or "taught is not used" in n for n in second["notes"])
     (made,) = (tmp_path / "out" / CALIBRATED).glob("*.toml")
     assert read_vehicle(made).calibration["own"]
     loaded = tselab_here(
-        "estimate", "--verbose", "logs/2026-01-02.csv", "--vehicle", made, "--load-learnt", "out/learnt/x.tse", cwd=tmp_path
+        "estimate",
+        "--verbose",
+        "logs/2026-01-02.csv",
+        "--vehicle",
+        made,
+        "--load-learnt",
+        "out/learnt/x.tse",
+        cwd=tmp_path,
     )
     assert loaded.code in (0, 3), loaded.err
     stat = made.stat().st_mtime_ns

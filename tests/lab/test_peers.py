@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tse.impl import maneuvers
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
-from tse.impl.rows import DRIVES, MEASURES, columns
-from tse.impl.simulate import simulate
+from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
+from tse.log.rows import DRIVES, MEASURES, columns
+from tse.simulation import maneuvers
+from tse.simulation.simulate import simulate
 from tselab.montecarlo import peers
 from tselab.montecarlo.case import START
 
@@ -132,7 +132,10 @@ class Window:
             {
                 **{f"initial_{s}": v for s, v in zip(STIFFNESS, (0.9, 1.1, 1.05), strict=True)},
                 "initial_mean_sd": 0.3 * scale,
-                **{f"initial_{k}_sd": v * scale for k, v in (("vel_x", 0.1), ("vel_y", 0.1), ("yaw_rate", 0.01))},
+                **{
+                    f"initial_{k}_sd": v * scale
+                    for k, v in (("vel_x", 0.1), ("vel_y", 0.1), ("yaw_rate", 0.01))
+                },
                 **{f"{m}_bias_sd": getattr(Config.exact(), f"{m}_bias_sd") * scale for m in MEASURES},
                 **{f"{m}_bias_walk": 5 * getattr(Config.exact(), f"{m}_bias_walk") * scale for m in MEASURES},
             }
@@ -142,7 +145,9 @@ class Window:
         self.spread = np.array([0.05, 0.1, 0.03]) * scale
         self.known = peers.Known(tuple(self.spread), tuple(sensors), 1.0)
         t = self.DT * np.arange(n)
-        self.u = np.array([0.02 + 0.02 * np.sin(15 * t), (20.3 + 2 * t) / 0.33, (20.1 - 0.3 * np.sin(9 * t)) / 0.33]).T
+        self.u = np.array(
+            [0.02 + 0.02 * np.sin(15 * t), (20.3 + 2 * t) / 0.33, (20.1 - 0.3 * np.sin(9 * t)) / 0.33]
+        ).T
         self.start = np.array([self.u[0, 1:].mean() * 0.33, 0.1, 0.02])
         self.mu = np.array([getattr(config, f"initial_{s}") - 1 for s in STIFFNESS])
         get = lambda form: np.array([getattr(config, form.format(m)) for m in MEASURES])  # noqa: E731
@@ -163,7 +168,9 @@ class Window:
         b = np.cumsum(steps, axis=0)
         x, mu = [self.start[:, None] + theta[:3]], self.mu[:, None] + theta[3:6]
         for k in range(1, n):
-            x.append(reference_move(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT))
+            x.append(
+                reference_move(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT)
+            )
         y = [reference_observe(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
         return np.array(x), b, np.array(y)
 
@@ -235,7 +242,10 @@ def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
     config = Config.exact({"sample_time": dt})
     rows = Filter(config).inputs(2)
     rows["dt"], rows["steer_angle"] = dt, [0.02, 0.03]
-    rows["wheel_speed_front"], rows["wheel_speed_rear"] = [speed / 0.33, (speed + 0.05) / 0.33], (speed - 0.02) / 0.33
+    rows["wheel_speed_front"], rows["wheel_speed_rear"] = (
+        [speed / 0.33, (speed + 0.05) / 0.33],
+        (speed - 0.02) / 0.33,
+    )
     x, w = np.array([speed, 0.05, 0.02]), np.array([0.1, 0.2, 0.1])
     u, to = np.array([rows[name] for name in DRIVES]).T
     exact = reference_move(config.as_dict(), x, w, u, to, dt)
@@ -252,7 +262,9 @@ def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
     flip = np.searchsorted(d.time, 2.0 - 1e-9)
     for name in MEASURES:
         d.rows[name][flip] = np.nan
-    yaw = [peers.run("ekf", d.rows, d.config, replace(d.known, held=held))["yaw_rate"] for held in (True, False)]
+    yaw = [
+        peers.run("ekf", d.rows, d.config, replace(d.known, held=held))["yaw_rate"] for held in (True, False)
+    ]
     turned = np.abs([y[flip] - y[flip - 1] for y in yaw])
     assert turned[0] < 5e-4 and turned[1] > 0.002, turned
 
@@ -264,7 +276,10 @@ def test_errors_are_half_of_what_the_filter_believes_of_them():
     shares = []
     for seed in range(1, 9):
         bias = np.random.default_rng(seed).standard_normal(3)
-        start = {f"true_bias_{m}": b * getattr(Config.exact(), f"{m}_bias_sd") for m, b in zip(MEASURES, bias, strict=True)}
+        start = {
+            f"true_bias_{m}": b * getattr(Config.exact(), f"{m}_bias_sd")
+            for m, b in zip(MEASURES, bias, strict=True)
+        }
         d = drive(duration=20.0, seed=seed, sim={**start, "bias_walk": 1.0})
         mean, sd = estimates(d.run("ekf"))
         at = np.searchsorted(d.time, np.array((8.0, 12.0, 16.0, 20.0)) - 1e-6)
@@ -355,17 +370,23 @@ def test_every_hard_case_ends_with_numbers(kind, case):
 
 @pytest.mark.parametrize("level", [0.5, 0.7, 1.4])
 def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_and_after(level):
-    d = drive(duration=16.0, road=[(8.0, level)], sim=dict.fromkeys([f"spread_{s}" for s in STIFFNESS], SPREAD))
+    d = drive(
+        duration=16.0, road=[(8.0, level)], sim=dict.fromkeys([f"spread_{s}" for s in STIFFNESS], SPREAD)
+    )
     known = replace(d.known, changes=(8.0,), forgetting=0.9)  # of which it takes no notice
     mean, sd = estimates(out := peers.run("known", d.rows, d.config, known))
     event = np.searchsorted(d.time, 8.0 - 1e-9)
     assert (sd[event] > 3 * sd[event - 1]).all()
     for part in (slice(200, event), slice(event, None)):
-        assert (np.diff(sd[part], axis=0) < 0.01 * sd[part][1:]).all()  # linearised anew, a little more now and then
+        assert (
+            np.diff(sd[part], axis=0) < 0.01 * sd[part][1:]
+        ).all()  # linearised anew, a little more now and then
     error = mean / d.mean - 1
     assert (np.abs(error[event + 50 :, 1:]) < 0.10).all()  # Cx waits for the next change of torque
     late = d.time > 13
-    assert (np.abs(error[late]) < 3 * sd[late] / level).all() and (sd[late] / level < [0.03, 0.01, 0.01]).all()
+    assert (np.abs(error[late]) < 3 * sd[late] / level).all() and (
+        sd[late] / level < [0.03, 0.01, 0.01]
+    ).all()
     spread = [out[f"{s}_spread"][late].mean() for s in STIFFNESS]
     assert spread == pytest.approx([SPREAD * level] * 3, rel=0.02)
 

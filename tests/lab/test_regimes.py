@@ -8,8 +8,8 @@ import pytest
 from scipy import stats
 from test_montecarlo import at_rest
 
-from tse.impl.core import STIFFNESS, Config, SimConfig
-from tse.impl.errors import UserError
+from tse.library.core import STIFFNESS, Config, SimConfig
+from tse.library.errors import UserError
 from tselab.montecarlo import engine, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
 
@@ -36,7 +36,9 @@ def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
     return at_rest(ROWS, ESTIMATE, 30.0)
 
 
-def says(estimate: np.ndarray, d: Drive, first: float, when: float, until: float = np.inf, sure: float = 0.9) -> None:
+def says(
+    estimate: np.ndarray, d: Drive, first: float, when: float, until: float = np.inf, sure: float = 0.9
+) -> None:
     """From `first` on the estimator says that the regime changed at `when`."""
     rows = (d.time > first - 1e-9) & (d.time < until - 1e-9)
     estimate["change_age"][rows] = d.time[rows] - when
@@ -46,7 +48,13 @@ def says(estimate: np.ndarray, d: Drive, first: float, when: float, until: float
 
 def test_who_says_nothing_reports_nothing_and_notices_nothing(still):
     row = scores.regimes(*still)
-    assert row == {"changes": 0, "false_changes": 0, "all_settle_1": 0.0, "detected_1": np.inf, "valid_off_1": 0.0}
+    assert row == {
+        "changes": 0,
+        "false_changes": 0,
+        "all_settle_1": 0.0,
+        "detected_1": np.inf,
+        "valid_off_1": 0.0,
+    }
     d, case, known, estimate = still
     assert "detected_1" not in scores.regimes(d, replace(case, events=()), known, estimate)
 
@@ -54,7 +62,9 @@ def test_who_says_nothing_reports_nothing_and_notices_nothing(still):
 def test_a_change_counts_once_however_often_it_is_said(still):
     d, case, known, estimate = still
     says(estimate, d, 30.3, 30.0)
-    says(estimate, d, 31.0, 30.2, until=32.0)  # a history that begins 0.2 s later is the likeliest for a while
+    says(
+        estimate, d, 31.0, 30.2, until=32.0
+    )  # a history that begins 0.2 s later is the likeliest for a while
     says(estimate, d, 33.0, 30.0, until=34.0, sure=0.5)  # not sure
     assert scores.reported(d, estimate) == pytest.approx([30.0])
     row = scores.regimes(d, case, known, estimate)
@@ -66,7 +76,10 @@ def test_false_changes_are_those_that_are_not_within_two_seconds_after_an_event(
     for when in (12.0, 29.5, 29.9, 31.9, 32.2, 45.0):
         says(estimate, d, when, when, until=when + 0.3)
     row = scores.regimes(d, case, known, estimate)
-    assert (row["changes"], row["false_changes"]) == (4, 3)  # 31.9 and 32.2 are one, and right; 29.5 and 29.9 are one, and early
+    assert (row["changes"], row["false_changes"]) == (
+        4,
+        3,
+    )  # 31.9 and 32.2 are one, and right; 29.5 and 29.9 are one, and early
     assert scores.regimes(d, replace(case, events=()), known, estimate)["false_changes"] == 4
     assert scores.regimes(d, replace(case, lasts=14.0), known, estimate)["false_changes"] == 2
     assert scores.regimes(d, replace(case, events=(30.0, 45.0)), known, estimate)["false_changes"] == 2
@@ -131,7 +144,9 @@ def test_windows_are_scored_each_for_itself(still):
     d, case, known, estimate = still
     estimate["cy_front"][d.time > 30] *= 1.03
     row = scores.score(d, replace(case, windows=((10.0, 20.0), (40.0, 50.0))), known, estimate)
-    assert row["cy_front_mean_square_w0"] == pytest.approx(0) and row["cy_front_mean_square_w1"] == pytest.approx(9)
+    assert row["cy_front_mean_square_w0"] == pytest.approx(0) and row[
+        "cy_front_mean_square_w1"
+    ] == pytest.approx(9)
     assert (row["cy_front_covered_w0"], row["cy_front_covered_w1"], row["cy_front_covered"]) == (100, 0, 50)
 
 
@@ -162,12 +177,16 @@ def test_a_slow_change_goes_all_the_way_at_one_rate():
 
 def test_held_cases_hold_and_the_others_do_not():
     for name, case in EVERY.items():
-        assert driven(replace(case, build=studies._waves(0.1), corrupt=None)).sim.hold_inputs == name.endswith("-held")
+        assert driven(
+            replace(case, build=studies._waves(0.1), corrupt=None)
+        ).sim.hold_inputs == name.endswith("-held")
     road = EVERY["road-0.7"]
     ramped, held = (driven(replace(road, sim={"hold_inputs": hold})) for hold in (0, 1))
     flip = np.searchsorted(ramped.time, 2.0 - 1e-9)  # of the steering
     assert (ramped.rows["steer_angle"] == held.rows["steer_angle"]).all()
-    before, after = (np.abs(ramped.truth["true_yaw_rate"] - held.truth["true_yaw_rate"])[r] for r in (flip - 1, flip))
+    before, after = (
+        np.abs(ramped.truth["true_yaw_rate"] - held.truth["true_yaw_rate"])[r] for r in (flip - 1, flip)
+    )
     assert after > 20 * before  # the ramp has turned the wheels during the row before
 
 
@@ -179,7 +198,11 @@ def test_ordinary_driving_is_ordinary():
         assert np.abs(m.steer_angle).max() < 0.2 and (m.road_level == 1).all()
         jumps = np.abs(np.diff(m.target_speed))
         assert jumps.max() < 0.03  # 3 m/s2
-        assert m.target_speed.min() >= 8 - 1e-9 and m.target_speed.max() <= 35 + 4 and m.speed == m.target_speed[0]
+        assert (
+            m.target_speed.min() >= 8 - 1e-9
+            and m.target_speed.max() <= 35 + 4
+            and m.speed == m.target_speed[0]
+        )
         sideways = m.steer_angle * m.target_speed**2 / (car.lf + car.lr)
         assert np.abs(sideways).max() < 2.5 * 3  # more steering than on a circle, since it understeers
         ends.append(np.abs(m.steer_angle).max())
@@ -220,9 +243,19 @@ def test_medians_name_the_longest_and_those_that_never_did():
 def test_false_changes_are_counted_by_the_hour():
     plan = engine.Plan(studies.study("false-alarms"), 3)
     runs = pd.DataFrame(
-        {"case": "false-alarms", "estimator": "tse", "changes": [1, 0, 3], "false_changes": [0, 0, 2], "seconds": 600.0}
+        {
+            "case": "false-alarms",
+            "estimator": "tse",
+            "changes": [1, 0, 3],
+            "false_changes": [0, 0, 2],
+            "seconds": 600.0,
+        }
     )
     (row,) = summary.false_changes(plan, runs).rows
-    assert row[:5] == ["false-alarms", "tse", "0.5", "4", "2"] and row[5].startswith("4.00 (0.48 .. 14.45)") and row[6] == "1"
+    assert (
+        row[:5] == ["false-alarms", "tse", "0.5", "4", "2"]
+        and row[5].startswith("4.00 (0.48 .. 14.45)")
+        and row[6] == "1"
+    )
     runs["changes"] = np.nan
     assert summary.false_changes(plan, runs).rows == []

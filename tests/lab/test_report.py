@@ -11,16 +11,16 @@ from test_what_happened import CALM, ROAD
 from test_what_happened import table_of as table_of_events
 
 from conftest import tselab_here
-from tse.impl import plots
-from tse.impl.core import STIFFNESS, Config
-from tse.impl.estimate import Estimate
-from tse.impl.gap.run.pictures import overlay
-from tse.impl.plots import match_reference
-from tse.impl.regimes import REGIMES, changes, spells
-from tse.impl.report import figures_of, write_report
-from tse.impl.rows import Log, columns
-from tse.impl.vehicle import default_vehicle
-from tse.impl.verdict import late_steering, others, remarks, verdicts
+from tse.car.vehicle import default_vehicle
+from tse.estimation.estimate import Estimate
+from tse.estimation.regimes import REGIMES, changes, spells
+from tse.estimation.verdict import late_steering, others, remarks, verdicts
+from tse.gaps.run.pictures import overlay
+from tse.library.core import STIFFNESS, Config
+from tse.log.rows import Log, columns
+from tse.report import plots
+from tse.report.plots import match_reference
+from tse.report.report import figures_of, write_report
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +28,13 @@ def page(drive, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     vehicle = folder / "bare.toml"
     text = drive.vehicle.read_text().split("[sensors]")[0]
-    vehicle.write_text("\n".join(line for line in text.splitlines() if "stiffness_" not in line) + '\n["<b>red</b>"]\nshade = 1\n')
-    done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", vehicle, "--report", "r.html", cwd=folder)
+    vehicle.write_text(
+        "\n".join(line for line in text.splitlines() if "stiffness_" not in line)
+        + '\n["<b>red</b>"]\nshade = 1\n'
+    )
+    done = tselab_here(
+        "estimate", "--verbose", drive.log, "--vehicle", vehicle, "--report", "r.html", cwd=folder
+    )
     assert done.code == 0, done.err
     return (folder / "r.html").read_text(encoding="utf-8"), done
 
@@ -78,9 +83,17 @@ def test_reference_columns_find_their_quantity(column, quantity):
 
 def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, noise: float = 1.0):
     rows = {"time": range(len(valid)), "status": [0 if v else 1 for v in valid]}
-    rows |= {"noise_accel_x": [noise] * len(valid), "noise_accel_y": [1.0] * len(valid), "noise_yaw_rate": [1.0] * len(valid)}
+    rows |= {
+        "noise_accel_x": [noise] * len(valid),
+        "noise_accel_y": [1.0] * len(valid),
+        "noise_yaw_rate": [1.0] * len(valid),
+    }
     for key in ("cx_front", "cy_front", "cy_rear"):
-        rows |= {key: [mean] * len(valid), f"{key}_sd": [1500.0] * len(valid), f"{key}_spread": [5000.0] * len(valid)}
+        rows |= {
+            key: [mean] * len(valid),
+            f"{key}_sd": [1500.0] * len(valid),
+            f"{key}_spread": [5000.0] * len(valid),
+        }
         rows |= {f"{key}_spread_seen": [seen] * len(valid)}
         rows |= {f"{key}_valid": valid, f"{key}_reason": ["valid" if v else reason for v in valid]}
     return pd.DataFrame(rows)
@@ -109,12 +122,17 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
     table["cy_front_sd"] = 3e3 - 10.0 * np.arange(100)
     end, median = (verdicts(table, Config.exact({"form": form}))[1] for form in (0, 1))
     assert end.value == pytest.approx(98 + 8.9) and end.band == pytest.approx(1.96 * (3 - 0.89))
-    assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (end.value - end.band, end.value + end.band)
+    assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (
+        end.value - end.band,
+        end.value + end.band,
+    )
     table["cy_front"] = np.where(np.arange(100) < 60, 98e3, 70e3)  # another road: no number is that of both
     assert verdicts(table, Config.exact({"form": 1}))[1].value == pytest.approx(70)
 
 
-@pytest.mark.parametrize(("reason", "level"), [("uncertain", "good"), ("implausible", "partly"), ("sensor fault", "partly")])
+@pytest.mark.parametrize(
+    ("reason", "level"), [("uncertain", "good"), ("implausible", "partly"), ("sensor fault", "partly")]
+)
 def test_a_log_that_ends_with_a_channel_at_fault_is_good_in_part(reason: str, level: str) -> None:
     assert verdict_of([1] * 60 + [0] * 40, reason)[1].level == level
     assert verdict_of([1] * 30 + [0] * 40 + [1] * 30, reason)[1].level == "good"
@@ -124,12 +142,22 @@ def test_grip_and_sideslip_have_their_intervals():
     table = table_of([1] * 100, "")
     assert others(table, Config.exact({"grip_sd": 0.2})) == []  # a table without them
     angle = np.where(np.arange(100) == 40, -0.05, 0.01)
-    table = table.assign(grip=0.9, grip_sd=0.1, grip_valid=0, grip_reason="uncertain", sideslip=angle, sideslip_sd=0.002)
+    table = table.assign(
+        grip=0.9, grip_sd=0.1, grip_valid=0, grip_reason="uncertain", sideslip=angle, sideslip_sd=0.002
+    )
     table.loc[70, ["sideslip", "status"]] = [0.5, 4]  # held
     grip, slip = others(table, Config.exact({"grip_sd": 0.2}))
-    assert grip.line() == "Grip: 0.90 ± 0.20 (95 %), not valid: uncertain, the tyres were not driven near their limit"
-    assert slip.line() == "Sideslip angle: -2.86 ± 0.22 deg (95 %), the largest, at 40.0 s; median interval ± 0.22"
-    assert [q.key for q in others(table, Config.exact())] == ["sideslip"]  # a grip that is assumed exact is no estimate
+    assert (
+        grip.line()
+        == "Grip: 0.90 ± 0.20 (95 %), not valid: uncertain, the tyres were not driven near their limit"
+    )
+    assert (
+        slip.line()
+        == "Sideslip angle: -2.86 ± 0.22 deg (95 %), the largest, at 40.0 s; median interval ± 0.22"
+    )
+    assert [q.key for q in others(table, Config.exact())] == [
+        "sideslip"
+    ]  # a grip that is assumed exact is no estimate
     assert others(table, Config.exact({"grip_sd": 0.2, "form": 1})) == []
     known = others(table.assign(grip_valid=1, grip_reason="valid"), Config.exact({"grip_sd": 0.2}))[0]
     assert known.line() == "Grip: 0.90 ± 0.20 (95 %), valid 100 % of the time"
@@ -144,13 +172,17 @@ def test_remarks_name_noise_and_contradictions():
     assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "sensor fault"))[0]
 
 
-@pytest.mark.parametrize(("late", "said"), [(0.023, ""), (-0.023, ""), (-0.025, "25 ms later"), (0.025, "25 ms earlier")])
+@pytest.mark.parametrize(
+    ("late", "said"), [(0.023, ""), (-0.023, ""), (-0.025, "25 ms later"), (0.025, "25 ms earlier")]
+)
 def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
     table = table_of([1] * 100, "")
     assert late_steering(table, Config.exact({"steer_lag_sd": 0.008})) == []  # a table without it
     found = late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.008}))
     assert [said in text for text in found] == ([True] if said else [])
-    assert late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.0})) == []  # known exactly: no state
+    assert (
+        late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.0})) == []
+    )  # known exactly: no state
 
 
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
@@ -169,7 +201,9 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
     table["accel_y"] += 0.6 * np.random.default_rng(1).standard_normal(len(table))
     table.to_csv(tmp_path / "noisy.csv", index=False)
     for log, noisy in ((drive.log, False), ("noisy.csv", True)):
-        done = tselab_here("estimate", "--verbose", log, "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path)
+        done = tselab_here(
+            "estimate", "--verbose", log, "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path
+        )
         assert done.code == 0, done.err
         page = (tmp_path / "r.html").read_text(encoding="utf-8")
         names = {trace["name"] for trace in figures_of(page)[3]["data"]}
@@ -183,7 +217,10 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
         assert v.level == "none" and v.value == pytest.approx(98) and v.band == pytest.approx(1.96 * 1.5)
         assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
     front = verdict_of([0] * 100, "parameters uncertain")[1]
-    assert "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car" in front.text
+    assert (
+        "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car"
+        in front.text
+    )
 
     refused = table_of([0] * 5, "row refused").assign(status=-3)
     assert [(v.level, v.text) for v in verdicts(refused, Config.exact())] == [
@@ -199,7 +236,9 @@ def made_up(n: int) -> tuple[Log, pd.DataFrame]:
     rng = np.random.default_rng(n)
     time = 0.01 * np.arange(n)
     data = pd.DataFrame({c: rng.standard_normal(n) for c in columns()[1:]})
-    ref = pd.DataFrame({"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]})
+    ref = pd.DataFrame(
+        {"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]}
+    )
     log = Log(Path("made-up.csv"), time, data, ref, np.arange(n) + 2, 0.01)
     names = [c for c in (*plots.WITH_BAND, *plots.PLAIN) if c not in ("status",)]
     est = {"time": time, "status": (rng.random(n) < 0.1).astype(int)}
@@ -220,10 +259,21 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
     table = pd.concat([table.drop(columns=[c for c in table if c in told]), told], axis=1)
     table.loc[table.index[-20:], ["cy_front", "cy_front_sd"]] = [100e3, 30e3]
     sd = {"model_sd": np.full(3, 0.009)}
-    write_report(tmp_path / "r.html", Estimate(table, False, uncertainty_sd=sd), log, default_vehicle(), Config.exact(), [])
+    write_report(
+        tmp_path / "r.html",
+        Estimate(table, False, uncertainty_sd=sd),
+        log,
+        default_vehicle(),
+        Config.exact(),
+        [],
+    )
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     card = page.split("<h3>Front cornering stiffness</h3>")[1].split("</p>")[0]
-    assert re.search(r"120 <small>± \d kN/rad", card) and "; at the end 100 ± 59" in card and "smoothed" not in card
+    assert (
+        re.search(r"120 <small>± \d kN/rad", card)
+        and "; at the end 100 ± 59" in card
+        and "smoothed" not in card
+    )
 
 
 def figures(data: plots.Data, table: pd.DataFrame) -> list[plots.Figure]:
@@ -258,7 +308,9 @@ def test_what_a_screen_can_show_is_not_thinned():
     assert plots.thin(y, plots.stride_of(plots.MOST_POINTS)) is y
     for n in (plots.MOST_POINTS + 1, 10**5, 360_000, 8 * 10**6):
         stride = plots.stride_of(n)
-        assert stride & (stride - 1) == 0 and plots.MOST_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MOST_POINTS
+        assert (
+            stride & (stride - 1) == 0 and plots.MOST_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MOST_POINTS
+        )
 
 
 @pytest.mark.parametrize("n", [1, 500, 20001])
@@ -289,7 +341,9 @@ def test_drawn_block_by_block_is_drawn_as_a_whole():
     for x, y in zip(a, b, strict=True):
         assert x["layout"] == y["layout"]
         for one, other in zip(x["data"], y["data"], strict=True):
-            assert np.array_equal(one["x"], other["x"]) and np.array_equal(one["y"], other["y"], equal_nan=True)
+            assert np.array_equal(one["x"], other["x"]) and np.array_equal(
+                one["y"], other["y"], equal_nan=True
+            )
 
 
 def test_an_interrupted_run_is_drawn_as_far_as_it_came():
@@ -319,7 +373,14 @@ def test_a_line_keeps_its_peak_and_is_broken_where_nothing_was_logged():
 def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
     """They were thinned to every n-th row: a spike of one block was gone in six of seven places."""
     n = 21_000
-    table = pd.DataFrame({"part": "fit", "log": "long", "channel": pd.Categorical(["accel_y"] * n), "time": 0.04 * np.arange(n)})
+    table = pd.DataFrame(
+        {
+            "part": "fit",
+            "log": "long",
+            "channel": pd.Categorical(["accel_y"] * n),
+            "time": 0.04 * np.arange(n),
+        }
+    )
     for column in ("measured", "predicted_before", "predicted_after", "residual_before"):
         table[column] = 0.0
     table.loc[12_345, "measured"] = 30.0
@@ -336,7 +397,9 @@ def drive(told, seconds: float = 200.0):
     table = table_of_events(told, seconds)
     log, other = made_up(len(table))
     rest = other[[c for c in other if c not in table]]
-    return log, pd.concat([table, rest.assign(**{f"discrepancy_{c}": 0.1 for c in ("accel_x", "accel_y", "yaw_rate")})], axis=1)
+    return log, pd.concat(
+        [table, rest.assign(**{f"discrepancy_{c}": 0.1 for c in ("accel_x", "accel_y", "yaw_rate")})], axis=1
+    )
 
 
 def test_the_strip_shows_the_least_usual_row_and_its_probabilities_add_up():
@@ -373,7 +436,9 @@ def test_the_plot_names_what_happened_and_plotly_takes_it():
 
 
 def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
-    log, table = drive([(0, 36.1, None), (36.1, 120, (36.03, 1, 0.97, 0.7)), (120, 200, (119.9, 2, 0.93, 1.2))])
+    log, table = drive(
+        [(0, 36.1, None), (36.1, 120, (36.03, 1, 0.97, 0.7)), (120, 200, (119.9, 2, 0.93, 1.2))]
+    )
     write_report(tmp_path / "r.html", Estimate(table, False), log, default_vehicle(), Config.exact(), [])
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     for text in ("What happened", "<td>road changed</td>", "36.03 s", "97 %", "front cornering x 0.70", "From 0.0 .. 36.0 s",
@@ -381,7 +446,14 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
         assert text in page, text
     assert "<h3>Grip</h3>" not in page  # a setting, no estimate
     calm = drive(CALM)[1]
-    write_report(tmp_path / "calm.html", Estimate(calm, False), log, default_vehicle(), Config.exact({"grip_sd": 0.2}), [])
+    write_report(
+        tmp_path / "calm.html",
+        Estimate(calm, False),
+        log,
+        default_vehicle(),
+        Config.exact({"grip_sd": 0.2}),
+        [],
+    )
     page = (tmp_path / "calm.html").read_text(encoding="utf-8")
     assert "<h3>Grip</h3>" in page and "<h3>Sideslip angle</h3>" in page
     assert "What happened</h2>" not in page and "<th>Stretch</th>" not in page

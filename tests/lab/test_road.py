@@ -9,14 +9,14 @@ import pytest
 
 import tse
 from conftest import tselab
-from tse.impl.core import Config
-from tse.impl.errors import NoFile, UserError
-from tse.impl.identify.knots import KNOT, Knots
-from tse.impl.identify.laps import laps, profile
-from tse.impl.logs.log import read_frame, read_log
-from tse.impl.road import Road, curvature_of, make_road, read_road, write_road
-from tse.impl.road_match import along, by_path, by_position, common, track_of
-from tse.impl.vehicle import vehicle_settings
+from tse.car.vehicle import vehicle_settings
+from tse.channels.log import read_frame, read_log
+from tse.identify.knots import KNOT, Knots
+from tse.identify.laps import laps, profile
+from tse.library.core import Config
+from tse.library.errors import NoFile, UserError
+from tse.roads.road import Road, curvature_of, make_road, read_road, write_road
+from tse.roads.road_match import along, by_path, by_position, common, track_of
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 RADIUS = 0.3  # m, of the wheels of these logs
@@ -100,7 +100,12 @@ def test_a_road_is_read_as_it_stands_in_the_file(tmp_path):
 
 def test_what_is_written_is_read_again(tmp_path):
     s, bend = circuit()
-    profile = (0.03 * np.sin(s / 100), 0.02 * np.cos(s / 150), np.full(len(s), 0.004), np.full(len(s), np.nan))
+    profile = (
+        0.03 * np.sin(s / 100),
+        0.02 * np.cos(s / 150),
+        np.full(len(s), 0.004),
+        np.full(len(s), np.nan),
+    )
     x, y = path_of(s, bend)
     road = Road(s, *profile, x, y, 45 + y / 111e3, 8 + x / 79e3, bend, True)
     write_road(road, tmp_path / "road.csv")
@@ -108,15 +113,25 @@ def test_what_is_written_is_read_again(tmp_path):
     assert again.is_closed and again.length == road.length
     for name, digits in (("distance", 3), ("bank", 6), ("grade", 6), ("bank_sd", 6), ("grade_sd", 6), ("x", 3), ("y", 3),
                          ("latitude", 9), ("longitude", 9), ("curvature", 6)):  # fmt: skip
-        np.testing.assert_allclose(getattr(again, name), getattr(road, name), rtol=0, atol=0.51 * 10.0**-digits)
+        np.testing.assert_allclose(
+            getattr(again, name), getattr(road, name), rtol=0, atol=0.51 * 10.0**-digits
+        )
 
 
 @pytest.mark.parametrize(
     "was, becomes, said",
     [
         ("0,0.02", "0,0.36", "line 2, column bank: 0.36 is outside the allowed range -0.35 .. 0.35 rad"),
-        ("20,-0.03,0.00", "20,-0.03,-0.5", "line 4, column grade: -0.5 is outside the allowed range -0.35 .. 0.35 rad"),
-        ("10,0.04", "10,two", "line 3, column bank: 'two' is not a number; allowed: -0.35 .. 0.35 rad, or empty"),
+        (
+            "20,-0.03,0.00",
+            "20,-0.03,-0.5",
+            "line 4, column grade: -0.5 is outside the allowed range -0.35 .. 0.35 rad",
+        ),
+        (
+            "10,0.04",
+            "10,two",
+            "line 3, column bank: 'two' is not a number; allowed: -0.35 .. 0.35 rad, or empty",
+        ),
         ("20,-0.03", "10,-0.03", "line 4, column distance: 10 m is not beyond the row before, 10 m"),
         ("10,0.04", ",0.04", "line 3, column distance: is empty"),
         ("distance,", "way,", "column distance is missing in the header"),
@@ -124,7 +139,11 @@ def test_what_is_written_is_read_again(tmp_path):
         ("x,y", "x,z", "column y is missing: x and y are needed, or neither"),
         ("x,y", "u,v", "column curvature, or x and y, or latitude and longitude are needed"),
         ("x,y", "x,x", "column x stands twice"),
-        ("10,0.04,,0.004,,10,0\n20,-0.03,0.00,0.004,0.005,20,1\n", "", "has 1 rows; a road needs two or more"),
+        (
+            "10,0.04,,0.004,,10,0\n20,-0.03,0.00,0.004,0.005,20,1\n",
+            "",
+            "has 1 rows; a road needs two or more",
+        ),
     ],
 )
 def test_a_wrong_file_is_refused_by_name_line_column_and_range(tmp_path, was, becomes, said):
@@ -157,7 +176,9 @@ def test_a_place_lies_between_its_neighbours(tmp_path):
 
 
 def test_a_circuit_begins_again():
-    road = Road([0, 10, 20, 30], [0.0, 0.1, 0.2, 0.0], *np.full((3, 4), np.nan), curvature=np.zeros(4), is_closed=True)
+    road = Road(
+        [0, 10, 20, 30], [0.0, 0.1, 0.2, 0.0], *np.full((3, 4), np.nan), curvature=np.zeros(4), is_closed=True
+    )
     np.testing.assert_allclose(road.at("bank", [5.0, 35.0, 25.0, 85.0, -5.0]), [0.05, 0.05, 0.1, 0.1, 0.1])
 
 
@@ -171,7 +192,9 @@ def test_knots_become_the_profile_of_a_path():
 def test_the_curvature_of_a_circle_is_one_over_its_radius():
     s = np.arange(0.0, 200.0, 5.0)
     x, y = 50 * np.sin(s / 50), 50 * (1 - np.cos(s / 50))
-    np.testing.assert_allclose(curvature_of(s, x, y), 0.02, rtol=1e-3)  # chords are shorter than arcs by (5/50)^2/24
+    np.testing.assert_allclose(
+        curvature_of(s, x, y), 0.02, rtol=1e-3
+    )  # chords are shorter than arcs by (5/50)^2/24
 
 
 # ---- by position
@@ -185,7 +208,9 @@ def test_a_position_is_found_along_its_own_direction_only():
     y = np.clip(s - 100, 0, 8)
     back = np.arange(90.0, 10.0, -1.0)
     found = by_position(x, y, s, back, np.full(len(back), 6.0), np.arange(len(back), dtype=float))
-    np.testing.assert_allclose(found, 208 - back, atol=0.2)  # a grid of 1 m, and directions smoothed over 2.5 m
+    np.testing.assert_allclose(
+        found, 208 - back, atol=0.2
+    )  # a grid of 1 m, and directions smoothed over 2.5 m
     wrong = by_position(x[:80], y[:80], s[:80], back, np.zeros(len(back)), np.arange(len(back), dtype=float))
     assert np.isnan(wrong).all()
 
@@ -210,7 +235,9 @@ def test_a_log_with_latitude_and_longitude_is_found_by_them():
 # ---- by path
 
 
-@pytest.mark.parametrize("begin, radius, bias", [(0.0, 1.0, 0.0), (400.0, 1.0, 0.003), (400.0, 1.03, 0.0), (0.0, 0.95, 0.003)])
+@pytest.mark.parametrize(
+    "begin, radius, bias", [(0.0, 1.0, 0.0), (400.0, 1.0, 0.003), (400.0, 1.03, 0.0), (0.0, 0.95, 0.003)]
+)
 def test_a_log_is_found_by_its_bends(begin, radius, bias):
     """A gyro bias of 3 mrad/s is a bend of 5 km; wheels 5 % off are 100 m at the end of
     the road."""
@@ -350,7 +377,11 @@ def test_a_lap_of_another_place_is_refused():
     _, way = common([genesis("genesis_cpg_fast")], car)
     rfs = genesis("genesis_rfs")
     with pytest.raises(UserError, match="cannot be aligned"):
-        along(plain(way.distance, way.curvature), replace(rfs, ref=rfs.ref.drop(columns=["ref_east", "ref_north"])), car)
+        along(
+            plain(way.distance, way.curvature),
+            replace(rfs, ref=rfs.ref.drop(columns=["ref_east", "ref_north"])),
+            car,
+        )
 
 
 # ---- what a known road is good for
@@ -358,7 +389,13 @@ def test_a_lap_of_another_place_is_refused():
 
 KNOWN = Config.exact({})
 ROAD_CAR = {"name": "its car", **{n: float(getattr(KNOWN, n)) for n in vehicle_settings()}}
-TRUE = {"true_cy_front": 0.8, "true_cy_rear": 0.85, "spread_cx_front": 0.0, "spread_cy_front": 0.0, "spread_cy_rear": 0.0}
+TRUE = {
+    "true_cy_front": 0.8,
+    "true_cy_rear": 0.85,
+    "spread_cx_front": 0.0,
+    "spread_cy_front": 0.0,
+    "spread_cy_rear": 0.0,
+}
 ORDINARY = {"lean_sd": 0.05, "bank_superelevation": 0.1, "grade_sd": 0.03}  # settings of an uncalibrated car
 
 
@@ -378,7 +415,10 @@ def estimated(log, **more):
     of valid rows, last three quarters."""
     result = tse.estimate(log, ROAD_CAR, calibrate=False, settings=ORDINARY, **more)
     rows = result.to_frame().iloc[len(log) // 4 :]
-    true = {"cy_front": 0.8 * KNOWN.cornering_stiffness_front, "cy_rear": 0.85 * KNOWN.cornering_stiffness_rear}
+    true = {
+        "cy_front": 0.8 * KNOWN.cornering_stiffness_front,
+        "cy_rear": 0.85 * KNOWN.cornering_stiffness_rear,
+    }
     error, sd, valid = (
         np.array([f(c) for c in true])
         for f in (
@@ -406,7 +446,9 @@ def test_a_known_road_makes_the_estimate_better(banked):
     error_on, sd_on, valid_on, known = estimated(log, road=road)
     assert (error_on < 0.5 * error).all() and (error_on < 0.04).all()
     assert (sd_on < sd).all() and (valid_on >= valid).all()
-    off, off_on = (np.sqrt(np.mean((r.to_frame()["vel_y"] - truth["true_vel_y"]) ** 2)) for r in (plain, known))
+    off, off_on = (
+        np.sqrt(np.mean((r.to_frame()["vel_y"] - truth["true_vel_y"]) ** 2)) for r in (plain, known)
+    )
     assert off_on < 0.5 * off
     assert any("100 % of the rows are on the road, found by GNSS position" in note for note in known.notes)
 
@@ -425,7 +467,9 @@ def test_the_replay_has_the_road_under_it(banked):
     road, (log, _) = banked
     true = {"cornering_stiffness_front": 0.8 * KNOWN.cornering_stiffness_front,
             "cornering_stiffness_rear": 0.85 * KNOWN.cornering_stiffness_rear}  # fmt: skip
-    level, known = (tse.replay(log, ROAD_CAR, settings=true, road=r).apart()["accel_y"].rms for r in (None, road))
+    level, known = (
+        tse.replay(log, ROAD_CAR, settings=true, road=r).apart()["accel_y"].rms for r in (None, road)
+    )
     assert level > 1.5 * known and known < 1.05 * KNOWN.accel_y_sd
 
 
@@ -450,12 +494,18 @@ def test_the_commands_take_a_road(banked, tmp_path):
     on = ("--road", str(tmp_path / "road.csv"))
     simulated = ("simulate", "--maneuver", "double-lane-change", "--duration", "20", "--out", str(log))
     assert tselab(*simulated, *on).code == 0
-    said = tselab("estimate", "--verbose", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
+    said = tselab(
+        "estimate", "--verbose", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on
+    )
     assert said.code in (0, 3, 4) and "100 % of the rows are on the road" in said.err + said.out
     said = tselab("replay", str(log), "--vehicle", str(car), *on)
     assert said.code == 0 and "100 % of the rows are on the road" in said.err
     (tmp_path / "road.csv").write_text(TEXT.replace("0.02", "0.5"), encoding="utf-8")
-    said = tselab("estimate", "--verbose", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on)
+    said = tselab(
+        "estimate", "--verbose", str(log), "--vehicle", str(car), "--no-calibrate", "--out", str(est), *on
+    )
     assert said.code == 2 and "column bank: 0.5 is outside the allowed range" in said.err
-    said = tselab("estimate", "--verbose", str(log), "--vehicle", str(car), "--form", "paper", "--out", str(est), *on)
+    said = tselab(
+        "estimate", "--verbose", str(log), "--vehicle", str(car), "--form", "paper", "--out", str(est), *on
+    )
     assert said.code == 2

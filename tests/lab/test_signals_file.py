@@ -11,17 +11,17 @@ import tse
 from conftest import RAN, tselab, tselab_here
 from tests.cars.logs import make_logs
 from tests.cars.real import DATA
-from tse.impl.core import Config
-from tse.impl.errors import UserError
-from tse.impl.logs import look, physics
-from tse.impl.logs.agree import check_car, check_units, stood, sure
-from tse.impl.logs.log import read_log
-from tse.impl.logs.proposal import propose
-from tse.impl.logs.recording import Channel, Recording
-from tse.impl.logs.signals import read_signals
-from tse.impl.rows import Reading
-from tse.impl.vehicle import default_vehicle, read_vehicle
-from tse.impl.verdict import contradictions, implausible
+from tse.car.vehicle import default_vehicle, read_vehicle
+from tse.channels import look, physics
+from tse.channels.agree import check_car, check_units, stood, sure
+from tse.channels.log import read_log
+from tse.channels.proposal import propose
+from tse.channels.signals import read_signals
+from tse.estimation.verdict import contradictions, implausible
+from tse.library.core import Config
+from tse.library.errors import UserError
+from tse.log.rows import Reading
+from tse.readers.recording import Channel, Recording
 
 GOOD = """[signals.steer_angle]
 name = "lrw"
@@ -97,7 +97,16 @@ def test_a_wrong_file_is_refused_with_line_field_and_what_is_allowed(name, drive
     assert old in GOOD
     table().to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "signals.toml").write_text(GOOD.replace(old, new))
-    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, "--signals", "signals.toml", cwd=tmp_path)
+    done = tselab_here(
+        "estimate",
+        "--verbose",
+        "log.csv",
+        "--vehicle",
+        drive.vehicle,
+        "--signals",
+        "signals.toml",
+        cwd=tmp_path,
+    )
     assert done.code == 2 and "Traceback" not in done.err, done.err
     assert len(done.err.splitlines()) <= 3
     for word in ("signals.toml" if "zait" not in new else "log.csv", *words):
@@ -111,7 +120,9 @@ def test_the_file_that_these_were_made_from_is_right(tmp_path):
     log = read_log(tmp_path / "log.csv")
     v = 20 + np.sin(0.5 * log.time)
     np.testing.assert_allclose(log.data["wheel_speed_rear"], v / 0.3, rtol=1e-9)
-    np.testing.assert_allclose(log.data["accel_y"], v * 0.2 * np.sin(log.time) + 0.3 * np.cos(3 * log.time), atol=1e-9)
+    np.testing.assert_allclose(
+        log.data["accel_y"], v * 0.2 * np.sin(log.time) + 0.3 * np.cos(3 * log.time), atol=1e-9
+    )
     np.testing.assert_allclose(log.data["steer_angle"], 2.7 * 1.6 * 0.2 * np.sin(log.time) / v, atol=1e-9)
     assert log.data["accel_x"].isna().all() and any("accel_x is not in the log" in n for n in log.notes)
     assert log.turn["wheel_speed_rear"] == pytest.approx(1.5 / 0.3, rel=1e-6)
@@ -139,7 +150,9 @@ def test_ratio_table_sign_bit_flag_counter_and_offset(tmp_path):
 def test_a_radius_that_nobody_says(tmp_path):
     table().to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "signals.toml").write_text(GOOD.replace("radius = 0.3\n", ""))
-    with pytest.raises(UserError, match=r"km/h needs the radius of the wheel: a vehicle file \(--vehicle\), or radius"):
+    with pytest.raises(
+        UserError, match=r"km/h needs the radius of the wheel: a vehicle file \(--vehicle\), or radius"
+    ):
         read_log(tmp_path / "log.csv")
 
 
@@ -161,7 +174,9 @@ def test_a_file_beside_a_log_in_tse_s_names_is_taken_when_it_speaks_of_them(driv
     table.to_csv(tmp_path / "log.csv", index=False)
     names = ["steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"]
     units = {"yaw_rate": "deg/s"}
-    text = [f'[signals.{n}]\nname = "{n}"\n' + (f'unit = "{units[n]}"\n' if n in units else "") for n in names]
+    text = [
+        f'[signals.{n}]\nname = "{n}"\n' + (f'unit = "{units[n]}"\n' if n in units else "") for n in names
+    ]
     (tmp_path / "log.signals.toml").write_text("".join(text))
     log = read_log(tmp_path / "log.csv")
     np.testing.assert_allclose(log.data["yaw_rate"], drive.table().yaw_rate.astype(float), atol=1e-12)
@@ -218,7 +233,13 @@ def test_a_file_that_is_written_is_read_again_and_none_is_overwritten(tmp_path):
     done = tselab_here("signals", "log.csv", "--write", "signals.toml", cwd=tmp_path)
     assert done.code == 3 and "not found: accel_x" in done.out
     found = read_signals(tmp_path / "signals.toml")
-    assert set(found.signals) == {"steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_y", "yaw_rate"}
+    assert set(found.signals) == {
+        "steer_angle",
+        "wheel_speed_front",
+        "wheel_speed_rear",
+        "accel_y",
+        "yaw_rate",
+    }
     again = tselab_here("signals", "log.csv", "--write", "signals.toml", cwd=tmp_path)
     assert again.code == 2 and "is there already" in again.err
 
@@ -237,7 +258,15 @@ def test_times_in_words_are_times(form, tmp_path, drive):
     assert np.allclose(dates.time - dates.time[0], plain.time, atol=1e-6)
     for name in plain.data:
         assert np.array_equal(dates.data[name], plain.data[name]), name
-    done = tselab("estimate", "--verbose", tmp_path / "dates.csv", "--vehicle", drive.vehicle, "--out", tmp_path / "est.csv")
+    done = tselab(
+        "estimate",
+        "--verbose",
+        tmp_path / "dates.csv",
+        "--vehicle",
+        drive.vehicle,
+        "--out",
+        tmp_path / "est.csv",
+    )
     assert done.code in (0, 3, 4), done.err
 
 
@@ -255,7 +284,9 @@ def test_a_time_that_is_none_is_refused_as_before(tmp_path, drive):
 def lively(tmp_path_factory):
     """A log that turns, brakes and accelerates enough for the channels to be compared."""
     path = tmp_path_factory.mktemp("units") / "log.csv"
-    assert tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 36, "--out", path).code == 0
+    assert (
+        tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 36, "--out", path).code == 0
+    )
     return path
 
 
@@ -313,7 +344,9 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
 
 
 @pytest.mark.parametrize("first, last", [(0.0, 1.0), (0.0, 2 / 3), (1 / 3, 1.0), (0.5, 1.0)])
-@pytest.mark.parametrize("folder", sorted(DATA.glob("*/vehicle.toml")) or [None], ids=lambda p: p.parent.name if p else "none")
+@pytest.mark.parametrize(
+    "folder", sorted(DATA.glob("*/vehicle.toml")) or [None], ids=lambda p: p.parent.name if p else "none"
+)
 def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
     """Two thirds of one had its accel_y just below what counts, and just above with wheels in km/h: it was said to be in them."""
     if folder is None:
@@ -339,7 +372,15 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 4 and "warning: check the units: accel_y is in g" in done.err
     strict = tselab_here(
-        "estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path
+        "estimate",
+        "--verbose",
+        "log.csv",
+        "--vehicle",
+        drive.vehicle,
+        "--strict",
+        "--out",
+        "strict.csv",
+        cwd=tmp_path,
     )
     assert strict.code == 2 and "option --strict: check the units: accel_y is in g" in strict.err
     assert not (tmp_path / "strict.csv").exists()
@@ -355,7 +396,10 @@ def notes_of(car, folder, **columns) -> list[str]:
     v = car.vehicle
     log = pd.DataFrame(car.log)
     for axle in ("front", "rear"):  # four wheels
-        mean, half = log.pop(f"wheel_speed_{axle}"), 0.5 * v[f"track_{axle}"] / v[f"wheel_radius_{axle}"] * log.yaw_rate
+        mean, half = (
+            log.pop(f"wheel_speed_{axle}"),
+            0.5 * v[f"track_{axle}"] / v[f"wheel_radius_{axle}"] * log.yaw_rate,
+        )
         log[f"wheel_speed_{axle}_left"], log[f"wheel_speed_{axle}_right"] = mean - half, mean + half
     for name, change in columns.items():
         for c in [c for c in log if c.startswith(name)]:
@@ -427,7 +471,10 @@ def test_wheels_that_stand_while_the_car_drives_are_a_note(lively, drive, tmp_pa
     table.to_csv(tmp_path / "log.csv", index=False)
     done = tselab("estimate", "--verbose", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code in RAN and "RuntimeWarning" not in done.err
-    assert "note: both wheel speeds are 0 from 10.01 to 29.99 s, while the car drove (19.6 m/s in the row before" in done.err
+    assert (
+        "note: both wheel speeds are 0 from 10.01 to 29.99 s, while the car drove (19.6 m/s in the row before"
+        in done.err
+    )
 
 
 def test_a_car_that_stops_and_starts_gets_no_note_and_two_gaps_get_one(lively):
@@ -446,7 +493,15 @@ def test_a_car_that_stops_and_starts_gets_no_note_and_two_gaps_get_one(lively):
 @pytest.mark.parametrize("mistake", ["units", "axles"])
 def test_no_row_of_a_log_that_contradicts_itself_is_valid(mistake, drive, tmp_path):
     """Also not before the filter knows: in a drive of a minute it finds exchanged axles after some seconds."""
-    simulated = ("simulate", "--maneuver", "double-lane-change", "--duration", 60, "--out", tmp_path / "log.csv")
+    simulated = (
+        "simulate",
+        "--maneuver",
+        "double-lane-change",
+        "--duration",
+        60,
+        "--out",
+        tmp_path / "log.csv",
+    )
     assert tselab_here(*simulated).code == 0
     table = pd.read_csv(tmp_path / "log.csv")
     front, rear = "wheel_speed_front", "wheel_speed_rear"
@@ -457,8 +512,14 @@ def test_no_row_of_a_log_that_contradicts_itself_is_valid(mistake, drive, tmp_pa
     table.to_csv(tmp_path / "log.csv", index=False)
     vehicle = tmp_path / "car.toml"
     vehicle.write_text(drive.vehicle.read_text())
-    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", vehicle, "--out", "est.csv", cwd=tmp_path)
-    hint = "the wheel speeds are in mph" if mistake == "units" else "front and rear wheel speeds seem to be exchanged"
+    done = tselab_here(
+        "estimate", "--verbose", "log.csv", "--vehicle", vehicle, "--out", "est.csv", cwd=tmp_path
+    )
+    hint = (
+        "the wheel speeds are in mph"
+        if mistake == "units"
+        else "front and rear wheel speeds seem to be exchanged"
+    )
     assert done.code == 4 and hint in done.err
     estimated = pd.read_csv(tmp_path / "est.csv")
     names = ("cx_front", "cy_front", "cy_rear", "grip")
@@ -475,18 +536,24 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
     table = pd.DataFrame(dict.fromkeys(("cx_front_reason", "cy_front_reason", "cy_rear_reason"), reasons))
     table = table.assign(fault_channel=4, fault_factor=-1.0)
     assert implausible(table) == ""
-    assert implausible(table.iloc[:70]).endswith("accel_x seems to have the other sign (factor -1, about 1 is expected)")
+    assert implausible(table.iloc[:70]).endswith(
+        "accel_x seems to have the other sign (factor -1, about 1 is expected)"
+    )
     assert "in 67 % of the rows that drive" in implausible(table.iloc[np.r_[0:10, 70:100, 10:70]])
     assert implausible(table.iloc[np.r_[70:100, 0:10, 10:35]]) == ""
 
 
-@pytest.mark.parametrize(("before", "factor", "whole"), [(10.0, 0.0, True), (30.0, 0.0, False), (30.0, -1.0, True)])
+@pytest.mark.parametrize(
+    ("before", "factor", "whole"), [(10.0, 0.0, True), (30.0, 0.0, False), (30.0, -1.0, True)]
+)
 def test_a_channel_that_fails_leaves_what_was_valid_before(before: float, factor: float, whole: bool) -> None:
     """One that has agreed for 20 s, and is no factor of what it was, is no wrong unit or sign."""
     time = np.arange(0.0, 90.0, 0.1)
     names = ("cx_front_reason", "cy_front_reason", "cy_rear_reason")
     reasons = np.where(time > before, "implausible", "valid")
-    table = pd.DataFrame({"time": time} | dict.fromkeys(names, reasons) | {"fault_channel": 6, "fault_factor": factor})
+    table = pd.DataFrame(
+        {"time": time} | dict.fromkeys(names, reasons) | {"fault_channel": 6, "fault_factor": factor}
+    )
     assert bool(implausible(table)) == whole
     (said,) = contradictions(table)
     assert said.startswith(f"the channels contradict each other from {before + 0.1:.1f} to 89.9 s: yaw_rate ")
@@ -506,7 +573,11 @@ def test_a_log_of_many_signals_takes_no_longer_for_each(monkeypatch):
     """Each is looked at for a flag once or twice, not once for every other."""
     time = np.arange(0.0, 30.0, 0.02)
     rng = np.random.default_rng(2)
-    walk = {f"ECU_{i}_{n}": rng.normal(size=len(time)).cumsum() for i in range(60) for n in ("Temp", "State", "Press", "Flow")}
+    walk = {
+        f"ECU_{i}_{n}": rng.normal(size=len(time)).cumsum()
+        for i in range(60)
+        for n in ("Temp", "State", "Press", "Flow")
+    }
     recording = Recording(Path("many"), "table", {n: Channel(n, time, x) for n, x in walk.items()})
     looked = []
     valid = look._valid_value

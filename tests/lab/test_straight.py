@@ -12,10 +12,10 @@ import pytest
 import tse
 from tests.cars.along import config_of, line_of
 from tse._tables import Reason
-from tse.impl.core import Config, Filter
-from tse.impl.identify.slip import longitudinal
-from tse.impl.logs.log import read_frame
-from tse.impl.vehicle import SHAPE, make_vehicle
+from tse.car.vehicle import SHAPE, make_vehicle
+from tse.channels.log import read_frame
+from tse.identify.slip import longitudinal
+from tse.library.core import Config, Filter
 
 SETTLED = 2000  # rows
 DOES_NOT_FIT = get_args(Reason).index("does not fit")
@@ -56,7 +56,9 @@ def test_a_calibration_is_not_misled_by_the_noise_of_accel_x(stiffness: float) -
     car = {"mass": 1650, "lf": 1.2, "lr": 1.55, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32}
     known = make_vehicle(dict(car), Path("car.toml"))
     true = {"longitudinal_stiffness_front": stiffness, "longitudinal_stiffness_rear": stiffness}
-    log = read_frame(tse.simulate("straight", make_vehicle(car | true, Path("car.toml")), seed=3, duration=120.0).log)
+    log = read_frame(
+        tse.simulate("straight", make_vehicle(car | true, Path("car.toml")), seed=3, duration=120.0).log
+    )
     config = Config.exact({**known.values, SHAPE: 1.0})
     mean, sd = longitudinal(config, {}, [log], known)
     off = mean + np.log(config.longitudinal_stiffness_front / stiffness)
@@ -69,15 +71,31 @@ def test_tyres_that_do_not_bend_are_not_taken_for_stiffer_ones(driven: str) -> N
     """Linear tyres, up to 3 m/s2, brakes on both axles and no switch: within 5 %. A curve that
     counts as certain makes front tyres 10 % too stiff."""
     rng, dt, mass = np.random.default_rng(1), 0.01, 1500.0
-    car = {"mass": mass, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.31, "wheel_radius_rear": 0.31, "driven_axle": driven}
+    car = {
+        "mass": mass,
+        "lf": 1.2,
+        "lr": 1.5,
+        "wheel_radius_front": 0.31,
+        "wheel_radius_rear": 0.31,
+        "driven_axle": driven,
+    }
     time = dt * np.arange(30000)
     pulls = 2.2 * np.sin(0.5 * time) * np.sin(0.07 * time + 1.0)
     speed = 15.0 + dt * np.cumsum(pulls - pulls.mean())
     force = mass * np.gradient(speed, time) + 0.01 * 9.81 * mass + 0.4 * speed**2
     drive, brake = np.maximum(force, 0.0), np.minimum(force, 0.0)
     stiffness = {"front": 200e3, "rear": 180e3}
-    slip = {a: ((a == driven) * drive + part * brake) / stiffness[a] for a, part in (("front", 0.65), ("rear", 0.35))}
-    noise = {"wheel_speed_front": 0.01, "wheel_speed_rear": 0.01, "accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.002}
+    slip = {
+        a: ((a == driven) * drive + part * brake) / stiffness[a]
+        for a, part in (("front", 0.65), ("rear", 0.35))
+    }
+    noise = {
+        "wheel_speed_front": 0.01,
+        "wheel_speed_rear": 0.01,
+        "accel_x": 0.05,
+        "accel_y": 0.05,
+        "yaw_rate": 0.002,
+    }
     log = {"time": time, "steer_angle": 0.002 * np.sin(0.3 * time)}
     log |= {c: sd * rng.standard_normal(len(time)) for c, sd in noise.items()}
     for axle in slip:

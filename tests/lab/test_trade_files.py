@@ -26,17 +26,17 @@ from trade_files import (
     write_racechrono,
     write_vbo,
 )  # fmt: skip
-from tse.impl.errors import UserError
-from tse.impl.logs.counters import modulo_of
-from tse.impl.logs.databases import read_database
-from tse.impl.logs.log import read_log
-from tse.impl.logs.proposal import propose, toml_text
-from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import Channel, Recording
-from tse.impl.logs.table import is_packed, of_packed
-from tse.impl.logs.vocabulary import place_of
-from tse.impl.rows import Reading
-from tse.impl.vehicle import read_vehicle
+from tse.car.vehicle import read_vehicle
+from tse.channels.counters import modulo_of
+from tse.channels.log import read_log
+from tse.channels.proposal import propose, toml_text
+from tse.channels.vocabulary import place_of
+from tse.library.errors import UserError
+from tse.log.rows import Reading
+from tse.readers.databases import read_database
+from tse.readers.readers import read_recording
+from tse.readers.recording import Channel, Recording
+from tse.readers.table import is_packed, of_packed
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,10 @@ def test_a_vbox_file_is_read_with_its_units_and_time_of_day(trip, tmp_path):
     assert [log.channels[n].unit for n in ("velocity", "YawRate", "SWA", "FLwhlspd", "Lat._Vel.")] == \
         ["km/h", "°/s", "rad", "m/s", "km/h"]  # fmt: skip
     assert log.channels["sats"].value[0] == 10  # 64 more says that DGPS is received
-    assert (log.channels["lat"].value[0], log.channels["long"].value[0]) == (50.0, 10.0)  # minutes, positive to the west
+    assert (log.channels["lat"].value[0], log.channels["long"].value[0]) == (
+        50.0,
+        10.0,
+    )  # minutes, positive to the west
 
 
 @pytest.mark.parametrize("wheels", [True, False])
@@ -116,10 +119,14 @@ def test_sections_of_a_vbox_file_may_be_missing_or_shorter(trip, tmp_path):
     assert np.isnan(speed.value[100]) and np.isfinite(speed.value[99])
     np.testing.assert_allclose(np.diff(speed.time), 0.02, atol=1e-6)
     assert log.channels["FLwhlspd"].unit == "" and log.channels["RLwhlspd"].unit == "m/s"
-    assert any("fewer than 4 satellites in 1 rows" in n for n in log.notes) and any("does not end" in n for n in log.notes)
+    assert any("fewer than 4 satellites in 1 rows" in n for n in log.notes) and any(
+        "does not end" in n for n in log.notes
+    )
 
 
-@pytest.mark.parametrize(("cut", "says"), [("[data]", "has no section [data]"), ("sats time", "has no column time")])
+@pytest.mark.parametrize(
+    ("cut", "says"), [("[data]", "has no section [data]"), ("sats time", "has no column time")]
+)
 def test_a_vbox_file_without_data_or_time_is_refused_with_a_sentence(cut, says, trip, tmp_path):
     path = write_vbo(tmp_path / "drive.vbo", trip)
     path.write_bytes(path.read_bytes().replace(cut.encode(), b"sats clock" if cut != "[data]" else b"data"))
@@ -133,7 +140,11 @@ def test_a_vbox_file_without_data_or_time_is_refused_with_a_sentence(cut, says, 
 
 def test_seconds_are_no_time_of_day_and_minutes_of_sixty_seconds_are():
     seconds = 105940.0 + 0.02 * np.arange(5000)
-    assert not is_packed(seconds) and not is_packed(0.02 * np.arange(20)) and not is_packed(0.01 * np.arange(5000))
+    assert (
+        not is_packed(seconds)
+        and not is_packed(0.02 * np.arange(20))
+        and not is_packed(0.01 * np.arange(5000))
+    )
     day = MIDNIGHT + 0.02 * np.arange(5000)
     time = np.floor(day / 3600) * 1e4 + np.floor(day / 60) % 60 * 100 + day % 60
     assert is_packed(time)
@@ -148,7 +159,9 @@ def test_a_table_with_the_names_of_tse_is_read_in_either_writing(kind, car, tmp_
     if kind == "packed time":
         table.to_csv(tmp_path / "log.csv", index=False)
     else:
-        clean.to_csv(tmp_path / "log.csv", index=False, decimal=",", quoting=csv.QUOTE_ALL, float_format="%.9g")
+        clean.to_csv(
+            tmp_path / "log.csv", index=False, decimal=",", quoting=csv.QUOTE_ALL, float_format="%.9g"
+        )
     log = read_log(tmp_path / "log.csv", reading=Reading(car=read_vehicle(car)))
     assert len(log) == len(clean) and log.time[-1] - log.time[0] == pytest.approx(clean.time.iloc[-1])
     np.testing.assert_allclose(log.data["yaw_rate"], clean.yaw_rate, rtol=1e-6)
@@ -163,7 +176,9 @@ def test_a_table_with_the_names_of_tse_is_read_in_either_writing(kind, car, tmp_
 def test_a_database_is_read_without_its_odd_line_which_is_named(odd, trip, tmp_path):
     path = write_candump(tmp_path / "drive.log", frames(trip[:200]), DBC + ODD_LINES[odd] + "\n")
     log = read_recording(path)
-    np.testing.assert_allclose(log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:200]), atol=0.006)
+    np.testing.assert_allclose(
+        log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:200]), atol=0.006
+    )
     assert {"ESC_2.WheelSpeedRR", "SAS_1.SteeringWheelAngle"} <= set(log.channels)
     said = [n for n in log.notes if n.startswith("car.dbc: line 2")]
     assert len(said) == (0 if "point" in odd or "behind" in odd else 1), log.notes
@@ -188,7 +203,9 @@ def test_what_cantools_does_not_read_canmatrix_may(trip, monkeypatch, tmp_path):
 
     monkeypatch.setattr("cantools.database.load_file", refuse)
     log = read_recording(path)
-    np.testing.assert_allclose(log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:100]), atol=0.006)
+    np.testing.assert_allclose(
+        log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:100]), atol=0.006
+    )
     assert any("car.kcd: cantools does not read it" in n for n in log.notes)
 
 
@@ -256,7 +273,9 @@ def motion(trip):
             "omega": (trip.yaw_rate, "rad/s")}  # fmt: skip
 
 
-@pytest.mark.parametrize(("unit", "warned"), [("km^h", True), ("kmph", False), ("Kmh", False), ("kmH?", True)])
+@pytest.mark.parametrize(
+    ("unit", "warned"), [("km^h", True), ("kmph", False), ("Kmh", False), ("kmH?", True)]
+)
 def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip):
     found = propose(table_of(trip, **motion(trip), **{f"wheel_{c}": (3.6 * trip[c], unit) for c in CORNERS}))
     assert found.missing == [] and found["yaw_rate"].name == ("omega",)
@@ -270,7 +289,9 @@ def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip)
     "{}whlspd", "{}speed", "{}_wheel", "WhlSpd{}", "wheelspeed{}", "v_{}", "{}WheelSpeed", "Wheel_{}_Speed", "WHEEL_SPEED_{}",
     "ABS_{}_Spd", "whl{}spd", "Speed.{}", "W_SPD_{}_KMH",
 ])  # fmt: skip
-@pytest.mark.parametrize("corners", ["FL FR RL RR", "VL VR HL HR", "LF RF LR RR", "FrontLeft FrontRight RearLeft RearRight"])
+@pytest.mark.parametrize(
+    "corners", ["FL FR RL RR", "VL VR HL HR", "LF RF LR RR", "FrontLeft FrontRight RearLeft RearRight"]
+)
 def test_the_corner_may_stand_anywhere_in_the_name_of_a_wheel(form, corners):
     names = [form.format(c) for c in corners.split()]
     assert [place_of(n)[0] for n in names] == ["front_left", "front_right", "rear_left", "rear_right"], names
@@ -369,7 +390,9 @@ def test_a_bus_log_of_this_layout_is_read(layout, zipped, trip, tmp_path):
         path.unlink()
         path = packed_path
     log = read_recording(path)
-    yaw, wheel, angle = (log.channels[n] for n in ("ESC_1.YawRate", "ESC_2.WheelSpeedRR", "SAS_1.SteeringWheelAngle"))
+    yaw, wheel, angle = (
+        log.channels[n] for n in ("ESC_1.YawRate", "ESC_2.WheelSpeedRR", "SAS_1.SteeringWheelAngle")
+    )
     np.testing.assert_allclose(yaw.value, np.degrees(trip.yaw_rate[:500]), atol=0.006)
     np.testing.assert_allclose(wheel.value, 3.6 * trip.rr[:500], atol=0.006)
     np.testing.assert_allclose(angle.value, DEG * RATIO * trip.steer_angle[:500], atol=0.06)
@@ -384,12 +407,21 @@ def test_frames_without_a_time_are_refused_with_what_helps(trip, tmp_path):
         read_recording(path)
 
 
-@pytest.mark.parametrize("layout", ["ASC", "candump -l", "candump -ta", "TRC 1.1", "BUSMASTER", "CANedge CSV"])
+@pytest.mark.parametrize(
+    "layout", ["ASC", "candump -l", "candump -ta", "TRC 1.1", "BUSMASTER", "CANedge CSV"]
+)
 def test_a_line_that_is_no_frame_is_left_out_and_named(layout, trip, tmp_path):
     path = write_bus_log(layout, tmp_path, frames(trip[:50]))
     lines = path.read_text(encoding="latin-1").splitlines()
     lines[100] = lines[100][: len(lines[100]) - 9] + "ZZ"
     path.write_text("\n".join(lines) + "\n", encoding="latin-1")
     log = read_recording(path)
-    assert sum(len(c) for n, c in log.channels.items() if n.endswith(("YawRate", "WheelSpeedFL", "SteeringWheelAngle"))) == 149
+    assert (
+        sum(
+            len(c)
+            for n, c in log.channels.items()
+            if n.endswith(("YawRate", "WheelSpeedFL", "SteeringWheelAngle"))
+        )
+        == 149
+    )
     assert any("1 lines are no frames" in n and "line 101" in n for n in log.notes), log.notes

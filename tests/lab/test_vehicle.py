@@ -8,14 +8,8 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from tse.impl.config import NOT_IN_FILTER, make_config
-from tse.impl.core import Config, library
-from tse.impl.errors import UserError
-from tse.impl.files import loads, read_toml
-from tse.impl.identify.unknowns import UNKNOWNS
-from tse.impl.noise import FLOOR, channel_noise
-from tse.impl.rows import Log, columns
-from tse.impl.vehicle import (
+from tse.car.config import NOT_IN_FILTER, make_config
+from tse.car.vehicle import (
     REQUIRED,
     calibration_toml,
     fill_sensors,
@@ -28,6 +22,12 @@ from tse.impl.vehicle import (
     unknown_car,
     vehicle_settings,
 )
+from tse.identify.unknowns import UNKNOWNS
+from tse.library.core import Config, library
+from tse.library.errors import UserError
+from tse.library.files import loads, read_toml
+from tse.log.noise import FLOOR, channel_noise
+from tse.log.rows import Log, columns
 
 BARE = """name = "bare"
 mass = 1600.0
@@ -64,14 +64,24 @@ def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
 
 def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_path):
     bare = filter_values(read(tmp_path, BARE))
-    for name in ("initial_cy_front_sd", "grip", "grip_sd", "relaxation_length", "body_roll_gain", "accel_y_sd", "model_sd"):
+    for name in (
+        "initial_cy_front_sd",
+        "grip",
+        "grip_sd",
+        "relaxation_length",
+        "body_roll_gain",
+        "accel_y_sd",
+        "model_sd",
+    ):
         assert bare[name] == class_of(name), name
     assert bare["driven_axle"] == 1
     told = BARE + "[sensors]\naccel_y_sd = 0.5\n[effects.body_roll]\ngain = 0.004\n"
     said = filter_values(read(tmp_path, 'driven_axle = "rear"\n' + told))
     assert (said["driven_axle"], said["accel_y_sd"], said["body_roll_gain"]) == (2, 0.5, 0.004)
     exact = read(tmp_path, tselab("vehicle", "--simulated").out)
-    assert Config(filter_values(exact)).as_dict() == Config.exact({"driven_axle": 1}).as_dict()  # known exactly: nothing is added
+    assert (
+        Config(filter_values(exact)).as_dict() == Config.exact({"driven_axle": 1}).as_dict()
+    )  # known exactly: nothing is added
 
 
 def test_what_the_filter_does_not_apply_is_said(tmp_path):
@@ -100,32 +110,49 @@ def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
     assert car["grip"] == pytest.approx(0.8, rel=0.01) and 0 < car["grip_sd"] < class_of("grip_sd")
     stated = "[sensors]\nvelocity_latency = 0.1\nvelocity_lever_x = -1.2\nyaw_rate_sd = 0.05\n"
     car = filter_values(read(tmp_path, BARE + stated + found))
-    assert car["velocity_lever_x"] == -1.2 and car["velocity_latency"] == 0.1  # of which no calibration speaks
+    assert (
+        car["velocity_lever_x"] == -1.2 and car["velocity_latency"] == 0.1
+    )  # of which no calibration speaks
     assert car["accel_x_bias_sd"] == class_of("accel_x_bias_sd")  # which the file does not say
-    assert car["yaw_rate_sd"] == class_of("yaw_rate_sd")  # which the filter finds; the file has what was left of the search
+    assert car["yaw_rate_sd"] == class_of(
+        "yaw_rate_sd"
+    )  # which the filter finds; the file has what was left of the search
 
 
 def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
     """One curve and one prior of the friction: in what is searched, in the filter of a calibrated car, in that of its class."""
     friction = next(u for u in UNKNOWNS if u.name == "tyre_saturation_inverse_friction")
-    assert friction.mean == 1 / class_of("grip") and friction.sd / friction.mean == class_of("grip_sd")  # relative
-    found = '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.04]]\n'
+    assert friction.mean == 1 / class_of("grip") and friction.sd / friction.mean == class_of(
+        "grip_sd"
+    )  # relative
+    found = (
+        '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.04]]\n'
+    )
     curve = BARE + "[effects.tyre_saturation]\ninverse_friction = 1.25\n"
     car = filter_values(read(tmp_path, curve + "shape = 0.5\n" + found))
     assert car["tyre_saturation_shape"] == 0.5  # that on which the friction was found
     assert car["grip"] == pytest.approx(1 / 1.25) and car["grip_sd"] == pytest.approx(0.2 / 1.25)
-    hardly = filter_values(read(tmp_path, BARE + found.replace("1.25", "0.05")))  # no end that shows: inside the settings' ranges
+    hardly = filter_values(
+        read(tmp_path, BARE + found.replace("1.25", "0.05"))
+    )  # no end that shows: inside the settings' ranges
     assert hardly["grip"] == 5.0 and 0 < hardly["grip_sd"] <= 1.0
     make_config(read(tmp_path, BARE + found.replace("1.25", "0.05")), None)
-    plain = filter_values(read(tmp_path, BARE + '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'))
-    assert [plain[k] for k in ("tyre_saturation_shape", "grip")] == [class_of("tyre_saturation_shape"), class_of("grip")]
+    plain = filter_values(
+        read(tmp_path, BARE + '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n')
+    )
+    assert [plain[k] for k in ("tyre_saturation_shape", "grip")] == [
+        class_of("tyre_saturation_shape"),
+        class_of("grip"),
+    ]
 
 
 @pytest.mark.parametrize(("friction", "notes"), [(1.25, 0), (0.95, 1)])
 def test_a_friction_that_is_edited_beside_a_calibration_is_no_setting(tmp_path, friction, notes):
     found = '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.0001]]\n'
     car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n{found}")
-    assert [n.split(" is ")[1][:17] for n in car.notes if "inverse_friction" in n] == ["0.95 and not used"] * notes
+    assert [n.split(" is ")[1][:17] for n in car.notes if "inverse_friction" in n] == [
+        "0.95 and not used"
+    ] * notes
 
 
 def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
@@ -136,12 +163,19 @@ def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
 
 
 def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
-    bare, told = (read(tmp_path, BARE), read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"))
+    bare, told = (
+        read(tmp_path, BARE),
+        read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"),
+    )
     assert {k: bare.values[k] for k in unknown_car()} == unknown_car()
     assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
     assert told.given_uncertainty == ["mass_sd", "cg_sd"]
     line = next(line for line in told.filled if line.startswith("[uncertainty]"))
-    assert f"relaxation_sd = {unknown_car()['relaxation_sd']:g} m" in line and "cg_sd" not in line and "mass_sd" not in line
+    assert (
+        f"relaxation_sd = {unknown_car()['relaxation_sd']:g} m" in line
+        and "cg_sd" not in line
+        and "mass_sd" not in line
+    )
     names = list(Config.exact().fields)  # the table of the file is that of the library
     assert set(uncertainty_settings()) == set(names[names.index("mass_sd") : names.index("accel_x_sd")])
 
@@ -155,7 +189,9 @@ def test_an_uncertainty_out_of_range_is_refused(tmp_path):
 
 def test_a_table_that_nobody_knows_is_a_notice_for_it_may_be_another_programs(tmp_path):
     car = read(tmp_path, BARE + "[source]\nrepo = 'x'\n[simulink]\nsolver = 'ode4'\n[[logger]]\nport = 1\n")
-    assert [n for n in car.notes if "not known" in n] == ["car.toml: [simulink], [logger] is not known and not used"]
+    assert [n for n in car.notes if "not known" in n] == [
+        "car.toml: [simulink], [logger] is not known and not used"
+    ]
 
 
 def log_of(**channels):
@@ -198,9 +234,21 @@ def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
     slow = np.repeat(rng.standard_normal(n // 20) * 0.3, 20)
     quiet, rough = read(tmp_path, BARE), read(tmp_path, BARE)
     base = 0.1 * rng.standard_normal(n)
-    fill_sensors(quiet, log_of(wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base, accel_y=base, yaw_rate=0.01 * base))
     fill_sensors(
-        rough, log_of(wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base + slow, accel_y=base, yaw_rate=0.01 * base)
+        quiet,
+        log_of(
+            wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base, accel_y=base, yaw_rate=0.01 * base
+        ),
+    )
+    fill_sensors(
+        rough,
+        log_of(
+            wheel_speed_front=wheel,
+            wheel_speed_rear=wheel,
+            accel_x=base + slow,
+            accel_y=base,
+            yaw_rate=0.01 * base,
+        ),
     )
     assert quiet.values["accel_x_sd"] == pytest.approx(0.1, rel=0.3)
     assert rough.values["accel_x_sd"] > 3 * quiet.values["accel_x_sd"]
@@ -213,7 +261,9 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
     roll = 60 + 10 * np.sin(0.2 * t)
     noisy = {"front": 0.02, "rear": 0.07}
     wheels = {f"wheel_speed_{a}": roll + sd * rng.standard_normal(n) for a, sd in noisy.items()}
-    fast = {a: np.interp(t, t[::5], w[::5]) for a, w in wheels.items()}  # a sample in five rows, lines between
+    fast = {
+        a: np.interp(t, t[::5], w[::5]) for a, w in wheels.items()
+    }  # a sample in five rows, lines between
     coarse = {f"wheel_speed_{a}": np.round(roll / 0.3) * 0.3 for a in noisy}
     for channels, low, high in (
         (wheels, 0.065, 0.075),
@@ -228,7 +278,10 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
 
 
 def test_stated_noise_is_left_alone(tmp_path):
-    car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n")
+    car = read(
+        tmp_path,
+        BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n",
+    )
     before = dict(car.values)
     fill_sensors(car, log_of(accel_x=np.zeros(500)))
     assert car.values == before
@@ -243,7 +296,9 @@ def test_the_simulated_car_is_the_default_car(tmp_path):
 def test_the_example_says_no_more_than_a_minimal_file(tmp_path):
     """Who edits mass, axles and wheels gets the bands of a car that nobody has calibrated, not those of one told exactly."""
     example = tselab("vehicle", "--example").out
-    said = {line.split(" = ")[0] for line in example.splitlines() if line and not line.startswith(("#", "name"))}
+    said = {
+        line.split(" = ")[0] for line in example.splitlines() if line and not line.startswith(("#", "name"))
+    }
     assert said == set(REQUIRED)
     car = read(tmp_path, example)
     bare = read(tmp_path, "\n".join(f"{key} = {car.values[key]!r}" for key in REQUIRED))
@@ -263,7 +318,10 @@ def test_every_line_of_the_example_can_be_taken_in(tmp_path):
 
 
 def test_an_edited_car_that_is_told_exactly_is_spoken_of(tmp_path):
-    car = read(tmp_path, re.sub(r"^mass = \S+", "mass = 1400.0", tselab("vehicle", "--simulated").out, flags=re.MULTILINE))
+    car = read(
+        tmp_path,
+        re.sub(r"^mass = \S+", "mass = 1400.0", tselab("vehicle", "--simulated").out, flags=re.MULTILINE),
+    )
     assert [n for n in car.notes if "[uncertainty] is 0 throughout" in n]
 
 
@@ -284,11 +342,17 @@ def test_what_no_log_tells_of_a_car_is_spoken_of_where_hardly_any_car_has_it(car
 
 
 def read_notes(car):
-    return make_vehicle({**car, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}, Path("car.toml")).notes
+    return make_vehicle(
+        {**car, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}, Path("car.toml")
+    ).notes
 
 
 def test_a_car_that_is_edited_after_its_calibration_is_spoken_of():
-    lines = calibration_toml(["cx", "cy"], np.zeros(2), np.eye(2), of={"mass": 1900.0, "lf": 1.2, "lr": 1.5, "yaw_inertia": 3000.0})
+    lines = calibration_toml(
+        ["cx", "cy"], np.zeros(2), np.eye(2), of={"mass": 1900.0, "lf": 1.2, "lr": 1.5, "yaw_inertia": 3000.0}
+    )
     table = loads("\n".join(lines))
     assert not read_notes({"mass": 1900.0, "lf": 1.2, "lr": 1.5, **table})
-    assert "mass = 2100 was 1900 when" in " ".join(read_notes({"mass": 2100.0, "lf": 1.2, "lr": 1.5, **table}))
+    assert "mass = 2100 was 1900 when" in " ".join(
+        read_notes({"mass": 2100.0, "lf": 1.2, "lr": 1.5, **table})
+    )

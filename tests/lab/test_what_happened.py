@@ -9,28 +9,34 @@ from scipy.interpolate import make_smoothing_spline
 
 import tse
 from conftest import tselab_here
-from tse.impl import results
-from tse.impl.core import NOMINAL as SETTING
-from tse.impl.core import STIFFNESS, Config
-from tse.impl.estimate import Estimate
-from tse.impl.fleet import single
-from tse.impl.identify.data import smoothing_spline
-from tse.impl.regimes import REGIMES, Change, changes, percent, spells, stretches, words
-from tse.impl.smooth import backward, fixed, smooth
-from tse.impl.verdict import findings
+from tse.estimation.estimate import Estimate
+from tse.estimation.regimes import REGIMES, Change, changes, percent, spells, stretches, words
+from tse.estimation.smooth import backward, fixed, smooth
+from tse.estimation.verdict import findings
+from tse.identify.data import smoothing_spline
+from tse.library.core import NOMINAL as SETTING
+from tse.library.core import STIFFNESS, Config
+from tse.report import results
+from tse.runs import single
 
 NOMINAL = {"cx_front": 1.6e5, "cy_front": 1.2e5, "cy_rear": 1.4e5}
 CALM = [(0.0, 60.0, None)]
 
 
-def table_of(told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np.ones(len(t), bool)) -> pd.DataFrame:
+def table_of(
+    told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np.ones(len(t), bool)
+) -> pd.DataFrame:
     """A drive whose estimates tell: from, to, (time of the change, kind, probability, ratio) or None for no change yet."""
     time = np.arange(round(seconds / step)) * step
     n = len(time)
     level = np.ones(n)
     columns = {"time": time, "status": np.zeros(n, int)}
     columns |= {f"p_{p}": np.zeros(n) for p in ("changed", "axle", "fault", "sliding", "restarted")}
-    columns |= {"fault_channel": np.zeros(n, int), "change_age": np.zeros(n), "change_probability": np.zeros(n)}
+    columns |= {
+        "fault_channel": np.zeros(n, int),
+        "change_age": np.zeros(n),
+        "change_probability": np.zeros(n),
+    }
     columns |= {"change_kind": np.zeros(n, int), **{f"change_{s}": np.ones(n) for s in STIFFNESS}}
     for start, end, change in told:
         rows = (time >= start - 1e-9) & (time < end - 1e-9)
@@ -44,7 +50,11 @@ def table_of(told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np
         level[rows] = ratio
     ok = valid(time)
     for s in STIFFNESS:
-        columns |= {s: NOMINAL[s] * level, f"{s}_sd": NOMINAL[s] * level * 0.01, f"{s}_spread": NOMINAL[s] * level * 0.05}
+        columns |= {
+            s: NOMINAL[s] * level,
+            f"{s}_sd": NOMINAL[s] * level * 0.01,
+            f"{s}_spread": NOMINAL[s] * level * 0.05,
+        }
         columns |= {f"{s}_valid": ok.astype(int), f"{s}_spread_seen": np.ones(n, int)}
         columns |= {f"{s}_reason": np.where(ok, "valid", "not excited")}
     columns |= {f"noise_{c}": np.ones(n) for c in ("accel_x", "accel_y", "yaw_rate")}
@@ -69,15 +79,26 @@ def test_a_table_without_the_columns_has_no_events_and_is_one_stretch():
 
 def test_a_change_has_time_kind_probability_and_what_it_did():
     (change,) = changes(table_of(ROAD))
-    assert change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
+    assert (
+        change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
+    )
     assert change.label == "road changed at 36.03 s, 97 %"
     assert change.ratio["cy_rear"] == pytest.approx((0.7, 0.7 * 0.01 * np.sqrt(2)))
-    assert change.effect == "front longitudinal x 0.70 ± 0.01, front cornering x 0.70 ± 0.01, rear cornering x 0.70 ± 0.01"
+    assert (
+        change.effect
+        == "front longitudinal x 0.70 ± 0.01, front cornering x 0.70 ± 0.01, rear cornering x 0.70 ± 0.01"
+    )
 
 
 @pytest.mark.parametrize(
     ("kind", "what", "touched"),
-    [(1, "road changed", 3), (2, "front axle changed", 1), (3, "rear axle changed", 1), (4, "started over", 0), (9, "changed", 0)],
+    [
+        (1, "road changed", 3),
+        (2, "front axle changed", 1),
+        (3, "rear axle changed", 1),
+        (4, "started over", 0),
+        (9, "changed", 0),
+    ],
 )
 def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, touched):
     (change,) = changes(table_of([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
@@ -85,9 +106,17 @@ def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, 
 
 
 def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts():
-    told = [(10.1, 10.3, (10.0, 2, 0.91, 0.8)), (10.3, 11, (10.2, 1, 0.95, 0.75)), (11, 60, (10.1, 1, 0.99, 0.7))]
+    told = [
+        (10.1, 10.3, (10.0, 2, 0.91, 0.8)),
+        (10.3, 11, (10.2, 1, 0.95, 0.75)),
+        (11, 60, (10.1, 1, 0.99, 0.7)),
+    ]
     (change,) = changes(table_of(told))
-    assert change.time == pytest.approx(10.1) and change.kind == 1 and change.ratio["cx_front"][0] == pytest.approx(0.7)
+    assert (
+        change.time == pytest.approx(10.1)
+        and change.kind == 1
+        and change.ratio["cx_front"][0] == pytest.approx(0.7)
+    )
 
 
 @pytest.mark.parametrize(
@@ -109,7 +138,9 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
     ],
 )  # fmt: skip
 def test_changes_are_told_once_each(told, expected):
-    assert [(c.time, c.kind, c.probability) for c in changes(table_of(told))] == [pytest.approx(e) for e in expected]
+    assert [(c.time, c.kind, c.probability) for c in changes(table_of(told))] == [
+        pytest.approx(e) for e in expected
+    ]
 
 
 def test_single_precision_tells_the_same():
@@ -164,12 +195,16 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
     assert one.title == "From 0.0 .. 36.0 s"
     front = one.verdicts[1]
     assert front.value == pytest.approx(120) and front.band == pytest.approx(1.96 * 1.2)
-    assert front.text.startswith("120 kN/rad ± 2 (95 %), valid 83 % of the time; as nominal; last valid at 30.0 s")
+    assert front.text.startswith(
+        "120 kN/rad ± 2 (95 %), valid 83 % of the time; as nominal; last valid at 30.0 s"
+    )
     rear = two.verdicts[2]
     assert rear.value == pytest.approx(98) and rear.valid == pytest.approx(0.5, abs=0.01)
     assert "30 % below nominal" in rear.text and "last valid" not in rear.text
     assert "changed during" not in front.text + rear.text
-    assert two.lines()[0] == "From 36.0 .. 60.0 s:" and two.lines()[3].startswith("  Rear cornering stiffness: 98 kN/rad")
+    assert two.lines()[0] == "From 36.0 .. 60.0 s:" and two.lines()[3].startswith(
+        "  Rear cornering stiffness: 98 kN/rad"
+    )
 
 
 def test_a_stretch_on_which_nothing_is_valid_says_so():
@@ -180,7 +215,9 @@ def test_a_stretch_on_which_nothing_is_valid_says_so():
     assert lines[1].startswith("  Front cornering stiffness: 84 kN/rad ± 2 (95 %), not valid: not excited: ")
 
 
-@pytest.mark.parametrize(("share", "text"), [(0, "0 %"), (0.004, "under 1 %"), (0.5, "50 %"), (0.996, "over 99 %"), (1, "100 %")])
+@pytest.mark.parametrize(
+    ("share", "text"), [(0, "0 %"), (0.004, "under 1 %"), (0.5, "50 %"), (0.996, "over 99 %"), (1, "100 %")]
+)
 def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
     assert percent(share) == text
 
@@ -210,7 +247,11 @@ def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path
         done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
         lines = [*done.out.splitlines(), *done.err.splitlines()]
         assert len(lines) <= 12 and max(map(len, lines)) <= 100, lines
-        assert lines[0].strip().startswith("front, in bends" if told is CALM else "From 0" if told is ROAD else "37 earlier")
+        assert (
+            lines[0]
+            .strip()
+            .startswith("front, in bends" if told is CALM else "From 0" if told is ROAD else "37 earlier")
+        )
     assert "more notes: --verbose" in done.out
 
 
@@ -218,14 +259,28 @@ CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front 
 CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
 
 
-@pytest.mark.parametrize(("car", "level"), [(CAR, 0.5), (CAR + CALIBRATED, 0.7), (CAR, 1.0)], ids=["unknown", "calibrated", "none"])
+@pytest.mark.parametrize(
+    ("car", "level"), [(CAR, 0.5), (CAR + CALIBRATED, 0.7), (CAR, 1.0)], ids=["unknown", "calibrated", "none"]
+)
 def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_path):
     """A band of 25 % is of the car, and is the same before and after."""
     (tmp_path / "car.toml").write_text(car)
     road = ("--road-change", f"40:{level}") if level < 1 else ()
-    done = tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 60, *road, "--out", "log.csv", cwd=tmp_path)
+    done = tselab_here(
+        "simulate",
+        "--maneuver",
+        "double-lane-change",
+        "--duration",
+        60,
+        *road,
+        "--out",
+        "log.csv",
+        cwd=tmp_path,
+    )
     assert done.code == 0, done.err
-    done = tselab_here("estimate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path)
+    done = tselab_here(
+        "estimate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path
+    )
     times = [c.time for c in changes(pd.read_csv(tmp_path / "e.csv"))]
     assert times == [pytest.approx(40.0, abs=1.0)] if level < 1 else times == []
 
@@ -270,7 +325,10 @@ def test_it_is_batch_least_squares_of_the_random_walk(seed):
     walk, noise = np.full(79, 1e-4), rng.uniform(0.01, 1.0, 80)
     noise[rng.random(80) < 0.3] = np.inf
     opened = walk.copy()
-    opened[40], noise[41] = 0.2, np.inf  # the filter has opened the state here, and nobody says so but its variance
+    opened[40], noise[41] = (
+        0.2,
+        np.inf,
+    )  # the filter has opened the state here, and nobody says so but its variance
     z, mean, var = random_walk(rng, opened, noise)
     expected, expected_var = least_squares(z, opened, noise)
     found, found_var = backward(mean, var, walk)
@@ -281,7 +339,9 @@ def test_it_is_batch_least_squares_of_the_random_walk(seed):
 
 def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
     n, part, step = 100, 0.05, 0.1
-    config = Config.exact({"steady_walk": 0.05, **{setting: NOMINAL[key] for key, setting in SETTING.items()}})
+    config = Config.exact(
+        {"steady_walk": 0.05, **{setting: NOMINAL[key] for key, setting in SETTING.items()}}
+    )
     walk, noise = np.full(n - 1, config.steady_walk**2 * step), np.full(n, 0.04)
     z, mean, var = random_walk(np.random.default_rng(7), walk, noise)
     table = pd.DataFrame({"time": (np.arange(n) + 0.5) * step, "status": np.zeros(n, int)})
@@ -295,7 +355,10 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
         assert found == pytest.approx(part**2)
         value, sd = smooth(table, key, config, found)
         assert value == pytest.approx(NOMINAL[key] * np.exp(expected.mean()))
-        assert sd / value == pytest.approx(np.sqrt(expected_var.mean() + part**2 + expected.var())) and sd / value > part
+        assert (
+            sd / value == pytest.approx(np.sqrt(expected_var.mean() + part**2 + expected.var()))
+            and sd / value > part
+        )
         more = table.loc[table.index.repeat(10)].assign(time=(np.arange(10 * n) + 0.5) * step / 10)
         assert smooth(more, key, config, found) == pytest.approx((value, sd))  # as often as it is read
         refused = pd.concat([table, table.assign(status=-1, time=99.0) * [1, 1, *[9] * 6]])
@@ -314,7 +377,10 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
     assert one.verdicts[1].value < 95  # of the last row
     for f, level in ((one, 1.0), (two, 0.7)):
         for v in f.verdicts:
-            assert v.smoothed == pytest.approx(level * NOMINAL[v.key] / 1000, rel=0.01) and v.smoothed_reason == "valid"
+            assert (
+                v.smoothed == pytest.approx(level * NOMINAL[v.key] / 1000, rel=0.01)
+                and v.smoothed_reason == "valid"
+            )
     assert one.lines()[2].endswith("; smoothed over the stretch 119 ± 8, valid")
     rows = results.rows("log", Estimate(table, False), [one, two], found, ())
     assert [r["change_probability"] for r in rows[3:]] == pytest.approx([0.97] * 3)
@@ -336,17 +402,25 @@ def drawn_along(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.Dat
 def test_a_change_began_where_the_estimates_began_to_move(keys):
     table = drawn_along(33.0, keys)
     found = changes(table)
-    assert [c.time for c in found] == [pytest.approx(33.0, abs=0.5)] and found[0].believed == pytest.approx(36.03)
-    assert all(ratio == pytest.approx(0.7, abs=0.02) for ratio, _ in found[0].ratio.values())  # over that of before it began
+    assert [c.time for c in found] == [pytest.approx(33.0, abs=0.5)] and found[0].believed == pytest.approx(
+        36.03
+    )
+    assert all(
+        ratio == pytest.approx(0.7, abs=0.02) for ratio, _ in found[0].ratio.values()
+    )  # over that of before it began
     one, two = findings(table, Config.exact(), found)
     assert one.stretch.end == two.stretch.start == found[0].time
-    assert table["time"].iloc[two.stretch.rows.start] == pytest.approx(36.03)  # until then estimates are of no road
+    assert table["time"].iloc[two.stretch.rows.start] == pytest.approx(
+        36.03
+    )  # until then estimates are of no road
     for v, true in zip((*one.verdicts, *two.verdicts), (160, 120, 140, 112, 84, 98), strict=True):
         assert v.value == pytest.approx(true, rel=0.02) and v.smoothed == pytest.approx(true, rel=0.02)
 
 
 def test_what_is_learnt_or_creeps_before_a_change_did_not_begin_it():
-    assert [c.time for c in changes(drawn_along(1.0, STIFFNESS, 0.95))] == [pytest.approx(36.03)]  # 0.5 % of the way in a second
+    assert [c.time for c in changes(drawn_along(1.0, STIFFNESS, 0.95))] == [
+        pytest.approx(36.03)
+    ]  # 0.5 % of the way in a second
     table = drawn_along(33.0, STIFFNESS)
     for key in STIFFNESS:  # as far as it was uncertain
         table[f"{key}_sd"] = table[key] * np.interp(table["time"], [33, 36.09], [0.08, 0.01])
@@ -384,38 +458,54 @@ def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_n
     (found,) = findings(table.assign(status=-1), Config.exact(), [])
     assert all(v.smoothed_reason == "" and np.isnan(v.smoothed) for v in found.verdicts)
     (found,) = findings(table_of([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
-    assert all(v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts)  # particles forget
+    assert all(
+        v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts
+    )  # particles forget
 
 
-@pytest.mark.parametrize(("known", "before", "after"), [(False, 1.0, 0.7), (True, 0.9, 0.6)], ids=["uncalibrated", "exact"])
+@pytest.mark.parametrize(
+    ("known", "before", "after"), [(False, 1.0, 0.7), (True, 0.9, 0.6)], ids=["uncalibrated", "exact"]
+)
 def test_the_interval_holds_on_simulated_drives_with_a_change_of_the_road(known, before, after, drive):
     car = drive.vehicle if known else UNKNOWN
     inside, errors = [], []
     for seed in (1, 2, 3):
         road = [(0, before), (30, after)]
-        made = tse.simulate("double-lane-change", None if known else car, seed=seed, duration=60, road_changes=road)
+        made = tse.simulate(
+            "double-lane-change", None if known else car, seed=seed, duration=60, road_changes=road
+        )
         result = tse.estimate(made.log, car)
         table = result.stretches
         assert table["start"].tolist() == pytest.approx([0, 0, 0, 30, 30, 30], abs=3)
-        told = np.sqrt(sum(sd**2 for sd in result.uncertainty_sd.values())) / result.stiffness[-1]  # over the nominal of each
+        told = (
+            np.sqrt(sum(sd**2 for sd in result.uncertainty_sd.values())) / result.stiffness[-1]
+        )  # over the nominal of each
         for n, row in enumerate(table.itertuples()):
             true = row.nominal * (before if n < 3 else after)
             inside.append(row.smoothed_low < true < row.smoothed_high)
             errors.append([abs(row.smoothed / true - 1), abs(row.value / true - 1)])
             assert row.smoothed_sd / row.smoothed >= told[n % 3] * row.nominal * 0.999
     smoothed, last = np.array(errors).mean(axis=0)
-    assert np.mean(inside) >= 0.9 and smoothed < 1.1 * last, (inside, smoothed, last)  # both 1 % of a car known exactly
+    assert np.mean(inside) >= 0.9 and smoothed < 1.1 * last, (
+        inside,
+        smoothed,
+        last,
+    )  # both 1 % of a car known exactly
 
 
 def test_a_log_with_no_valid_row_has_an_answer_with_its_reason(tmp_path):
-    (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
+    (tmp_path / "car.toml").write_text(
+        "mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
+    )
     made = ("simulate", "--maneuver", "straight", "--duration", 20, "--out", "log.csv")
     assert tselab_here(*made, "--vehicle", "car.toml", cwd=tmp_path).code == 0
     run = ("estimate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", "e.csv")
     done = tselab_here(*run, "--report", "r.html", "--table", "t.csv", cwd=tmp_path)
     assert done.code == 4, done.err
     lines = [x for x in done.out.splitlines() if "stiffness:" in x]
-    assert len(lines) == 3 and all("; smoothed over the log " in x and ", not valid: " in x.split("smoothed")[1] for x in lines)
+    assert len(lines) == 3 and all(
+        "; smoothed over the log " in x and ", not valid: " in x.split("smoothed")[1] for x in lines
+    )
     said = json.loads(tselab_here(*run, "--json", cwd=tmp_path).out)["stretches"][0]["stiffness"]
     table = pd.read_csv(tmp_path / "t.csv").set_index("stiffness")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
@@ -423,7 +513,9 @@ def test_a_log_with_no_valid_row_has_an_answer_with_its_reason(tmp_path):
     for key, v in said.items():
         assert not estimates[f"{key}_valid"].any() and v["valid"] == 0
         assert v["smoothed_low"] < v["smoothed"] < v["smoothed_high"] and v["smoothed_reason"] == "uncertain"
-        assert table.loc[key, "smoothed"] == v["smoothed"] and table.loc[key, "smoothed_reason"] == "uncertain"
+        assert (
+            table.loc[key, "smoothed"] == v["smoothed"] and table.loc[key, "smoothed_reason"] == "uncertain"
+        )
     assert "Smoothed over the log" in page and page.count(", not valid: uncertain") >= 3
 
 
@@ -449,8 +541,12 @@ def test_it_is_that_of_scipy(signal, penalty):
 
 def test_a_great_penalty_leaves_the_regression_line(signal):
     time, y = signal
-    assert smoothing_spline(time, y, 1e9)(time) == pytest.approx(np.polyval(np.polyfit(time, y, 1), time), abs=1e-5)
+    assert smoothing_spline(time, y, 1e9)(time) == pytest.approx(
+        np.polyval(np.polyfit(time, y, 1), time), abs=1e-5
+    )
 
 
 def test_three_values_are_enough():
-    assert smoothing_spline(np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 4.0]), 0.1)(2.0) == pytest.approx(3.0)
+    assert smoothing_spline(np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 4.0]), 0.1)(2.0) == pytest.approx(
+        3.0
+    )

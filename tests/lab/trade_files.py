@@ -23,7 +23,9 @@ def si(clean: pd.DataFrame, seconds: float = 40.0) -> pd.DataFrame:
     table = rows[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
         for side, sign in (("l", -1), ("r", 1)):
-            table[letter + side] = rows[f"wheel_speed_{axle}"] * RADIUS[axle] + sign * 0.5 * TRACK * rows.yaw_rate
+            table[letter + side] = (
+                rows[f"wheel_speed_{axle}"] * RADIUS[axle] + sign * 0.5 * TRACK * rows.yaw_rate
+            )
     return table
 
 
@@ -33,7 +35,9 @@ def packed(time: Iterable[float]) -> list[str]:
     return [f"{t // 3_600_000:02d}{t // 60_000 % 60:02d}{t // 1000 % 60:02d}.{t % 1000:03d}" for t in whole]
 
 
-def write_vbo(path: Path, drive: pd.DataFrame, wheels: bool = True, start: float = MIDNIGHT, more: bool = False) -> Path:
+def write_vbo(
+    path: Path, drive: pd.DataFrame, wheels: bool = True, start: float = MIDNIGHT, more: bool = False
+) -> Path:
     """A file of a VBOX: yaw rate and lateral acceleration positive to the right, velocity across the car, too.
 
     `more`: with what an INS and the bus of the car give besides, much of which sounds alike."""
@@ -77,7 +81,16 @@ def write_vbo(path: Path, drive: pd.DataFrame, wheels: bool = True, start: float
             "Lng._Vel.": (3.6 * speed, "km/h"),
             "Pos.Qual.": (0.0 * speed + 4.0, ""),
         }
-    head = ["satellites", "time", "latitude", "longitude", "velocity kmh", "heading", "height", "vertical velocity kmh"]
+    head = [
+        "satellites",
+        "time",
+        "latitude",
+        "longitude",
+        "velocity kmh",
+        "heading",
+        "height",
+        "vertical velocity kmh",
+    ]
     lines = ["File created on 01/01/2025 @ 11:00", "", "[header]", *head, *columns, "", "[channel units]",
              *(u for _, u in columns.values()), "", "[comments]", "Log Rate (Hz) : 50.00", "", "[column names]",
              "sats time lat long velocity heading height vert-vel " + " ".join(columns), "", "[data]"]  # fmt: skip
@@ -143,7 +156,9 @@ def frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tup
     found = []
     for i, t in enumerate(drive.time):
         state = (0 if qualifier is None else int(qualifier[i])) << 4 | i % 15
-        esc = b"".join(int(x[i]).to_bytes(2, "little", signed=True) for x in (yaw, lateral, along)) + bytes([state, 0])
+        esc = b"".join(int(x[i]).to_bytes(2, "little", signed=True) for x in (yaw, lateral, along)) + bytes(
+            [state, 0]
+        )
         found.append((t, 100, esc))
         found.append((t + 0.0005, 101, b"".join(int(x[i]).to_bytes(2, "little") for x in wheels)))
         found.append((t + 0.001, 102, int(angle[i]).to_bytes(2, "little", signed=True) + bytes([i % 15, 0])))
@@ -165,7 +180,11 @@ def write_groups(path: Path, drive: pd.DataFrame, ahead: float = 0.0, per_second
     from asammdf import MDF, Signal
 
     groups = [
-        {"LateralAcc": (drive.accel_y, "m/s^2"), "LongAcc": (drive.accel_x, "m/s^2"), "YawRate": (drive.yaw_rate, "rad/s")},
+        {
+            "LateralAcc": (drive.accel_y, "m/s^2"),
+            "LongAcc": (drive.accel_x, "m/s^2"),
+            "YawRate": (drive.yaw_rate, "rad/s"),
+        },
         {f"WheelSpeed{c.upper()}": (3.6 * drive[c], "km/h") for c in CORNERS},
         {"SteeringWheelAngle": (DEG * RATIO * drive.steer_angle, "deg")},
     ]
@@ -196,7 +215,9 @@ def write_racechrono(path: Path, drive: pd.DataFrame) -> Path:
              "unix time,,,s," + ",".join(u for _, u in columns.values()),
              ",,,," + ",".join(["200: canbus", "300: acc", "300: acc", "400: gyro", *["200: canbus"] * 4])]  # fmt: skip
     for i, t in enumerate(drive.time):
-        lines.append(f"{EPOCH + t:.0f},0,1,{t:.2f}," + ",".join(f"{x.iloc[i]:.9g}" for x, _ in columns.values()))
+        lines.append(
+            f"{EPOCH + t:.0f},0,1,{t:.2f}," + ",".join(f"{x.iloc[i]:.9g}" for x, _ in columns.values())
+        )
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -225,7 +246,9 @@ def _clock(t: float, digits: int) -> str:
     return f"{s // 3600:02d}:{s // 60 % 60:02d}:{s % 60:02d}:{part:0{digits}d}"
 
 
-def _asc(sent: list[tuple[float, int, bytes]], mode: str = "absolute", start: float = 0.0, mark: str = ".") -> str:
+def _asc(
+    sent: list[tuple[float, int, bytes]], mode: str = "absolute", start: float = 0.0, mark: str = "."
+) -> str:
     head = ["date Mit Mär 6 01:21:51.000 pm 2024", f"base hex  timestamps {mode}", "internal events logged", "// Prüfstand",
             "Begin Triggerblock Mit Mär 6 01:21:51.000 pm 2024", "   0.000000 Start of measurement"]  # fmt: skip
     lines, before = [], 0.0
@@ -254,16 +277,22 @@ def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX", mode: st
             "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***"]  # fmt: skip
     of = (lambda d: _hex(d)) if base == "HEX" else (lambda d: " ".join(str(b) for b in d))
     before = [0.0, *(t for t, _, _ in sent)]
-    stamps = [_clock(t - b - MIDNIGHT if mode == "RELATIVE" else t, 4) for (t, _, _), b in zip(sent, before, strict=False)]
+    stamps = [
+        _clock(t - b - MIDNIGHT if mode == "RELATIVE" else t, 4)
+        for (t, _, _), b in zip(sent, before, strict=False)
+    ]
     lines = [
-        f"{c} Rx 1 {f'0x{i:03X}' if base == 'HEX' else i} s {len(d)} {of(d)}" for c, (_, i, d) in zip(stamps, sent, strict=True)
+        f"{c} Rx 1 {f'0x{i:03X}' if base == 'HEX' else i} s {len(d)} {of(d)}"
+        for c, (_, i, d) in zip(stamps, sent, strict=True)
     ]
     return "\n".join([*head, *lines, "***[STOP LOGGING SESSION]***", ""])
 
 
 def _trc(sent: list[tuple[float, int, bytes]], version: str) -> str:
     head = [] if version == "1.0" else [f";$FILEVERSION={version}", ";$STARTTIME=45000.5"]
-    head += {"2.0": [";$COLUMNS=N,O,T,I,d,l,D"], "2.1": [";$COLUMNS=N,O,T,B,I,d,R,L,D"]}.get(version, [";  Prüfstand"])
+    head += {"2.0": [";$COLUMNS=N,O,T,I,d,l,D"], "2.1": [";$COLUMNS=N,O,T,B,I,d,R,L,D"]}.get(
+        version, [";  Prüfstand"]
+    )
     lines = []
     for n, (t, i, d) in enumerate(sent, 1):
         before = {"1.0": "", "1.1": "Rx", "1.2": "1 Rx", "1.3": "1 Rx", "2.0": "DT", "2.1": "DT 1"}[version]

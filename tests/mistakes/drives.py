@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.cars.logs import make_logs
-from tse.impl import maneuvers
-from tse.impl.core import Config, SimConfig
-from tse.impl.simulate import simulate
-from tse.impl.tables import simulated_vehicle
+from tse.library.core import Config, SimConfig
+from tse.report.tables import simulated_vehicle
+from tse.simulation import maneuvers
+from tse.simulation.simulate import simulate
 
 STEP = 0.01  # s
 SECONDS = 150.0
@@ -92,7 +92,11 @@ MISTAKES: dict[str, Callable[[Drive], LogOf]] = {
 
 def _turned(d: Drive) -> LogOf:
     x, y, angle = d.log["accel_x"], d.log["accel_y"], np.pi / 6
-    return {**d.log, "accel_x": x * np.cos(angle) + y * np.sin(angle), "accel_y": y * np.cos(angle) - x * np.sin(angle)}
+    return {
+        **d.log,
+        "accel_x": x * np.cos(angle) + y * np.sin(angle),
+        "accel_y": y * np.cos(angle) - x * np.sin(angle),
+    }
 
 
 def _of_sides(d: Drive) -> LogOf:
@@ -107,7 +111,10 @@ def _slower(d: Drive) -> LogOf:
 # What only a whole log shows, and what is said of it: a row has no time of its own, and no other rows to be compared with.
 OF_LOGS: dict[str, tuple[Callable[[Drive], LogOf], str]] = {
     "IMU turned by 30 degrees": (_turned, "the IMU is turned about the vertical by"),
-    "left wheels as front, right as rear": (_of_sides, "is of one side, or a left and a right wheel are one signal"),
+    "left wheels as front, right as rear": (
+        _of_sides,
+        "is of one side, or a left and a right wheel are one signal",
+    ),
     "time counts rows": (_slower, "is time in s, or does it count rows?"),
 }
 
@@ -116,4 +123,6 @@ def vehicle_file(d: Drive) -> str:
     """The drive's car as a vehicle file; what is not in it is an ordinary car's."""
     if d.known:  # the car of `tselab simulate`: everything is in it, uncertainties are 0
         return simulated_vehicle()
-    return "".join(f"{k} = {v}\n" for k, v in {"name": '"car"', **d.car, "driven_axle": f'"{d.driven}"'}.items())
+    return "".join(
+        f"{k} = {v}\n" for k, v in {"name": '"car"', **d.car, "driven_axle": f'"{d.driven}"'}.items()
+    )

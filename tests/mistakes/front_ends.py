@@ -25,10 +25,15 @@ import page as page_maker  # noqa: E402
 
 import tse  # noqa: E402
 from tests.mistakes.drives import AXLES, CAR, CHANNELS, STEP, Drive, LogOf, vehicle_file  # noqa: E402
-from tse.impl.core import library  # noqa: E402
+from tse.library.core import library  # noqa: E402
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
-COLUMNS = ("status", *(f"{s}_reason" for s in STIFFNESS), "fault_channel", "fault_factor")  # what rows.c writes of a row
+COLUMNS = (
+    "status",
+    *(f"{s}_reason" for s in STIFFNESS),
+    "fault_channel",
+    "fault_factor",
+)  # what rows.c writes of a row
 HERE = Path(__file__).parent
 
 
@@ -64,7 +69,9 @@ def _of_rows(columns: Mapping[str, object], words: Sequence[str] = (), usable: b
     """Columns of a front end by the names of the library's outputs: a stiffness is valid where its reason is 0."""
     c = {name: np.asarray(x, float) for name, x in columns.items()}
     valid = (np.column_stack([c[f"{s}_reason"] for s in STIFFNESS]) == 0) & (c["status"] >= 0)[:, None]
-    return Said(c["status"].astype(int), valid, _named(c["fault_channel"]), c["fault_factor"], tuple(words), usable)
+    return Said(
+        c["status"].astype(int), valid, _named(c["fault_channel"]), c["fault_factor"], tuple(words), usable
+    )
 
 
 def _frame(log: LogOf) -> pd.DataFrame:
@@ -72,7 +79,9 @@ def _frame(log: LogOf) -> pd.DataFrame:
 
 
 def _call(*command: object, **more: object) -> str:
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, timeout=120, **more)  # type: ignore[call-overload]
+    done = subprocess.run(
+        list(map(str, command)), capture_output=True, text=True, check=False, timeout=120, **more
+    )  # type: ignore[call-overload]
     if done.returncode:
         raise RuntimeError(f"{command[0]}: {done.returncode}\n{done.stdout[-1000:]}{done.stderr[-2000:]}")
     return str(done.stdout)
@@ -89,7 +98,17 @@ def _program() -> Path:
     """rows.c and the library as two files."""
     two, program = scratch() / "two", scratch() / "rows"
     _call(sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", two / "tse")
-    _call("cc", "-O2", "-ffp-contract=off", f"-I{two}", HERE / "rows.c", two / "tse" / "tse.c", "-lm", "-o", program)
+    _call(
+        "cc",
+        "-O2",
+        "-ffp-contract=off",
+        f"-I{two}",
+        HERE / "rows.c",
+        two / "tse" / "tse.c",
+        "-lm",
+        "-o",
+        program,
+    )
     return program
 
 
@@ -113,10 +132,15 @@ def _through_fmu(drive: Drive, log: LogOf, fmi: str) -> Said:
     with Instance(unit(ESTIMATOR)) if fmi == "2" else Instance3(unit(f"{ESTIMATOR}-fmi3")) as one:
         one.start(parameters)
         kinds = [one.unit.variables[n] for n in wanted]
-        real, whole = ("getReal", "getInteger") if fmi == "2" else ("getFloat64", "getInt64")  # codes are Enumerations
+        real, whole = (
+            ("getReal", "getInteger") if fmi == "2" else ("getFloat64", "getInt64")
+        )  # codes are Enumerations
         put = getattr(one.slave, "setReal" if fmi == "2" else "setFloat64")
         inputs = [one.unit.variables[c].valueReference for c in CHANNELS]
-        get = [(getattr(one.slave, real if v.type in ("Real", "Float64") else whole), v.valueReference) for v in kinds]
+        get = [
+            (getattr(one.slave, real if v.type in ("Real", "Float64") else whole), v.valueReference)
+            for v in kinds
+        ]
         for i, t in enumerate(time):
             put(inputs, list(map(float, values[i])))
             if fmi == "2":
@@ -166,7 +190,9 @@ def through_command(drive: Drive, log: LogOf) -> Said:
         "--out",
         "est.csv",
     ]
-    done = subprocess.run(list(map(str, command)), cwd=folder, capture_output=True, text=True, check=False, timeout=600)
+    done = subprocess.run(
+        list(map(str, command)), cwd=folder, capture_output=True, text=True, check=False, timeout=600
+    )
     found = folder / "est.csv"
     if not found.exists():
         if done.returncode != 2:

@@ -40,7 +40,11 @@ def test_a_channel_that_is_frozen_never_ends_valid(channel: str, front_end: str,
     stuck = round(0.4 * len(log["time"]))
     log[channel] = np.where(np.arange(len(log["time"])) < stuck, log[channel], log[channel][stuck])
     valid = FRONT_ENDS[front_end](both[0], log).valid
-    assert valid[: stuck // 2].any() and valid[:stuck].mean() > 0.5 and not valid[stuck + round(30 / STEP) :].any()
+    assert (
+        valid[: stuck // 2].any()
+        and valid[:stuck].mean() > 0.5
+        and not valid[stuck + round(30 / STEP) :].any()
+    )
 
 
 @pytest.mark.parametrize("mistake", OF_LOGS)
@@ -50,12 +54,16 @@ def test_what_only_a_whole_log_shows_is_said(mistake: str, both: list[Drive]) ->
         said = FRONT_ENDS["Python"](drive, change(drive))
         assert not said.valid.any() and words in " ".join(said.words), (drive.name, said.words)
         if degrees := re.search(r"about the vertical by (-?\d+) degrees", " ".join(said.words)):
-            assert abs(int(degrees[1]) - 30) <= 2, drive.name  # noise and slopes: below 2; the tangent in place of the sine: 27
+            assert abs(int(degrees[1]) - 30) <= 2, (
+                drive.name
+            )  # noise and slopes: below 2; the tangent in place of the sine: 27
 
 
 @pytest.mark.parametrize("front_end", [f for f in FRONT_ENDS if f not in ROWS])
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
-def test_the_other_front_ends_say_what_the_library_says(mistake: str | None, front_end: str, both: list[Drive]) -> None:
+def test_the_other_front_ends_say_what_the_library_says(
+    mistake: str | None, front_end: str, both: list[Drive]
+) -> None:
     if front_end == "page":
         if not shutil.which("node"):
             pytest.skip("node is not installed")
@@ -79,10 +87,14 @@ def test_the_other_front_ends_say_what_the_library_says(mistake: str | None, fro
         ("wheel speeds in m/s", "wheel_speed_front", 0.33),
     ],
 )
-def test_the_channel_is_named_with_its_factor(mistake: str, channel: str, factor: float | None, both: list[Drive]) -> None:
+def test_the_channel_is_named_with_its_factor(
+    mistake: str, channel: str, factor: float | None, both: list[Drive]
+) -> None:
     for drive in both:
         said = FRONT_ENDS["C"](drive, MISTAKES[mistake](drive))
         at = int(said.against.nonzero()[0][-1])
         assert said.channel[at] == channel, drive.name
         if factor is not None:
-            assert said.factor[at] == pytest.approx(factor, rel=0.2), drive.name  # roll, pitch and slopes are in it
+            assert said.factor[at] == pytest.approx(factor, rel=0.2), (
+                drive.name
+            )  # roll, pitch and slopes are in it

@@ -22,9 +22,13 @@ def main() -> None:
     with DRIVE.open(encoding="utf-8") as file:
         for row in csv.DictReader(line for line in file if not line.startswith("#")):
             e = f.step({name: float(text) if text else None for name, text in row.items()})
-            seen.update(repr([int(x) if isinstance(x, tse.Status) else x for x in e.as_dict().values()]).encode())
+            seen.update(
+                repr([int(x) if isinstance(x, tse.Status) else x for x in e.as_dict().values()]).encode()
+            )
             rows += 1
-    print(f"{rows} rows, {seen.hexdigest()}, learnt {hashlib.sha256(f.save_learnt() or b'').hexdigest()[:16]}")
+    print(
+        f"{rows} rows, {seen.hexdigest()}, learnt {hashlib.sha256(f.save_learnt() or b'').hexdigest()[:16]}"
+    )
 
 
 if __name__ == "__main__":

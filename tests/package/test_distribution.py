@@ -28,7 +28,9 @@ RELEASE = [sys.executable, ROOT / "scripts" / "release.py"]
 
 
 def run(*command, cwd=None, **environment):
-    done = subprocess.run([str(c) for c in command], cwd=cwd, capture_output=True, text=True, env={**os.environ, **environment})
+    done = subprocess.run(
+        [str(c) for c in command], cwd=cwd, capture_output=True, text=True, env={**os.environ, **environment}
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -70,7 +72,18 @@ def wheel(sdist, tmp_path_factory):
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("installed")
-    run(sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--target", folder, wheel)
+    run(
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        "--target",
+        folder,
+        wheel,
+    )
     return folder
 
 
@@ -85,34 +98,48 @@ def test_the_wheel_is_for_every_python_and_this_system(wheel):
 def test_the_wheel_holds_the_packages_the_library_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as file:
         names = {n for n in file.namelist() if not n.endswith("/")}
-    libraries = {n for n in names if n.startswith("tse/impl/lib/")}
+    libraries = {n for n in names if n.startswith("tse/library/lib/")}
     assert len(libraries) == 1 and Path(libraries.pop()).stem == "libtse"
-    code = {n.removeprefix("scripts/") for n in tracked() if n.startswith(("scripts/tse/", "scripts/tselab/"))}
-    assert {n for n in names if not n.startswith(("tse/impl/lib/", "tse-"))} == code
-    assert {"tse/py.typed", f"tse-{VERSION}.dist-info/licenses/LICENSE", f"tse-{VERSION}.dist-info/licenses/NOTICE"} <= names
+    code = {
+        n.removeprefix("scripts/") for n in tracked() if n.startswith(("scripts/tse/", "scripts/tselab/"))
+    }
+    assert {n for n in names if not n.startswith(("tse/library/lib/", "tse-"))} == code
+    assert {
+        "tse/py.typed",
+        f"tse-{VERSION}.dist-info/licenses/LICENSE",
+        f"tse-{VERSION}.dist-info/licenses/NOTICE",
+    } <= names
 
 
 def test_the_description_has_bounds_and_types(wheel):
     with zipfile.ZipFile(wheel) as file:
         text = file.read(f"tse-{VERSION}.dist-info/METADATA").decode()
         commands = file.read(f"tse-{VERSION}.dist-info/entry_points.txt").decode()
-    assert f"Version: {VERSION}\n" in text and "Requires-Python: >=3.10\n" in text and "Typing :: Typed" in text
-    plain = [line for line in text.splitlines() if line.startswith("Requires-Dist: ") and "extra ==" not in line]
+    assert (
+        f"Version: {VERSION}\n" in text and "Requires-Python: >=3.10\n" in text and "Typing :: Typed" in text
+    )
+    plain = [
+        line for line in text.splitlines() if line.startswith("Requires-Dist: ") and "extra ==" not in line
+    ]
     assert len(plain) == len(PROJECT["dependencies"]) and all(">=" in line for line in plain)
     assert "tselab = tselab.__main__:main" in commands
 
 
 def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_path):
     code = (
-        "import sys, pandas, tse; from tse.impl.core import library_path; print(tse.__file__); print(library_path());"
+        "import sys, pandas, tse; from tse.library.core import library_path; print(tse.__file__); print(library_path());"
         "tse.estimate(tse.simulate(duration=5).log, {'mass': 1650, 'lf': 1.2, 'lr': 1.5, 'wheel_radius_front': 0.32,"
         "'wheel_radius_rear': 0.32}).to_csv(sys.argv[1])"
     )
-    where = run(sys.executable, "-c", code, tmp_path / "installed.csv", cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
+    where = run(
+        sys.executable, "-c", code, tmp_path / "installed.csv", cwd=tmp_path, PYTHONPATH=str(installed)
+    ).splitlines()
     assert all(line.startswith(str(installed)) for line in where)
     run(sys.executable, "-c", code, tmp_path / "here.csv", cwd=tmp_path, PYTHONPATH=str(ROOT / "scripts"))
     assert (tmp_path / "installed.csv").read_bytes() == (tmp_path / "here.csv").read_bytes()
-    assert VERSION in run(sys.executable, "-m", "tselab", "--version", cwd=tmp_path, PYTHONPATH=str(installed))
+    assert VERSION in run(
+        sys.executable, "-m", "tselab", "--version", cwd=tmp_path, PYTHONPATH=str(installed)
+    )
 
 
 # ---- lock, bill of materials, release
@@ -126,7 +153,11 @@ def bounds(lines):
     """Package -> lower bound."""
     return {
         canonical(m[1]): m[2]
-        for m in (re.match(r"([A-Za-z0-9._-]+)(?:\[.*\])?\s*[>=]=([0-9.]+)", line) for line in lines if line != "tse[lab]")
+        for m in (
+            re.match(r"([A-Za-z0-9._-]+)(?:\[.*\])?\s*[>=]=([0-9.]+)", line)
+            for line in lines
+            if line != "tse[lab]"
+        )
     }
 
 
@@ -136,7 +167,9 @@ def test_the_lock_names_all_that_is_needed_within_its_bounds_and_by_hash(lock, e
 
     text = (ROOT / "scripts" / lock).read_text(encoding="utf-8")
     pins = [(canonical(n), v) for n, v in re.findall(r"^([A-Za-z0-9._-]+)==(\S+)", text, re.M)]
-    for name, least in bounds(PROJECT["dependencies"] + LAB + PROJECT["optional-dependencies"][extra]).items():
+    for name, least in bounds(
+        PROJECT["dependencies"] + LAB + PROJECT["optional-dependencies"][extra]
+    ).items():
         versions = [v for n, v in pins if n == name]
         assert versions, f"{name} is not in {lock}: run scripts/lock.sh"
         assert all(Version(v) >= Version(least) for v in versions), name
@@ -148,7 +181,9 @@ def test_the_lock_names_all_that_is_needed_within_its_bounds_and_by_hash(lock, e
 def made_twice(checkout, tmp_path_factory):
     """The parts of a release that take seconds, of two checkouts in two places."""
     for tool in ("build", "cyclonedx"):
-        pytest.importorskip(tool, reason=f"{tool}, a tool of releases, is not installed: scripts/setup.sh release")
+        pytest.importorskip(
+            tool, reason=f"{tool}, a tool of releases, is not installed: scripts/setup.sh release"
+        )
     git = ["git", "-c", "user.name=tests", "-c", "user.email=tests@localhost"]
     dates = {"GIT_COMMITTER_DATE": "1790000000 +0200", "GIT_AUTHOR_DATE": "1790000000 +0200"}
     made = []
@@ -159,15 +194,31 @@ def made_twice(checkout, tmp_path_factory):
         run(*git, "add", "-A", cwd=folder)
         run(*git, "commit", "-q", "-m", "all", cwd=folder, **dates)
         out = folder.parent / "out"
-        run(sys.executable, folder / "scripts" / "release.py", VERSION, "--only", "source,sdist,amalgamation,sbom", "--out", out)
+        run(
+            sys.executable,
+            folder / "scripts" / "release.py",
+            VERSION,
+            "--only",
+            "source,sdist,amalgamation,sbom",
+            "--out",
+            out,
+        )
         made.append(out)
     return made
 
 
 def test_the_same_commit_gives_the_same_bytes_wherever_it_lies(made_twice):
-    one, other = ({p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()} for folder in made_twice)
+    one, other = (
+        {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()}
+        for folder in made_twice
+    )
     assert one == other
-    assert {f"tse-{VERSION}.tar.gz", f"tse-{VERSION}-source.tar.gz", f"tse-{VERSION}.cdx.json", "SHA256SUMS"} <= set(one)
+    assert {
+        f"tse-{VERSION}.tar.gz",
+        f"tse-{VERSION}-source.tar.gz",
+        f"tse-{VERSION}.cdx.json",
+        "SHA256SUMS",
+    } <= set(one)
     sums = dict(line.split("  ")[::-1] for line in (made_twice[0] / "SHA256SUMS").read_text().splitlines())
     assert sums == {name: digest for name, digest in one.items() if name != "SHA256SUMS"}
 
@@ -179,12 +230,18 @@ def test_the_bill_of_materials_names_the_files_and_what_tse_needs(made_twice):
     source = f"tse-{VERSION}-source.tar.gz"
     assert files[source] == hashlib.sha256((made_twice[0] / source).read_bytes()).hexdigest()
     names = {c["name"] for c in text["components"]}
-    assert set(bounds(PROJECT["dependencies"] + LAB)) <= names and "pytest" not in names and "distributed" not in names
+    assert (
+        set(bounds(PROJECT["dependencies"] + LAB)) <= names
+        and "pytest" not in names
+        and "distributed" not in names
+    )
 
 
 def test_a_release_of_another_version_than_the_sources_say_is_refused(tmp_path):
     pytest.importorskip("build", reason="a tool of releases is not installed: scripts/setup.sh release")
-    done = subprocess.run([*RELEASE, "99.0.0", "--only", "source", "--out", tmp_path / "x"], capture_output=True, text=True)
+    done = subprocess.run(
+        [*RELEASE, "99.0.0", "--only", "source", "--out", tmp_path / "x"], capture_output=True, text=True
+    )
     assert done.returncode == 1 and f"include/tse/version.h says version {VERSION}, not 99.0.0" in done.stderr
     assert not (tmp_path / "x").exists()
 
@@ -198,6 +255,8 @@ def test_without_git_a_sentence_says_so(tmp_path):
 
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.txt").write_text("years of work")
-    done = subprocess.run([*RELEASE, VERSION, "--only", "source", "--out", tmp_path], capture_output=True, text=True)
+    done = subprocess.run(
+        [*RELEASE, VERSION, "--only", "source", "--out", tmp_path], capture_output=True, text=True
+    )
     assert done.returncode == 1 and "holds something that is no release" in done.stderr
     assert (tmp_path / "thesis.txt").read_text() == "years of work"

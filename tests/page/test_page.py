@@ -17,14 +17,14 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 import page  # noqa: E402
 
-from tse.impl import maneuvers  # noqa: E402
-from tse.impl.core import Config, SimConfig  # noqa: E402
-from tse.impl.errors import UserError  # noqa: E402
-from tse.impl.estimate import write_table  # noqa: E402
-from tse.impl.fleet import single  # noqa: E402
-from tse.impl.fleet.single import prepare  # noqa: E402
-from tse.impl.simulate import simulate  # noqa: E402
-from tse.impl.vehicle import filter_values, read_vehicle  # noqa: E402
+from tse.car.vehicle import filter_values, read_vehicle  # noqa: E402
+from tse.estimation.estimate import write_table  # noqa: E402
+from tse.library.core import Config, SimConfig  # noqa: E402
+from tse.library.errors import UserError  # noqa: E402
+from tse.runs import single  # noqa: E402
+from tse.runs.single import prepare  # noqa: E402
+from tse.simulation import maneuvers  # noqa: E402
+from tse.simulation.simulate import simulate  # noqa: E402
 
 SHOTS = ROOT / "build" / "site" / "shots"
 RATIO = 15.0
@@ -66,7 +66,9 @@ def drive():
 def slow():
     """One of 30 s at about 40 km/h."""
     config = Config.exact()
-    plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4)
+    plan = maneuvers.build(
+        "double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4
+    )
     return simulate(plan, config, SimConfig({"seed": 4})).log
 
 
@@ -100,7 +102,9 @@ def logs(drive, slow, tmp_path_factory):
     drive.to_parquet(folder / "parquet.parquet", compression="zstd")
     corners = (("VL", "front", -1), ("VR", "front", 1), ("HL", "rear", -1), ("HR", "rear", 1))
     turn = 0.8 * slow["yaw_rate"]
-    wheels = {f"v_{p} [km/h]": (slow[f"wheel_speed_{axle}"] * 0.33 + side * turn) * 3.6 for p, axle, side in corners}
+    wheels = {
+        f"v_{p} [km/h]": (slow[f"wheel_speed_{axle}"] * 0.33 + side * turn) * 3.6 for p, axle, side in corners
+    }
     german = pd.DataFrame({
         "Zeit [s]": slow["time"], "LW_Lenkradwinkel [°]": -np.degrees(slow["steer_angle"]) * RATIO, **wheels,
         "Gierrate [°/s]": np.degrees(slow["yaw_rate"]), "Querbeschleunigung [g]": slow["accel_y"] / 9.80665,
@@ -108,7 +112,9 @@ def logs(drive, slow, tmp_path_factory):
     })  # fmt: skip
     german.to_csv(folder / "german.csv", sep=";", decimal=",", index=False, encoding="cp1252")
     text = (folder / "plain.csv").read_text().splitlines()
-    (folder / "word.csv").write_text("\n".join([text[0], *(",".join(["x", *line.split(",")[1:]]) for line in text[1:50])]) + "\n")
+    (folder / "word.csv").write_text(
+        "\n".join([text[0], *(",".join(["x", *line.split(",")[1:]]) for line in text[1:50])]) + "\n"
+    )
     (folder / "empty.csv").write_text("")
     (folder / "broken.csv").write_text("\n".join(text[:40]) + "\n1,2,3,4,5,6,7,8,9,10\n")
     degrees = drive.assign(steer_angle=np.degrees(drive["steer_angle"]) * RATIO)
@@ -141,7 +147,8 @@ def wrong_ones():
         "g and sign": of(accel_y=-1 / g),
         "swapped": lambda log: log.assign(accel_x=log["accel_y"], accel_y=log["accel_x"]),
         "turned imu": lambda log: log.assign(
-            accel_x=0.866 * log["accel_x"] + 0.5 * log["accel_y"], accel_y=0.866 * log["accel_y"] - 0.5 * log["accel_x"]
+            accel_x=0.866 * log["accel_x"] + 0.5 * log["accel_y"],
+            accel_y=0.866 * log["accel_y"] - 0.5 * log["accel_x"],
         ),
         "one side": lambda log: log.assign(
             wheel_speed_front=log["wheel_speed_front"] - 0.75 * log["yaw_rate"] / radius,
@@ -159,7 +166,9 @@ def checks(slow, tmp_path_factory):
     """Logs whose channels do not agree; and one of other names that says no unit, in km/h, deg/s and g."""
     folder = tmp_path_factory.mktemp("checks")
     files = {}
-    gentle = slow.assign(**{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")})  # deg/s fit the range, too
+    gentle = slow.assign(
+        **{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")}
+    )  # deg/s fit the range, too
     for i, (name, change) in enumerate(wrong_ones().items()):
         files[name] = str(folder / f"{i}.csv")
         write_table(change(gentle), files[name])
@@ -178,7 +187,14 @@ def checks(slow, tmp_path_factory):
 def cars(tmp_path_factory):
     """Vehicle files."""
     folder = tmp_path_factory.mktemp("cars")
-    lines = ["mass = 1500", "lf = 1.1", "lr = 1.6", "wheel_radius_front = 0.3", "wheel_radius_rear = 0.31", 'name = "ours"']
+    lines = [
+        "mass = 1500",
+        "lf = 1.1",
+        "lr = 1.6",
+        "wheel_radius_front = 0.3",
+        "wheel_radius_rear = 0.31",
+        'name = "ours"',
+    ]
     (folder / "little.toml").write_text("\n".join([*lines, "[uncertainty]", "cg_sd = 0.01"]))
     (folder / "misspelt.toml").write_text("\n".join(["masss = 1500", *lines]))
     (folder / "heavy.toml").write_text("\n".join(["mass = 1e9", *lines[1:]]))
@@ -192,7 +208,15 @@ def seen(built, browser, logs, cars, checks, tmp_path_factory):
     """What the browser saw."""
     file = tmp_path_factory.mktemp("page") / "logs.json"
     file.write_text(json.dumps({"logs": logs, "cars": cars, "checks": checks}))
-    command = ["node", str(Path(__file__).parent / "browse.mjs"), str(page.modules()), browser, str(built), str(SHOTS), str(file)]
+    command = [
+        "node",
+        str(Path(__file__).parent / "browse.mjs"),
+        str(page.modules()),
+        browser,
+        str(built),
+        str(SHOTS),
+        str(file),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
@@ -202,7 +226,9 @@ def of_tselab(folder, log, car):
     """EST.csv of `tselab estimate`, as bytes; run here, because a process of its own is mostly imports."""
     numbers = np.random.default_rng(1).standard_normal(1000).tolist()
     if pd.read_csv(io.StringIO("\n".join(["x", *map(repr, numbers)])))["x"].tolist() != numbers:
-        pytest.skip(f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not")
+        pytest.skip(
+            f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not"
+        )
     (folder / "vehicle.toml").write_text(car)
     single.run(prepare(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None)
     return (folder / "est.csv").read_bytes()
@@ -212,7 +238,17 @@ def command_line(folder, log, car):
     """The same of the command itself."""
     (folder / "vehicle.toml").write_text(car)
     out = folder / "est.csv"
-    command = [sys.executable, "-m", "tselab", "estimate", str(log), "--vehicle", str(folder / "vehicle.toml"), "--out", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "tselab",
+        "estimate",
+        str(log),
+        "--vehicle",
+        str(folder / "vehicle.toml"),
+        "--out",
+        str(out),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 3, 4), done.stderr
     return out.read_bytes()
@@ -252,7 +288,9 @@ def test_a_file_is_the_same_rows_here_and_there(seen, logs, name, tmp_path):
 
 def test_the_built_in_example_is_a_drive_of_tselab(seen, tmp_path):
     config = Config.exact()
-    plan = maneuvers.build(page.DRIVE, config, sample_time=config.sample_time, duration=page.SECONDS, road=[page.ROAD])
+    plan = maneuvers.build(
+        page.DRIVE, config, sample_time=config.sample_time, duration=page.SECONDS, road=[page.ROAD]
+    )
     done = simulate(plan, config, SimConfig({"seed": page.SEED}))
     write_table(done.log, tmp_path / "log.csv")
     (tmp_path / "page.csv").write_text(seen["logs"]["example"]["log"])
@@ -270,8 +308,15 @@ def test_a_german_log_is_understood(seen, slow, tmp_path):
     """Semicolon, decimal comma, four wheels in km/h, degrees, g, a steering wheel that turns the other way."""
     german = seen["logs"]["german"]
     found = {channel: (m["unit"], m["sign"]) for channel, m in german["map"].items()}
-    assert found["steer_angle"] == ("deg", -1) and found["yaw_rate"] == ("deg/s", 1) and found["accel_y"] == ("g", 1)
-    assert german["map"]["wheel_speed_front"]["other"] == "v_VR [km/h]" and found["wheel_speed_front"][0] == "km/h"
+    assert (
+        found["steer_angle"] == ("deg", -1)
+        and found["yaw_rate"] == ("deg/s", 1)
+        and found["accel_y"] == ("g", 1)
+    )
+    assert (
+        german["map"]["wheel_speed_front"]["other"] == "v_VR [km/h]"
+        and found["wheel_speed_front"][0] == "km/h"
+    )
     ratio = german["map"]["steer_angle"]["ratio"]
     assert 0.85 * RATIO < ratio < 1.15 * RATIO  # under- and oversteer are in it
     assert "ratio about" in german["hint"]
@@ -306,7 +351,9 @@ def test_what_nobody_said_is_that_of_the_class(seen, tmp_path):
     """Of a log alone: the car and the sensors that the command takes for a file with these masses and lengths."""
     (tmp_path / "page.toml").write_text(seen["logs"]["plain"]["car"])
     page_says = read_vehicle(tmp_path / "page.toml").values
-    needed = [f"{key} = {page_says[key]}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")]
+    needed = [
+        f"{key} = {page_says[key]}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
+    ]
     (tmp_path / "plain.toml").write_text("\n".join(needed))
     ordinary = filter_values(read_vehicle(tmp_path / "plain.toml"))
     compared = [key for key in page_says if key in ordinary]
@@ -335,7 +382,11 @@ def test_what_a_vehicle_file_says_outlives_the_next_log(seen, cars):
         ("logs", "broken", ["line 41", "10 cells", "7 columns"]),
         ("logs", "word", ["line 2", "column time", '"x" is not a number', "seconds"]),
         ("logs", "empty", ["is empty"]),
-        ("logs", "degrees", ["column steer_angle", "outside the allowed range -1.2 .. 1.2 rad", "steering ratio"]),
+        (
+            "logs",
+            "degrees",
+            ["column steer_angle", "outside the allowed range -1.2 .. 1.2 rad", "steering ratio"],
+        ),
         ("logs", "binary", ["binary", "tselab"]),
         ("cars", "misspelt", ["key masss is not known"]),
         ("cars", "heavy", ["key mass", "refused", "50 .. 50000 kg"]),
@@ -358,7 +409,10 @@ def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(s
     """The check stands in two languages, on rasters that are made in two ways: the same causes, figures within some per cent."""
     car = Config.exact()
     (tmp_path / "car.toml").write_text(
-        "\n".join(f"{key} = {getattr(car, key)}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear"))
+        "\n".join(
+            f"{key} = {getattr(car, key)}"
+            for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
+        )
     )
     here = seen["checks"][name]
     try:
@@ -371,7 +425,9 @@ def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(s
     number = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
     assert [number.sub("#", x) for x in lines] == [number.sub("#", x) for x in expected]
     for mine, theirs in zip(lines, expected, strict=True):
-        assert np.allclose([float(x) for x in number.findall(mine)], [float(x) for x in number.findall(theirs)], rtol=0.1)
+        assert np.allclose(
+            [float(x) for x in number.findall(mine)], [float(x) for x in number.findall(theirs)], rtol=0.1
+        )
     assert ("contradict" in here["cards"]) == bool(expected)
 
 
@@ -429,8 +485,16 @@ def test_a_phone_needs_no_sideways_scrolling(seen):
 
 
 def test_pictures_are_left_for_people_to_look_at(seen):
-    light, dark, phone = ("start", "example", "mapping", "broken", "against"), ("drive", "kept"), ("example", "drive")
-    for name in (*(f"{x}-light" for x in light), *(f"{x}-dark" for x in dark), *(f"{x}-phone" for x in phone)):
+    light, dark, phone = (
+        ("start", "example", "mapping", "broken", "against"),
+        ("drive", "kept"),
+        ("example", "drive"),
+    )
+    for name in (
+        *(f"{x}-light" for x in light),
+        *(f"{x}-dark" for x in dark),
+        *(f"{x}-phone" for x in phone),
+    ):
         assert (SHOTS / f"{name}.png").stat().st_size > 5000, name
 
 

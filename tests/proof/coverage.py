@@ -34,7 +34,9 @@ def compiler() -> str | None:
     for name in filter(None, names):
         if not shutil.which(name):
             continue
-        version = re.search(r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout)
+        version = re.search(
+            r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout
+        )
         if version and int(version.group(1)) >= 19 and shutil.which(tool(name, "llvm-profdata")):
             return name
     return None
@@ -72,8 +74,12 @@ def measured(clang: str, name: str) -> tuple[list[dict], dict[str, dict[int, boo
     run("cmake", "-S", ROOT, "-B", build, f"-DCMAKE_C_COMPILER={clang}", "-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={FLAGS}",
         "-DTSE_BUILD_TESTS=ON", "-DTSE_BUILD_FMU=OFF", "-DTSE_TEST_COMPILES=OFF", "-DTSE_TEST_EVERY_WAY=OFF", *BUILDS[name],
         f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}", f"-DPython3_EXECUTABLE={sys.executable}")  # fmt: skip
-    said = run("cmake", "--build", build, "--clean-first")  # warnings of what is not measured come with each object
-    unmeasured = set(re.findall(r"^(\S+:\d+):\d+: warning: unsupported MC/DC", said.stdout + said.stderr, re.M))
+    said = run(
+        "cmake", "--build", build, "--clean-first"
+    )  # warnings of what is not measured come with each object
+    unmeasured = set(
+        re.findall(r"^(\S+:\d+):\d+: warning: unsupported MC/DC", said.stdout + said.stderr, re.M)
+    )
     programs = sorted(p for p in (build / "tests").glob("test_*") if p.is_file() and os.access(p, os.X_OK))
     profiles = build / "profiles"
     shutil.rmtree(profiles, ignore_errors=True)
@@ -154,10 +160,16 @@ def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
                 found[(file, named(function), source.text(place), what)] += 1
     for (file, function, place, use), seen in decisions.items():
         source = sources.setdefault(file, Source(ROOT / file))
-        own = sorted(p for p in set(inside[(file, function, use)]) if place[:2] <= p[:2] and p[2:] <= place[2:])
+        own = sorted(
+            p for p in set(inside[(file, function, use)]) if place[:2] <= p[:2] and p[2:] <= place[2:]
+        )
         for k, independent in enumerate(seen):
             if not independent:
-                text = source.text(own[k]) if len(own) == len(seen) else f"condition {k + 1} of {source.text(place)}"
+                text = (
+                    source.text(own[k])
+                    if len(own) == len(seen)
+                    else f"condition {k + 1} of {source.text(place)}"
+                )
                 found[(file, named(function), text, "never decides alone")] += 1
     return dict(found)
 
@@ -165,7 +177,12 @@ def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
 def listed(table: str) -> dict[tuple, tuple[int, str]]:
     """(file, function, condition, what was never seen): at how many uses, why. `open`: neither a test yet nor a reason."""
     rows = tomllib.loads(REASONS.read_text()).get(table, [])
-    return {(r["file"], *at, what): (n, r.get("why", "")) for r in rows for at in r["at"] for what, n in r["never"].items()}
+    return {
+        (r["file"], *at, what): (n, r.get("why", ""))
+        for r in rows
+        for at in r["at"]
+        for what, n in r["never"].items()
+    }
 
 
 def reasons() -> dict[tuple, str]:
@@ -173,7 +190,14 @@ def reasons() -> dict[tuple, str]:
 
 
 def page(
-    lines: dict, branches: dict, decisions: dict, found: dict, known: dict, clang: str, programs: int, unmeasured: list[str]
+    lines: dict,
+    branches: dict,
+    decisions: dict,
+    found: dict,
+    known: dict,
+    clang: str,
+    programs: int,
+    unmeasured: list[str],
 ) -> str:
     rows, total = [], Counter()
 
@@ -213,12 +237,22 @@ def page(
         out += ["", f"Of these decisions clang measures branches only: {', '.join(unmeasured)}."]
     unlisted = sorted(k for k in found if k not in known)
     if unlisted:
-        out += ["", "## Not covered, without a reason", ""] + [f"- {f}, {fn}: `{c}` {w}" for f, fn, c, w in unlisted]
-    out += ["", "## What cannot be reached, and why", "", "| file | function | condition | never | why |", "|---|---|---|---|---|"]
+        out += ["", "## Not covered, without a reason", ""] + [
+            f"- {f}, {fn}: `{c}` {w}" for f, fn, c, w in unlisted
+        ]
+    out += [
+        "",
+        "## What cannot be reached, and why",
+        "",
+        "| file | function | condition | never | why |",
+        "|---|---|---|---|---|",
+    ]
     grouped: dict[tuple, list] = defaultdict(list)
     for k in sorted(found):
         if k in known:
-            grouped[(*k[:3], known[k])].append(k[3].removeprefix("never ") + (f" ({found[k]} uses)" if found[k] > 1 else ""))
+            grouped[(*k[:3], known[k])].append(
+                k[3].removeprefix("never ") + (f" ({found[k]} uses)" if found[k] > 1 else "")
+            )
     for (file, function, condition, why), never in grouped.items():
         shown = condition.replace("|", "\\|")
         out.append(f"| {file.removeprefix('src/')} | {function} | `{shown}` | {', '.join(never)} | {why} |")
@@ -226,13 +260,17 @@ def page(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     parser.add_argument("--toml", action="store_true", help="print what is missing as rows for coverage.toml")
     given = parser.parse_args()
     clang = compiler()
     if not clang:
-        print("coverage: skipped, no clang of 19 or later with its llvm-profdata is installed (scripts/setup.sh proof)")
+        print(
+            "coverage: skipped, no clang of 19 or later with its llvm-profdata is installed (scripts/setup.sh proof)"
+        )
         return 0
     functions: list[dict] = []
     lines: dict[str, dict[int, bool]] = defaultdict(dict)
@@ -259,7 +297,9 @@ def main() -> int:
         for key in unlisted:
             missing[key[:3]].append(f"{json.dumps(key[3])} = {found[key]}")
         for (file, function, condition), never in missing.items():
-            print(f"[[open]]\nfile = {json.dumps(file)}\nat = [[{json.dumps(function)}, {json.dumps(condition)}]]")
+            print(
+                f"[[open]]\nfile = {json.dumps(file)}\nat = [[{json.dumps(function)}, {json.dumps(condition)}]]"
+            )
             print(f"never = {{ {', '.join(never)} }}\n")
     else:
         print(next(line for line in text.splitlines() if line.startswith("| **all**")))
@@ -270,7 +310,8 @@ def main() -> int:
         )
     for file, function, condition, what in gone:
         print(
-            f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so", file=sys.stderr
+            f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so",
+            file=sys.stderr,
         )
     return 1 if unlisted or gone else 0
 

@@ -58,7 +58,9 @@ FOLLOWED = {  # functions in which so many cases are kept apart: refused or not,
 # TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same result.
 # TSE_FIXED_CALLS: product, quotient and root are functions; those of eva.c, which give any result.
 UNROLLED = 60  # loops of a fixed number of turns up to this are followed turn by turn
-APART = 8  # turns of any loop that are followed one by one: of events, so that each stays apart from the others;
+APART = (
+    8  # turns of any loop that are followed one by one: of events, so that each stays apart from the others;
+)
 APART_STEP = 32  # of the default form: of states, so that what a loop writes is known to be written
 
 
@@ -68,17 +70,29 @@ def sources(target: str) -> list[str]:
     if target == "numbers":
         return []
     left_out = ("host/", "number/", *(("paper/", "model/integrator.c") if target in BUILDS else ()))
-    return [f"src/{x}" for x in every if not x.startswith(left_out) or (x == "host/learnt.c" and target == "learnt")]
+    return [
+        f"src/{x}"
+        for x in every
+        if not x.startswith(left_out) or (x == "host/learnt.c" and target == "learnt")
+    ]
 
 
 def what_it_reads(command: list[str], files: list[str]) -> str:
     """The command, and a hash of all that it reads, as the preprocessor leaves it; of eva.c as it is, with its annotations."""
-    defined = next(word for word in command if word.startswith("-cpp-extra-args=")).removeprefix("-cpp-extra-args=").split()
+    defined = (
+        next(word for word in command if word.startswith("-cpp-extra-args="))
+        .removeprefix("-cpp-extra-args=")
+        .split()
+    )
     seen = hashlib.sha256((HERE / "eva.c").read_bytes())
     for header in sorted((ROOT / "src" / "number").glob("*.h")):
         seen.update(header.read_bytes())
     for file in files:
-        seen.update(subprocess.run(["cc", "-E", "-P", *defined, file], cwd=ROOT, capture_output=True, check=True).stdout)
+        seen.update(
+            subprocess.run(
+                ["cc", "-E", "-P", *defined, file], cwd=ROOT, capture_output=True, check=True
+            ).stdout
+        )
     return "\n".join([*command, seen.hexdigest()])
 
 
@@ -226,12 +240,16 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
     ]
     for k, row in enumerate(rows):
         if used[k]:
-            out.append(f"| {row['file']} | {row['function'].replace('|', ', ')} | {len(used[k])} | {row['why']} |")
+            out.append(
+                f"| {row['file']} | {row['function'].replace('|', ', ')} | {len(used[k])} | {row['why']} |"
+            )
     return "\n".join(out) + "\n"
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     parser.add_argument("--format", action="append", choices=list(SUFFIX), help="default: all three")
     parser.add_argument("target", nargs="*", help=f"of {', '.join(TARGETS)}; default: those of the table")
@@ -253,12 +271,18 @@ def main() -> int:
                     used[k].add(alarm)
             wrong += len(open_)
             results.append((target, form, numbers, found, open_))
-            print(f"eva: {target}, {form}: {len(found)} alarms, {len(open_)} of them not explained; {seconds:.0f} s", flush=True)
+            print(
+                f"eva: {target}, {form}: {len(found)} alarms, {len(open_)} of them not explained; {seconds:.0f} s",
+                flush=True,
+            )
     if not given.target and not given.format:
         for k, row in enumerate(rows):
             if not used[k]:
                 wrong += 1
-                print(f"eva: no alarm needs {row['file']}, {row['function']}: {row['property']}", file=sys.stderr)
+                print(
+                    f"eva: no alarm needs {row['file']}, {row['function']}: {row['property']}",
+                    file=sys.stderr,
+                )
     if given.write:
         REPORT.write_text(page(results, rows, used, given.target))
     return 1 if wrong else 0

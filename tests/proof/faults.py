@@ -26,10 +26,17 @@ def faults() -> list[tuple[str, mutation.Fault]]:
     for row in tomllib.loads(FAULTS.read_text(encoding="utf-8"))["fault"]:
         text = (mutation.SRC / row["file"]).read_text(encoding="utf-8")
         if text.count(row["old"]) != 1:
-            raise ValueError(f"src/{row['file']} has {row['old']!r} {text.count(row['old'])} times: {row['what']}")
+            raise ValueError(
+                f"src/{row['file']} has {row['old']!r} {text.count(row['old'])} times: {row['what']}"
+            )
         at = text.index(row["old"])
         line = text.count("\n", 0, at) + 1
-        found.append((row["what"], mutation.Fault(row["file"], at, at + len(row["old"]), row["new"], "hand", line, row["old"])))
+        found.append(
+            (
+                row["what"],
+                mutation.Fault(row["file"], at, at + len(row["old"]), row["new"], "hand", line, row["old"]),
+            )
+        )
     return found
 
 
@@ -57,7 +64,9 @@ def table(done: list[tuple[str, mutation.Fault, str]]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--only", default="", help="faults of which the sentence or file contains this")
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(mutation.ROOT)} anew")

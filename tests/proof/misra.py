@@ -27,7 +27,12 @@ ADVISORY = {"1.2", "2.3", "2.4", "2.5", "2.6", "2.7", "4.2", "5.9", "8.7", "8.9"
             "12.3", "12.4", "13.3", "13.4", "15.1", "15.4", "15.5", "17.5", "17.8", "18.4", "18.5", "19.2", "20.1", "20.5", "20.10",
             "21.12"}  # fmt: skip
 DEFINES = ["-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=512"]
-SHORT = ["src/estimator/input.c", "src/filter/step.c", "src/paper/resample.c", "src/host/learnt.c"]  # for the tests
+SHORT = [
+    "src/estimator/input.c",
+    "src/filter/step.c",
+    "src/paper/resample.c",
+    "src/host/learnt.c",
+]  # for the tests
 
 
 def category(rule: str) -> str:
@@ -109,7 +114,9 @@ def page(without: list, used: Counter, by_rule: dict) -> str:
     for k, row in enumerate(deviations()):
         line = row.get("line", "")
         shown = f"`{line}`".replace("|", "\\|") if line else "any"
-        out.append(f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |")
+        out.append(
+            f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |"
+        )
     left = [h for h in without if category(h[0]) == "advisory"]
     if left:
         out += ["", f"## Advisory, neither followed nor deviated from: {len(left)}", ""]
@@ -127,7 +134,9 @@ def failures(without: list) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     parser.add_argument("files", nargs="*", help="default: all of src/")
     given = parser.parse_args()
@@ -147,7 +156,9 @@ def main() -> int:
         ]
     for line in wrong:
         print(f"misra: {line}", file=sys.stderr)
-    print(f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation")
+    print(
+        f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation"
+    )
     return 1 if wrong else 0
 
 

@@ -29,8 +29,20 @@ REPORT = ROOT / "scripts" / "results" / "mutation.md"
 EQUIVALENT = HERE / "faults.toml"
 UNITY = Path(os.environ.get("TSE_UNITY", ROOT / ".venv" / "share" / "unity")) / "src"
 FOLDERS = ("estimator", "filter", "model", "number")
-FLAGS = ["-std=c99", "-O1", "-w", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-DTSE_MAX_PARTICLES=512"]
-SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]  # of CMakePresets.json
+FLAGS = [
+    "-std=c99",
+    "-O1",
+    "-w",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-DTSE_MAX_PARTICLES=512",
+]
+SANITIZERS = [
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+    "-fno-omit-frame-pointer",
+]  # of CMakePresets.json
 LEAST_TIME = 10.0  # s: a test that takes longer, and ten times longer than without the fault, runs for ever
 
 SWAPS = {  # operator: what takes its place
@@ -84,7 +96,11 @@ def directives_blanked(text: str) -> str:
         constant = re.match(r"#define [A-Z_0-9]+ +(TSE_R\([-0-9.e]+\)|[0-9]+)\s", line)
         directive = more or (re.match(r"\s*#", line) and not constant)
         more = bool(directive) and line.rstrip().endswith("\\")
-        out.append(re.sub(r"[^\n]", " ", line) if directive else re.sub(r"^#define \w+", lambda m: " " * len(m.group()), line))
+        out.append(
+            re.sub(r"[^\n]", " ", line)
+            if directive
+            else re.sub(r"^#define \w+", lambda m: " " * len(m.group()), line)
+        )
     return "".join(out)
 
 
@@ -100,7 +116,9 @@ def closing(tokens: list, start: int) -> int:
 def faults_of(name: str) -> list[Fault]:
     whole = (SRC / name).read_text()
     text = directives_blanked(whole)
-    tokens = [(m.lastgroup, m.group(), m.start(), m.end()) for m in TOKEN.finditer(text) if m.lastgroup != "skip"]
+    tokens = [
+        (m.lastgroup, m.group(), m.start(), m.end()) for m in TOKEN.finditer(text) if m.lastgroup != "skip"
+    ]
     found: list[Fault] = []
 
     def add(kind: str, at: int, end: int, new: str) -> None:
@@ -110,7 +128,9 @@ def faults_of(name: str) -> list[Fault]:
     for i, (group, token, at, end) in enumerate(tokens):
         before = tokens[i - 1] if i else ("op", ";", 0, 0)
         depth += (token == "{") - (token == "}")
-        operand = (before[0] in ("number", "name") and before[1] not in ("return", "const", "case")) or before[1] in (")", "]")
+        operand = (
+            before[0] in ("number", "name") and before[1] not in ("return", "const", "case")
+        ) or before[1] in (")", "]")
         for kind, swaps in SWAPS.items():
             if token in swaps and (kind in ("call", "logic") or group == "op"):
                 if (kind in ("relation", "arithmetic") and not operand) or not depth:
@@ -161,7 +181,17 @@ def statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
             old = whole[tokens[start][2] : tokens[i][2]]
             if not re.search(r"[^=!<>]=[^=]|\(|\+\+|--", old) or (tokens[start + 1][1] == "*"):
                 return []
-            return [Fault(name, tokens[start][2], tokens[i][2], "", "statement", whole.count("\n", 0, tokens[start][2]) + 1, old)]
+            return [
+                Fault(
+                    name,
+                    tokens[start][2],
+                    tokens[i][2],
+                    "",
+                    "statement",
+                    whole.count("\n", 0, tokens[start][2]) + 1,
+                    old,
+                )
+            ]
     return []
 
 
@@ -171,7 +201,12 @@ def sources() -> list[str]:
 
 
 def core_files() -> list[str]:
-    files = sorted(p.relative_to(SRC).as_posix() for d in FOLDERS for p in (SRC / d).rglob("*") if p.suffix in {".c", ".h"})
+    files = sorted(
+        p.relative_to(SRC).as_posix()
+        for d in FOLDERS
+        for p in (SRC / d).rglob("*")
+        if p.suffix in {".c", ".h"}
+    )
     return [f for f in files if not f.startswith("host/")]
 
 
@@ -183,7 +218,10 @@ class Bench:
         for part in ("obj", "test", "run", "over"):
             (work / part).mkdir(parents=True, exist_ok=True)
         self.include = [f"-I{ROOT}/include", f"-I{SRC}"]
-        self.for_tests = [f"-I{ROOT}/tests/{d}" for d in ("unit", "replay")] + [f"-I{UNITY}", "-DUNITY_INCLUDE_DOUBLE"]
+        self.for_tests = [f"-I{ROOT}/tests/{d}" for d in ("unit", "replay")] + [
+            f"-I{UNITY}",
+            "-DUNITY_INCLUDE_DOUBLE",
+        ]
         self.tests, self.includes = {}, {}
         for path in sorted((ROOT / "tests" / "unit").rglob("test_*.c")):
             if path.stem in ("test_ekf", "test_describe", "test_simulate", "test_replay_log", "test_small"):
@@ -192,7 +230,9 @@ class Bench:
             self.includes[name] = set(re.findall(r'#include "([^"]+\.c)"', path.read_text()))
             self.tests[name] = work / "test" / f"{name}.c"
             writer = ROOT / "tests" / "unit" / "runner.cmake"
-            subprocess.run(["cmake", f"-DSOURCE={path}", f"-DRUNNER={self.tests[name]}", "-P", writer], check=True)
+            subprocess.run(
+                ["cmake", f"-DSOURCE={path}", f"-DRUNNER={self.tests[name]}", "-P", writer], check=True
+            )
         self.seconds: dict[str, float] = {}
         self.library = work / "obj" / "libtse.a"
 
@@ -227,7 +267,16 @@ class Bench:
 
     def run(self, name: str, library: Path, test: Path) -> str:
         program = self.work / "run" / name
-        link = [self.cc, *self.more, str(test), str(self.work / "test" / "unity.o"), str(library), "-lm", "-o", str(program)]
+        link = [
+            self.cc,
+            *self.more,
+            str(test),
+            str(self.work / "test" / "unity.o"),
+            str(library),
+            "-lm",
+            "-o",
+            str(program),
+        ]
         if subprocess.run(link, capture_output=True).returncode:
             return "failed"
         limit = max(LEAST_TIME, 10 * self.seconds.get(name, 30.0))
@@ -251,7 +300,9 @@ class Bench:
     def users(self, header: str) -> list[str]:
         """Sources that include it, by way of others too."""
         wanted, grown = {header}, True
-        texts = {p.relative_to(SRC).as_posix(): p.read_text() for p in SRC.rglob("*") if p.suffix in {".c", ".h"}}
+        texts = {
+            p.relative_to(SRC).as_posix(): p.read_text() for p in SRC.rglob("*") if p.suffix in {".c", ".h"}
+        }
         while grown:
             more = {n for n, t in texts.items() if n not in wanted and any(f'"{w}"' in t for w in wanted)}
             grown, wanted = bool(more), wanted | more
@@ -344,7 +395,9 @@ def equivalent() -> dict[str, str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--all", action="store_true", help="every fault there is (hours)")
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=14)
@@ -352,7 +405,12 @@ def main() -> int:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     parser.add_argument("--list", action="store_true", help="say the faults and stop")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="stop after so long; the report says how many were judged")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=math.inf,
+        help="stop after so long; the report says how many were judged",
+    )
     given = parser.parse_args()
 
     faults = [f for name in core_files() if not given.only or given.only in name for f in faults_of(name)]
@@ -363,7 +421,10 @@ def main() -> int:
         print(f"{len(chosen)} of {len(faults)}")
         return 0
     court = Court(ROOT / "build" / "mutation", given.compiler)
-    print(f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(court.bench.seconds.values()):.0f} s", flush=True)
+    print(
+        f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(court.bench.seconds.values()):.0f} s",
+        flush=True,
+    )
     known, began, verdicts = equivalent(), time.monotonic(), []
     for fault in chosen:
         if time.monotonic() - began > given.seconds:
@@ -379,15 +440,21 @@ def main() -> int:
     return 0 if share >= 0.9 else 1
 
 
-def report(given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str, str], bench: Bench) -> tuple[str, float]:
+def report(
+    given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str, str], bench: Bench
+) -> tuple[str, float]:
     def count(verdict: str, chosen=verdicts) -> int:
         return sum(v == verdict for _, v in chosen)
 
     found, survived = count("found") + count("found by sanitizers"), count("survived")
     low, high = wilson(found, found + survived)
     share = found / max(1, found + survived)
-    version = subprocess.run([given.compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
-    command = "scripts/proof.sh mutation --write" + (" --all" if given.all else f" --count {given.count} --seed {given.seed}")
+    version = subprocess.run(
+        [given.compiler, "--version"], capture_output=True, text=True
+    ).stdout.splitlines()[0]
+    command = "scripts/proof.sh mutation --write" + (
+        " --all" if given.all else f" --count {given.count} --seed {given.seed}"
+    )
     if len(verdicts) < min(given.count, total) and not given.all:
         command += f" --seconds {given.seconds:.0f}"
     lines = [
@@ -406,7 +473,9 @@ def report(given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str
     ]
     for kind in KINDS:
         own = [x for x in verdicts if x[0].kind == kind]
-        lines.append(f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | {count('survived', own)} |")
+        lines.append(
+            f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | {count('survived', own)} |"
+        )
     lines += ["", "## Survivors", "", "| file and line | kind | fault |", "|---|---|---|"]
     lines += [
         f"| src/{f.file}:{f.line} | {f.kind} | {f.text.replace('|', chr(92) + '|')} |"

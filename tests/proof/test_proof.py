@@ -72,7 +72,8 @@ def test_the_table_names_every_fault():
 
 
 @pytest.mark.skipif(
-    not shutil.which("gcc") or not (mutation.UNITY / "unity.c").exists(), reason="no gcc, or no Unity (scripts/setup.sh)"
+    not shutil.which("gcc") or not (mutation.UNITY / "unity.c").exists(),
+    reason="no gcc, or no Unity (scripts/setup.sh)",
 )
 def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
     """The machine of the mutation score, on one small file."""

@@ -59,7 +59,10 @@ def poly(c, u):
 
 
 def largest(g, weight, lo, hi, c, grid=4000):
-    return max(abs(weight(u) * (poly(c, u) - g(u))) for u in (lo + (hi - lo) * mpf(i) / grid for i in range(grid + 1)))
+    return max(
+        abs(weight(u) * (poly(c, u) - g(u)))
+        for u in (lo + (hi - lo) * mpf(i) / grid for i in range(grid + 1))
+    )
 
 
 def series(f, u, at_zero):

@@ -13,7 +13,7 @@ import click
 import pytest
 
 import tse
-from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, STATUS, library
+from tse.library.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, STATUS, library
 from tselab.cli import CONTEXT, cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,7 +24,9 @@ if not (shutil.which("git") and (ROOT / ".git").exists()):
     pytest.skip("git is not installed, or this is no checkout", allow_module_level=True)
 PAGES = ROOT / "docs" / "pages"
 
-FENCE = re.compile(r"(?:^<!-- (?P<why>not [^>]+?) -->\n)?^```(?P<kind>\w*)\n(?P<body>.*?)^```$", flags=re.M | re.S)
+FENCE = re.compile(
+    r"(?:^<!-- (?P<why>not [^>]+?) -->\n)?^```(?P<kind>\w*)\n(?P<body>.*?)^```$", flags=re.M | re.S
+)
 RUN = {"python", "c", "console", "sh", "toml", "cmake", "sql", "text", ""}
 NEEDED = ("material", "latex2mathml")
 ABSENT = "scripts/setup.sh docs installs what builds the site"
@@ -71,7 +73,18 @@ def site(tmp_path_factory):
         "NO_MKDOCS_2_WARNING": "1",
     }
     done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "-f", ROOT / "docs" / "mkdocs.yml", "-d", out / "site"],
+        [
+            sys.executable,
+            "-m",
+            "mkdocs",
+            "build",
+            "--quiet",
+            "--strict",
+            "-f",
+            ROOT / "docs" / "mkdocs.yml",
+            "-d",
+            out / "site",
+        ],
         capture_output=True,
         text=True,
         env=env,
@@ -85,10 +98,16 @@ def site(tmp_path_factory):
 def test_nothing_comes_from_the_net_and_equations_are_mathml(site):
     html = {p: p.read_text(encoding="utf-8") for p in site.rglob("*.html")}
     assert len(html) > 50
-    assert [x for text in html.values() for x in re.findall(r'(?:src|srcset)="(?:https?:)?//[^"]+"', text)] == []
+    assert [
+        x for text in html.values() for x in re.findall(r'(?:src|srcset)="(?:https?:)?//[^"]+"', text)
+    ] == []
     assert "fonts.googleapis" not in html[site / "index.html"] + (site / "site.css").read_text()
     model = html[site / "docs" / "pages" / "method" / "model.html"]
-    assert model.count("<math") > 30 and "arithmatex" not in model and "\\frac" not in model.replace("annotation", "")
+    assert (
+        model.count("<math") > 30
+        and "arithmatex" not in model
+        and "\\frac" not in model.replace("annotation", "")
+    )
 
 
 def test_every_result_is_on_the_page_of_results():
@@ -123,7 +142,9 @@ def test_every_output_status_reason_and_effect_is_in_the_reference():
 
 def test_every_public_function_of_the_headers_has_its_comment():
     headers = ("tse.h", "learnt.h", "simulate.h", "replay.h", "describe.h")
-    names = [re.findall(r"^#define (tse_\w+) +TSE_NAME", (tables.TSE / h).read_text(), flags=re.M) for h in headers]
+    names = [
+        re.findall(r"^#define (tse_\w+) +TSE_NAME", (tables.TSE / h).read_text(), flags=re.M) for h in headers
+    ]
     assert {n for of in names for n in of} == {n for h in headers for n, _, _ in tables.functions(h)}
 
 
@@ -146,7 +167,7 @@ def test_every_block_says_what_it_is():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A small log and a vehicle file, as the blocks name them."""
-    from tse.impl.tables import simulated_vehicle
+    from tse.report.tables import simulated_vehicle
 
     out = tmp_path_factory.mktemp("blocks")
     tse.simulate("square-waves", duration=8).log.to_csv(out / "log.csv", index=False)
@@ -201,10 +222,16 @@ def parsed(words: list[str]) -> None:
             raise AssertionError(f"{path}: no such command as {words[:1]}")
         command = command.get_command(click.Context(command, **CONTEXT), "run")
     try:
-        given, rest, _ = command.make_parser(click.Context(command, info_name=path, **CONTEXT)).parse_args(list(words))
+        given, rest, _ = command.make_parser(click.Context(command, info_name=path, **CONTEXT)).parse_args(
+            list(words)
+        )
     except click.UsageError as error:
         raise AssertionError(f"tselab {path}: {error.format_message()}") from None
-    missing = [p.opts[-1] for p in command.params if isinstance(p, click.Option) and p.required and p.name not in given]
+    missing = [
+        p.opts[-1]
+        for p in command.params
+        if isinstance(p, click.Option) and p.required and p.name not in given
+    ]
     assert not missing and not rest, f"tselab {path} {' '.join(words)}: {missing} {rest}"
 
 
@@ -236,10 +263,10 @@ def test_a_command_that_is_not_there_is_found():
 
 @pytest.mark.parametrize("body", blocks("toml"))
 def test_toml_is_read_by_the_tools(body, folder):
-    from tse.impl.files import read_toml
-    from tse.impl.formula import read_formula
-    from tse.impl.logs.signals import read_signals
-    from tse.impl.vehicle import read_vehicle
+    from tse.car.formula import read_formula
+    from tse.car.vehicle import read_vehicle
+    from tse.channels.signals import read_signals
+    from tse.library.files import read_toml
 
     path = folder / "page.toml"
     path.write_text(body)
@@ -249,7 +276,11 @@ def test_toml_is_read_by_the_tools(body, folder):
     elif "formula" in data and "place" in data:
         read_formula(path)
     else:
-        path.write_text((folder / "car.toml").read_text().partition("[uncertainty]")[0] + body if "mass" not in data else body)
+        path.write_text(
+            (folder / "car.toml").read_text().partition("[uncertainty]")[0] + body
+            if "mass" not in data
+            else body
+        )
         read_vehicle(path)
 
 
@@ -273,7 +304,11 @@ def wrong_links(path: Path) -> list[str]:
     for target, anchor in links.local(path):
         if target not in HELD:
             found.append(f"{target}: git holds no such file")
-        elif anchor and target.suffix == ".md" and anchor not in links.anchors(target.read_text(encoding="utf-8")):
+        elif (
+            anchor
+            and target.suffix == ".md"
+            and anchor not in links.anchors(target.read_text(encoding="utf-8"))
+        ):
             found.append(f"{target}#{anchor}: no such anchor")
     return found
 
@@ -281,7 +316,10 @@ def wrong_links(path: Path) -> list[str]:
 def raw_markers(text: str) -> list[str]:
     """Return what a builder would expand and a forge shows as it is, or as nothing."""
     prose = links.CODE.sub("", text)
-    lone = [f"<!-- {k}: {x} -->" for k, x in re.findall(r"^<!-- (table|code): (\S+) -->$", fill.BLOCK.sub("", text), re.M)]
+    lone = [
+        f"<!-- {k}: {x} -->"
+        for k, x in re.findall(r"^<!-- (table|code): (\S+) -->$", fill.BLOCK.sub("", text), re.M)
+    ]
     empty = [m[2] for m in fill.BLOCK.finditer(text) if not m[3].strip()]
     return [m[0] for m in RAW.finditer(prose)] + lone + empty
 
@@ -308,7 +346,9 @@ def test_what_is_wrong_is_found(tmp_path):
 
 
 def test_anchors_are_those_of_a_forge():
-    text = '# `a_b` and [c](d.md), e - f\n```sh\n# no heading\n```\n## Twice\n## Twice\n<span id="own"></span>\n'
+    text = (
+        '# `a_b` and [c](d.md), e - f\n```sh\n# no heading\n```\n## Twice\n## Twice\n<span id="own"></span>\n'
+    )
     assert links.anchors(text) == {"a_b-and-c-e---f", "twice", "twice-1", "own"}
 
 
@@ -348,11 +388,17 @@ INSTEAD = {  # what is written -> what a textbook writes
 BAD = re.compile("|".join(rf"\b(?:{word})\b" for word in INSTEAD), flags=re.I)
 WHERE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "src/", "include/", "fmu/", "scripts/", "docs/")
 KINDS = {".md", ".py", ".c", ".h", ".js", ".html", ".j2", ".toml", ".sh", ".yml"}
-NOT = ("docs/assets/", "scripts/lock", "scripts/results/")  # others' code; tables are as their command wrote them
+NOT = (
+    "docs/assets/",
+    "scripts/lock",
+    "scripts/results/",
+)  # others' code; tables are as their command wrote them
 WORDED = [
     p
     for p in links.files()
-    if (name := p.relative_to(ROOT).as_posix()).startswith(WHERE) and p.suffix in KINDS and not name.startswith(NOT)
+    if (name := p.relative_to(ROOT).as_posix()).startswith(WHERE)
+    and p.suffix in KINDS
+    and not name.startswith(NOT)
 ]
 
 

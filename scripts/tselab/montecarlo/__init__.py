@@ -8,10 +8,16 @@ engine.py      all runs: processes, Dask, resuming          pictures.py  picture
 
 STUDIES = {  # name: (usual number of runs, title)
     "accuracy": (24, "Accuracy in the paper's set-up (Sec. IV-A)"),
-    "paper": (200, "The paper's figures: its filter as printed, the same made robust, and the default filter"),
+    "paper": (
+        200,
+        "The paper's figures: its filter as printed, the same made robust, and the default filter",
+    ),
     "robust": (16, "What keeps the paper's filter from diverging, and what else was tried"),
     "peers": (100, "tse beside an EKF with the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),
     "regimes": (100, "Changes of the road: detected, followed, no false alarms"),
-    "false-alarms": (600, "Ordinary driving of a car known exactly, in stretches of ten minutes: every change is a false alarm"),
+    "false-alarms": (
+        600,
+        "Ordinary driving of a car known exactly, in stretches of ten minutes: every change is a false alarm",
+    ),
 }

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tse.impl.core import INPUT, STIFFNESS, Config, SimConfig, library
-from tse.impl.maneuvers import Maneuver
-from tse.impl.simulate import drive as run_simulator
+from tse.library.core import INPUT, STIFFNESS, Config, SimConfig, library
+from tse.simulation.maneuvers import Maneuver
+from tse.simulation.simulate import drive as run_simulator
 
 # Torque is on the front axle in all manoeuvres; the car is that of the paper, (1)-(4).
 START = {**{f"initial_{s}": 0.7 for s in STIFFNESS}, "driven_axle": 1, "exact_kinematics_share": 0.0}
@@ -29,7 +29,9 @@ class Case:
     title: str
     build: Builder
     config: Mapping[str, float] = field(default_factory=dict)  # the car, and settings of the estimator
-    car: Mapping[str, float] = field(default_factory=dict)  # factors on the car's settings of which nobody tells
+    car: Mapping[str, float] = field(
+        default_factory=dict
+    )  # factors on the car's settings of which nobody tells
     sim: Mapping[str, float] = field(default_factory=dict)  # the simulator
     draw: Draw | None = None  # further settings of the estimator that depend on the seed
     corrupt: Corruption | None = None  # changes the log; returns which rows it made unusable
@@ -61,7 +63,9 @@ class Drive:
         return np.column_stack([self.truth[f"true_{s}"] for s in STIFFNESS]).astype(float)
 
 
-def drive(case: Case, seed: int, configure: Callable[[Mapping[str, float]], Config], sim: Mapping[str, float]) -> Drive:
+def drive(
+    case: Case, seed: int, configure: Callable[[Mapping[str, float]], Config], sim: Mapping[str, float]
+) -> Drive:
     """Drive the case with a seed. `configure` completes what the case says about the estimator; what the case is about
     wins over the user's settings."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])

@@ -21,13 +21,14 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tse.impl import core, maneuvers, simulate
-from tse.impl.core import STIFFNESS, Config, library, library_hash
-from tse.impl.errors import Interrupted, UserError
-from tse.impl.estimate import write_table
-from tse.impl.files import make_directory
-from tse.impl.processes import each, killed_as_interrupted
-from tse.impl.rows import MEASURES
+from tse.estimation.estimate import write_table
+from tse.library import core
+from tse.library.core import STIFFNESS, Config, library, library_hash
+from tse.library.errors import Interrupted, UserError
+from tse.library.files import make_directory
+from tse.library.processes import each, killed_as_interrupted
+from tse.log.rows import MEASURES
+from tse.simulation import maneuvers, simulate
 from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
@@ -88,7 +89,9 @@ def _study(name: str) -> Study:
 def run_unit(unit: Unit) -> list[dict[str, Any]]:
     """Simulate once, run every estimator of the case on it: one row each."""
     if library_hash() != unit.library:
-        raise UserError(f"the tse library {library().path} is not, or no longer, the one that the study began with; start it again")
+        raise UserError(
+            f"the tse library {library().path} is not, or no longer, the one that the study began with; start it again"
+        )
     case = _study(unit.study).case(unit.case)
     start = time.perf_counter()
     d = drive(case, unit.seed, lambda about: configure("tse", unit, about), unit.sim_settings)
@@ -122,7 +125,12 @@ def configure(name: str, unit: Unit | Plan, about: Mapping[str, float]) -> Confi
 
 
 def run(
-    plan: Plan, out: Path, jobs: int = 1, scheduler: str | None = None, restart: bool = False, progress: bool = False
+    plan: Plan,
+    out: Path,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    restart: bool = False,
+    progress: bool = False,
 ) -> pd.DataFrame:
     """Run what is not yet in OUT/runs.jsonl; all rows of the plan, which OUT/runs.csv gets, too.
 
@@ -135,9 +143,14 @@ def run(
     done = read(path, units)
     left = [u for u in units if u.mark not in done]
     _append(path, "\n")  # the last line may be cut
-    with tqdm(total=len(left), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name) as bar:
+    with tqdm(
+        total=len(left), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
+    ) as bar:
         try:
-            with killed_as_interrupted(), contextlib.closing(each(run_unit, left, jobs, scheduler)) as results:
+            with (
+                killed_as_interrupted(),
+                contextlib.closing(each(run_unit, left, jobs, scheduler)) as results,
+            ):
                 for unit, result in results:
                     done[unit.mark] = _said_where(unit, result)
                     text = json.dumps(done[unit.mark], default=float)
@@ -193,8 +206,12 @@ def columns(study: str) -> list[str]:
     events = max(len(c.events) for c in cases) + 1
     windows = range(max(len(c.windows) for c in cases))
     for key in STIFFNESS:
-        names += [f"{key}_{x}" for x in ("mean_square", "bias", "covered", "sd_square", "spread", "spread_seen")]
-        names += [f"{key}_{x}_w{n}" for n in windows for x in ("mean_square", "covered", "bias", "off", "spread")]
+        names += [
+            f"{key}_{x}" for x in ("mean_square", "bias", "covered", "sd_square", "spread", "spread_seen")
+        ]
+        names += [
+            f"{key}_{x}_w{n}" for n in windows for x in ("mean_square", "covered", "bias", "off", "spread")
+        ]
         names += [f"{key}_{x}_{n}" for x in ("settle", "stay") for n in range(events)]
         names += [f"{key}_{x}" for x in ("judged", "worst", "diverged")]
         for share in scores.SHARES:
@@ -208,7 +225,10 @@ def columns(study: str) -> list[str]:
 @functools.cache
 def code() -> str:
     """What makes the numbers beside the library and the settings: the files of studies, manoeuvres and other filters."""
-    files = {*Path(__file__).parent.glob("*.py"), *(Path(str(m.__file__)) for m in (core, maneuvers, simulate))}
+    files = {
+        *Path(__file__).parent.glob("*.py"),
+        *(Path(str(m.__file__)) for m in (core, maneuvers, simulate)),
+    }
     return _hash("".join(p.read_text(encoding="utf-8") for p in sorted(files)))
 
 

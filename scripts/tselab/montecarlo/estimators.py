@@ -7,15 +7,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, library
-from tse.impl.errors import UserError
+from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, library
+from tse.library.errors import UserError
 from tselab.montecarlo import peers
 from tselab.montecarlo.case import START, Drive
 from tselab.montecarlo.peers import Known
 
 # Variants of the robust form, robust-NAME: what was tried.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
-    "one-factor": ("one forgetting factor in (17), 0.99", {"forgetting": 0.99, "forgetting_mean": 0.0, "forgetting_change": 1.0}),
+    "one-factor": (
+        "one forgetting factor in (17), 0.99",
+        {"forgetting": 0.99, "forgetting_mean": 0.0, "forgetting_change": 1.0},
+    ),
     "constant": ("the mean's factor does not fall where innovations last", {"forgetting_change": 1.0}),
     "slower": ("the mean's factor 0.985, not 0.98", {"forgetting_mean": 0.985}),
     "slowest": ("the mean's factor 0.99, falling", {"forgetting_mean": 0.99}),
@@ -30,7 +33,11 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
 }
 PEERS = ("ekf", "known")
 FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # and the form that each is of
-PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}  # where Sec. IV-A starts; Euler
+PRINTED = {
+    "initial_vel_x": 22.0,
+    "initial_vel_x_from_wheels": 0,
+    "integration": 0,
+}  # where Sec. IV-A starts; Euler
 TEXTS = {
     "ekf": "EKF on the augmented state, true covariances",
     "known": "EKF that never forgets, with the true covariances and the times of changes",
@@ -77,7 +84,9 @@ def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
     try:
         found = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError) as error:
-        raise UserError(f"there is no estimator '{name}': {error}; is the folder of {module}.py in PYTHONPATH?") from None
+        raise UserError(
+            f"there is no estimator '{name}': {error}; is the folder of {module}.py in PYTHONPATH?"
+        ) from None
     if not callable(found):
         raise UserError(f"the estimator '{name}' is not a function")
     return found
@@ -94,7 +103,9 @@ def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
     for f in fields:
         values = np.asarray(answer[f], float)
         if values.shape != out.shape:
-            raise UserError(f"the estimator '{name}' gives {f} in shape {values.shape}, not {out.shape}: a number a row")
+            raise UserError(
+                f"the estimator '{name}' gives {f} in shape {values.shape}, not {out.shape}: a number a row"
+            )
         out[f] = values / getattr(config, next(NOMINAL[s] for s in STIFFNESS if f.startswith(s)))
     return out
 
@@ -113,7 +124,9 @@ def _known(d: Drive, config: Config, changes: bool = False) -> Known:
 
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
-        spread=tuple(getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS),
+        spread=tuple(
+            getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS
+        ),
         noise_sd=tuple(sd * d.sim.noise for sd in sensors),
         forgetting=config.forgetting,
         held=bool(d.sim.hold_inputs),

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from tse.impl.core import STIFFNESS, Config, library
-from tse.impl.rows import DRIVES, MEASURES
+from tse.library.core import STIFFNESS, Config, library
+from tse.log.rows import DRIVES, MEASURES
 
 X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 LOW_SPEED = 1.0  # m/s, slips are taken over at least this
@@ -38,7 +38,9 @@ class Known:
     noise_sd: tuple[float, float, float]  # accel_x, accel_y [m/s2], yaw_rate [rad/s]
     forgetting: float = 0.99  # lambda per nominal sample time; "known" forgets nothing
     held: bool = False  # the steering angle of a row acts until the next; else it is linear between rows
-    changes: tuple[float, ...] = ()  # s since the first row: another mean stiffness from here on; only "known" uses it
+    changes: tuple[
+        float, ...
+    ] = ()  # s since the first row: another mean stiffness from here on; only "known" uses it
 
 
 def accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -59,18 +61,25 @@ def observe(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> 
     return np.array([*accelerations(c, x, w, u)[:2], x[2]])
 
 
-def move(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray, to: np.ndarray, dt: float) -> np.ndarray:
+def move(
+    c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray, to: np.ndarray, dt: float
+) -> np.ndarray:
     """Columns of states after dt, by Runge and Kutta; inputs are linear from u to `to`."""
 
     def rate(x: np.ndarray, share: float) -> np.ndarray:
         a = accelerations(c, x, w, u + share * (to - u))
         return a + np.array([x[1] * x[2], -x[0] * x[2], 0 * x[2]])
 
-    speed = max(min(abs(i[k]) * r for i in (u, to) for k, r in ((1, c.wheel_radius_front), (2, c.wheel_radius_rear))), LOW_SPEED)
+    speed = max(
+        min(abs(i[k]) * r for i in (u, to) for k, r in ((1, c.wheel_radius_front), (2, c.wheel_radius_rear))),
+        LOW_SPEED,
+    )
     yaw = (c.cornering_stiffness_front * c.lf**2 + c.cornering_stiffness_rear * c.lr**2) / c.yaw_inertia
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
-    steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / STEP), 1, 50))  # 1.5: may grip better
+    steps = int(
+        np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / STEP), 1, 50)
+    )  # 1.5: may grip better
     h = dt / steps
     for k in range(steps):
         k1 = rate(x, k / steps)
@@ -120,7 +129,11 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
     u, out = _held(inputs), np.zeros(len(rows), OUTPUT)
     restart, usable = _conditions(c, dt, u, y, driven)
     sd = lambda form, names: np.array([getattr(c, form.format(name)) for name in names]) ** 2  # noqa: E731
-    start_x, walk, r = sd("initial_{}_sd", STATES), sd("{}_bias_walk", MEASURES), np.array(known.noise_sd) ** 2
+    start_x, walk, r = (
+        sd("initial_{}_sd", STATES),
+        sd("{}_bias_walk", MEASURES),
+        np.array(known.noise_sd) ** 2,
+    )
     eps = np.array(known.spread, float) ** 2
     first = np.concatenate([start_x, np.full(3, c.initial_mean_sd**2), sd("{}_bias_sd", MEASURES), eps])
     z0 = np.concatenate([np.zeros(3), [getattr(c, f"initial_{s}") - 1 for s in STIFFNESS], np.zeros(6)])
@@ -138,7 +151,10 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
                 z, p, use = z0.copy(), np.diag(first), use[use < 2]
         if again:  # from the wheels, straight ahead at the gyro's rate
             gyro = y[row, 2] - z[8] if np.isfinite(y[row, 2]) else 0.0
-            z[X], z[EPS] = [(u[row, 1] * c.wheel_radius_front + u[row, 2] * c.wheel_radius_rear) / 2, 0.0, gyro], 0
+            z[X], z[EPS] = (
+                [(u[row, 1] * c.wheel_radius_front + u[row, 2] * c.wheel_radius_rear) / 2, 0.0, gyro],
+                0,
+            )
             if row == 0 and not c.initial_vel_x_from_wheels:
                 z[0] = c.initial_vel_x
             p[B, B] += np.diag(walk * dt[row])
@@ -163,7 +179,11 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
             z[MU] = np.clip(z[MU], c.stiffness_min - 1, c.stiffness_max - 1)
         sds = np.sqrt(np.maximum(np.diagonal(p), 0))
         mean = np.stack([1 + z[MU], sds[MU], np.sqrt(eps)], 1)
-        out[row] = tuple(np.concatenate([np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]))
+        out[row] = tuple(
+            np.concatenate(
+                [np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]
+            )
+        )
         if len(use) and not tells:  # (17), whole rows and columns, to the start's variance at most
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)

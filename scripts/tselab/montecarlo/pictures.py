@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tse.impl import __version__
-from tse.impl.core import STIFFNESS, library
-from tse.impl.estimate import write_table
-from tse.impl.files import atomic
-from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE, picture_of
-from tse.impl.verdict import NAMES, UNITS
+from tse.estimation.estimate import write_table
+from tse.estimation.verdict import NAMES, UNITS
+from tse.library import __version__
+from tse.library.core import STIFFNESS, library
+from tse.library.files import atomic
+from tse.report.plots import BLUE, GREEN, GREY, INK, ORANGE, picture_of
 from tselab.montecarlo import summary
 from tselab.montecarlo.case import Drive
 from tselab.montecarlo.engine import Plan, trace
@@ -37,9 +37,19 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
             mean, sd = est[key].to_numpy() / 1000, est[f"{key}_sd"].to_numpy() / 1000
             valid = est[f"{key}_valid"].to_numpy() == 1
             true = truth[f"true_{key}"].to_numpy()[: len(time)] / 1000
-            axis.fill_between(time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval")
             axis.fill_between(
-                time, 0, 1, where=~valid, transform=axis.get_xaxis_transform(), color=GREY, alpha=0.16, lw=0, label="not valid"
+                time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval"
+            )
+            axis.fill_between(
+                time,
+                0,
+                1,
+                where=~valid,
+                transform=axis.get_xaxis_transform(),
+                color=GREY,
+                alpha=0.16,
+                lw=0,
+                label="not valid",
             )
             axis.plot(time, true, color=ORANGE, lw=1.8, ls=(0, (5, 2)), label="truth")
             axis.plot(time, mean, color=BLUE, lw=1.6, label="estimate")
@@ -48,7 +58,13 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
             axis.set_title(NAMES[key], loc="left", fontsize=11, fontweight="bold", pad=4)
         handles, labels = axes[0].get_legend_handles_labels()
         order = [labels.index(x) for x in ("truth", "estimate", "95 % interval", "not valid")]
-        figure.legend([handles[i] for i in order], [labels[i] for i in order], loc="outside upper right", ncols=4, frameon=False)
+        figure.legend(
+            [handles[i] for i in order],
+            [labels[i] for i in order],
+            loc="outside upper right",
+            ncols=4,
+            frameon=False,
+        )
         axes[3].plot(time, 1000 * log["steer_angle"].to_numpy()[: len(time)], color=INK, lw=1.1)
         axes[3].set_ylabel("steering\n[mrad]")
         speed = axes[3].twinx()
@@ -101,7 +117,9 @@ def _paper(plan: Plan, runs: pd.DataFrame) -> Figure:
     cases = {c.name: c for c in plan.study.cases}
     waves, lanes = cases.get("iv-a"), cases.get("iv-b-20")
     rows = 2 * bool(waves) + 5 * bool(lanes)
-    figure, axes = plt.subplots(rows, 3, figsize=(10.8, 2.8 * rows + 0.6), dpi=130, layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(
+        rows, 3, figsize=(10.8, 2.8 * rows + 0.6), dpi=130, layout="constrained", squeeze=False
+    )
     for column in range(3):
         row = iter(axes[:, column])
         if waves:
@@ -140,8 +158,19 @@ def _fig2(axis: Axes, name: str, x: np.ndarray) -> None:
     n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
     edges = np.linspace(-4.0, 4.0, 33)
     height = np.histogram(np.clip(x, -4.0, 4.0), edges)[0] / n
-    axis.bar(edges[:-1], height, np.diff(edges), align="edge", color=BLUE, alpha=0.55, edgecolor="white", label="runs")
-    axis.stairs(np.diff(stats.norm.cdf(edges, mean, sd)), edges, color=ORANGE, lw=1.6, label="normal distribution")
+    axis.bar(
+        edges[:-1],
+        height,
+        np.diff(edges),
+        align="edge",
+        color=BLUE,
+        alpha=0.55,
+        edgecolor="white",
+        label="runs",
+    )
+    axis.stairs(
+        np.diff(stats.norm.cdf(edges, mean, sd)), edges, color=ORANGE, lw=1.6, label="normal distribution"
+    )
     axis.set(title=f"Fig. 2, {TITLES[name]}: Cy front", xlabel=f"mean error, {ERROR}", ylabel="probability")
 
 
@@ -152,7 +181,9 @@ def _fig3(axis: Axes, key: str, name: str, d: Drive, y: np.ndarray) -> None:
     axis.plot(d.time, mean, color=RED, label="stiffness")
     axis.plot(d.time, mean - sd, color=GREEN, lw=1.0, label="standard deviation")
     axis.plot(d.time, mean + sd, color=GREEN, lw=1.0)
-    axis.set(title=f"Fig. 3, {TITLES[name]}: {HEADS[key]}", xlabel="time, s", ylabel="normalised", ylim=(0.5, 1.5))
+    axis.set(
+        title=f"Fig. 3, {TITLES[name]}: {HEADS[key]}", xlabel="time, s", ylabel="normalised", ylim=(0.5, 1.5)
+    )
 
 
 # ---- NAME.csv, NAME.md and, of the paper, with matplotlib, NAME.png

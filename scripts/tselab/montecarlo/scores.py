@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from tse.impl.core import REASON, STIFFNESS, library
-from tse.impl.rows import MEASURES
+from tse.library.core import REASON, STIFFNESS, library
+from tse.log.rows import MEASURES
 from tselab.montecarlo.case import LINEAR, Case, Drive, G
 
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0  # share of the mean stiffness, s
@@ -29,7 +29,10 @@ SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", 
 SURE = 0.9  # of a change of regime: from here on it counts as reported
 STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # s between changes that count as two
-BEFORE, AFTER = (0.15, 2.0)  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
+BEFORE, AFTER = (
+    0.15,
+    2.0,
+)  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
 OFF, OFF_FOR = 0.20, 60.0  # error that must not be called valid, s after an event in which it is counted
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # right where nothing can be known
 
@@ -87,8 +90,12 @@ def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
         level = d.stiffness
         follows = d.road + c.rear_longitudinal_follows_front * (level[:, 0] - d.road)
         limit = d.friction * c.mass * G / (c.lf + c.lr)
-        use[:, 0] = np.hypot(cxf * level[:, 0] * sf, c.cornering_stiffness_front * level[:, 1] * af) / (limit * c.lr)
-        use[:, 1] = np.hypot(cxr * follows * sr, c.cornering_stiffness_rear * level[:, 2] * ar) / (limit * c.lf)
+        use[:, 0] = np.hypot(cxf * level[:, 0] * sf, c.cornering_stiffness_front * level[:, 1] * af) / (
+            limit * c.lr
+        )
+        use[:, 1] = np.hypot(cxr * follows * sr, c.cornering_stiffness_rear * level[:, 2] * ar) / (
+            limit * c.lf
+        )
     return phi, use
 
 
@@ -99,7 +106,12 @@ def grip(use: np.ndarray) -> np.ndarray:
 
 
 def felt(
-    mean: np.ndarray, phi: np.ndarray, use: np.ndarray, learning: np.ndarray, memory: float, linear: float = LINEAR
+    mean: np.ndarray,
+    phi: np.ndarray,
+    use: np.ndarray,
+    learning: np.ndarray,
+    memory: float,
+    linear: float = LINEAR,
 ) -> np.ndarray:
     """The stiffness that a best fit of the linear tyre over the memory finds: the secant, weighted by what each row shows of
     it, phi^2. Rows beyond the linear range, from which nobody should learn, do not count."""
@@ -150,7 +162,9 @@ def knowable(d: Drive, case: Case) -> Knowable:
     """What the truth of the drive says about what could be known."""
     c = d.config
     phi, use = regressors(d)
-    wheels = np.column_stack([getattr(c, f"wheel_radius_{a}") * d.truth[f"true_wheel_speed_{a}"] for a in ("front", "rear")])
+    wheels = np.column_stack(
+        [getattr(c, f"wheel_radius_{a}") * d.truth[f"true_wheel_speed_{a}"] for a in ("front", "rear")]
+    )
     learning = (
         (np.abs(wheels).max(axis=1) >= c.hold_speed)
         & (wheels.min(axis=1) >= REVERSE_SPEED)
@@ -159,11 +173,16 @@ def knowable(d: Drive, case: Case) -> Knowable:
     memory = 1 / (1 - c.forgetting)
     mean = felt(d.stiffness, phi, use, learning, memory)
     secant = felt(d.stiffness, phi, use, learning, memory, np.inf)
-    sd = [best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory) for i, k in enumerate(STIFFNESS)]
+    sd = [
+        best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory)
+        for i, k in enumerate(STIFFNESS)
+    ]
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9  # before, the filter says "starting", and rightly
+    started = (
+        d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
+    )  # before, the filter says "starting", and rightly
     settled = after(d.time, moments, SETTLE_AFTER) & started
     return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
 
@@ -185,7 +204,9 @@ def wrong_on_end(wrong: np.ndarray, judged: np.ndarray) -> int:
     return int((count[edges[1::2]] - count[edges[::2]]).max(initial=0))
 
 
-def settling(time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR) -> float:
+def settling(
+    time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR
+) -> float:
     """Seconds from `start` until the error stays below CLOSE for `hold` seconds, with hold = inf up to `end`; inf when it
     does not. Less than `hold` before the end counts when it stays below until there."""
     part = (time >= start - 1e-9) & (time < end - 1e-9)
@@ -215,7 +236,9 @@ def clock(d: Drive) -> np.ndarray:
 
 def reported(d: Drive, estimate: np.ndarray) -> np.ndarray:
     """When the estimator says that the regime changed, in the time of the drive: each change once, whenever it was said."""
-    sure = (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
+    sure = (
+        (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
+    )
     now = clock(d)
     when = np.unique((now - estimate["change_age"].astype(float))[sure])
     if not len(when):
@@ -228,11 +251,16 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
     how long any was called valid and was not."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = clock(d)
-    error = np.max([np.abs(estimate[s].astype(float) / k.level[:, i] - 1) for i, s in enumerate(STIFFNESS)], axis=0)
+    error = np.max(
+        [np.abs(estimate[s].astype(float) / k.level[:, i] - 1) for i, s in enumerate(STIFFNESS)], axis=0
+    )
     if "change_age" in names:
         found = reported(d, estimate)
         true = [(found > e - BEFORE) & (found < e + case.lasts + AFTER) for e in case.events]
-        row["changes"], row["false_changes"] = len(found), int((~np.any(true, axis=0)).sum() if true else len(found))
+        row["changes"], row["false_changes"] = (
+            len(found),
+            int((~np.any(true, axis=0)).sum() if true else len(found)),
+        )
     for n, (event, end) in enumerate(itertools.pairwise((*case.events, np.inf)), 1):
         part = (time >= event - 1e-9) & (time < end - 1e-9)
         row[f"all_settle_{n}"] = settling(time, error, event, end)
@@ -244,7 +272,9 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
         if f"{STIFFNESS[0]}_valid" in names:
             truth = k.level if k.secant is None else k.secant
             wrong = [
-                (estimate[f"{s}_valid"] == 0) & (estimate["status"] >= 0) & ~(np.abs(estimate[s] / truth[:, i] - 1) <= OFF)
+                (estimate[f"{s}_valid"] == 0)
+                & (estimate["status"] >= 0)
+                & ~(np.abs(estimate[s] / truth[:, i] - 1) <= OFF)
                 for i, s in enumerate(STIFFNESS)
             ]
             off = np.any(wrong, axis=0) & part & (time < event + OFF_FOR - 1e-9)
@@ -274,7 +304,9 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
         for n, w in enumerate(case.windows):
             here = inside(time, (w,))
             row[f"{key}_mean_square_w{n}"] = 1e4 * _mean(error[here] ** 2)
-            row[f"{key}_covered_w{n}"] = 100 * np.mean(size[here] <= 1.96 * sd[here]) if key in names else np.nan
+            row[f"{key}_covered_w{n}"] = (
+                100 * np.mean(size[here] <= 1.96 * sd[here]) if key in names else np.nan
+            )
             row[f"{key}_bias_w{n}"] = 100 * _mean(error[here])
             row[f"{key}_off_w{n}"] = int(longest(~(size[here] <= DIVERGED_ERROR)) * step > DIVERGED_FOR)
             if f"{key}_spread" in names:
@@ -314,7 +346,9 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
                 row[f"{key}_{name}"], row[f"{key}_{name}_of"] = int(of.sum()), int(among.sum())
     for state in STATES:
         if state in names:
-            row[f"{state}_square"] = _mean((estimate[state] - d.truth[f"true_{state}"])[window].astype(float) ** 2)
+            row[f"{state}_square"] = _mean(
+                (estimate[state] - d.truth[f"true_{state}"])[window].astype(float) ** 2
+            )
     if STIFFNESS[0] in names:
         row["diverged"], row["diverged_any"] = diverged, diverged_any
         row |= regimes(d, case, k, estimate)

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from tse.impl import maneuvers
-from tse.impl.core import Config, SimConfig
-from tse.impl.errors import UserError
-from tse.impl.maneuvers import Maneuver, square
-from tse.impl.rows import DRIVES, MEASURES
+from tse.library.core import Config, SimConfig
+from tse.library.errors import UserError
+from tse.log.rows import DRIVES, MEASURES
+from tse.simulation import maneuvers
+from tse.simulation.maneuvers import Maneuver, square
 from tselab.montecarlo import STUDIES
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
@@ -32,7 +32,9 @@ def square_waves(
     road: tuple[tuple[float, float], ...] = (),
 ) -> Maneuver:
     """The paper's square waves. torque None: what gives LOW_SLIP."""
-    m = maneuvers.build("square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road))
+    m = maneuvers.build(
+        "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
+    )
     torque = torque_of_slip(car, sim, LOW_SLIP) if torque is None else torque
     return replace(m, wheel_torque_front=torque * np.sign(m.wheel_torque_front))
 
@@ -41,7 +43,9 @@ def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
     """Steady front torque that makes this slip on the front axle: its wheels and, through the car, the rear wheels take
     their part of it."""
     force = car.longitudinal_stiffness_front * slip
-    front, rear = (getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear"))
+    front, rear = (
+        getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
+    )
     return force * car.wheel_radius_front * (car.mass + front + rear) / (car.mass + rear)
 
 
@@ -69,7 +73,9 @@ REVERSE_END = 60.0
 def reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """From standstill 3 m/s backwards with steering, back to standstill, launch to 18 m/s, then the paper's square waves."""
     t = np.round(np.arange(round(REVERSE_END / car.sample_time) + 1) * car.sample_time, 9)
-    force = np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass  # m/s2
+    force = (
+        np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass
+    )  # m/s2
     waves = t >= 30
     torque = np.where(waves, TORQUE * square(t, 5.0), force * car.wheel_radius_front)
     steer = np.select([(t >= 5) & (t < 12), waves], [0.05 * square(t, 4.0), STEER * square(t, 4.0)])
@@ -110,7 +116,12 @@ APPROACH, LANES_END = 10.0, 48.0  # s
 
 
 def paper_waves(
-    car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float, road: tuple[tuple[float, float], ...]
+    car: Config,
+    sim: SimConfig,
+    rng: np.random.Generator,
+    *,
+    duration: float,
+    road: tuple[tuple[float, float], ...],
 ) -> Maneuver:
     """The paper's square waves, from a state drawn from the paper's p0."""
     speed = PAPER_SPEED + PAPER_SD * rng.standard_normal()
@@ -134,7 +145,14 @@ def paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuv
 
 
 def slow_change(
-    car: Config, sim: SimConfig, rng: np.random.Generator, *, start: float, length: float, level: float, after: float
+    car: Config,
+    sim: SimConfig,
+    rng: np.random.Generator,
+    *,
+    start: float,
+    length: float,
+    level: float,
+    after: float,
 ) -> Maneuver:
     """Square waves; all stiffness goes linearly to `level` within `length`."""
     m = square_waves(car, sim, rng, duration=start + length + after)
@@ -144,7 +162,9 @@ def slow_change(
 LANE_PERIOD = (6.0, 12.0)  # s: of keeping the lane
 
 
-def _waving(t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]) -> np.ndarray:
+def _waving(
+    t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
+) -> np.ndarray:
     """Two slow sines of random period and phase that add up to `size`."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
@@ -170,7 +190,9 @@ def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration:
         now = t[part := (t >= start - 1e-9) & (t < end)]
         aim = rng.uniform(*SPEEDS)
         reached = speed + np.clip(aim - speed, -SPEED_CHANGE * (end - start), SPEED_CHANGE * (end - start))
-        target[part] = np.interp(now, [start, start + max(abs(reached - speed) / SPEED_CHANGE, 1e-3)], [speed, reached])
+        target[part] = np.interp(
+            now, [start, start + max(abs(reached - speed) / SPEED_CHANGE, 1e-3)], [speed, reached]
+        )
         fast = max(speed, reached)
         size = rng.uniform(*LATERAL) * (car.lf + car.lr + gradient * fast**2) / fast**2
         kind = rng.integers(4)
@@ -181,7 +203,9 @@ def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration:
             period = (end - start) / round((end - start) / rng.uniform(4.0, 8.0))
             target[part] += WAVE * period / 2 * (1 - np.abs(2 * ((now - start) / period % 1.0) - 1))
         elif kind == 2:
-            steer[part] = np.clip(0.4 * size * maneuvers._coloured(rng, len(now), car.sample_time, 0.8), -size, size)
+            steer[part] = np.clip(
+                0.4 * size * maneuvers._coloured(rng, len(now), car.sample_time, 0.8), -size, size
+            )
         start, speed = end, reached
     zero = np.zeros_like(t)
     return Maneuver(t, first, steer, zero, zero, np.ones_like(t), target_speed=target)
@@ -223,7 +247,9 @@ def stuck(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel:
     return corrupted
 
 
-def outliers(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float) -> np.ndarray:
+def outliers(
+    time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float
+) -> np.ndarray:
     """Single samples of the inertial channels are far off. An estimator has to live with them: no row is unusable."""
     default = Config.exact()
     for channel in MEASURES:
@@ -275,7 +301,12 @@ ROAD_03 = Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0,
 
 
 def _stress() -> tuple[Case, ...]:
-    imu_bias = {"true_bias_accel_x": 0.1, "true_bias_accel_y": 0.1, "true_bias_yaw_rate": 0.2 * DEGREE, "bias_walk": 1.0}
+    imu_bias = {
+        "true_bias_accel_x": 0.1,
+        "true_bias_accel_y": 0.1,
+        "true_bias_yaw_rate": 0.2 * DEGREE,
+        "bias_walk": 1.0,
+    }
     after_15 = ((FIRST, SLOTS_END),)
     pulses = ((PULSES[0] - 5, PULSES[0]), (PULSES_END - 15, PULSES_END))
     friction = {"sim": {"friction": 0.9}, "windows": pulses}
@@ -343,7 +374,9 @@ TEN_MINUTES = 600.0  # s
 def _false_alarms() -> tuple[Case, ...]:
     known = Case("false-alarms", "ordinary driving", partial(ordinary, duration=TEN_MINUTES),
                 windows=((30.0, TEN_MINUTES),))  # fmt: skip
-    return known, replace(known, name="false-alarms-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1})
+    return known, replace(
+        known, name="false-alarms-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1}
+    )
 
 
 def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tse.impl.core import STIFFNESS, SimConfig
-from tse.impl.rows import MEASURES
-from tse.impl.tables import markdown_table
+from tse.library.core import STIFFNESS, SimConfig
+from tse.log.rows import MEASURES
+from tse.report.tables import markdown_table
 from tselab.montecarlo import scores
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
@@ -43,7 +43,9 @@ def root_mean(squares: np.ndarray) -> np.ndarray:
     return np.sqrt(squares.mean(axis=-1))
 
 
-def bootstrap(values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = root_mean) -> tuple[float, float]:
+def bootstrap(
+    values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = root_mean
+) -> tuple[float, float]:
     """Percentile interval of a statistic over the last axis, which holds the runs: they are drawn again as a whole."""
     values = np.asarray(values, float)
     n = values.shape[-1]
@@ -94,7 +96,11 @@ def of(runs: pd.DataFrame, case: str, estimator: str) -> pd.DataFrame:
 
 def _line(part: pd.DataFrame) -> dict[str, float]:
     n = len(part)
-    line: dict[str, float] = {"runs": n, "first_seed": int(part["seed"].min()), "last_seed": int(part["seed"].max())}
+    line: dict[str, float] = {
+        "runs": n,
+        "first_seed": int(part["seed"].min()),
+        "last_seed": int(part["seed"].max()),
+    }
     for name in ("diverged", "diverged_any"):
         if part[name].notna().all():
             low, high = clopper_pearson(int(part[name].sum()), n)
@@ -265,7 +271,9 @@ def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
         "Diverged: a stiffness off by more than 20 % for more than 2 s in 15 .. 30 s, in 45 .. 60 s, in 44 .. 48 s of IV-B. "
         "Standard deviation: of a stiffness from sample to sample, which the default filter does not estimate."
     )
-    return [Table("The paper's numbers and ours", ["", "paper", "as printed", "robust", "default"], rows, 2, text)]
+    return [
+        Table("The paper's numbers and ours", ["", "paper", "as printed", "robust", "default"], rows, 2, text)
+    ]
 
 
 def _three(parts: list[pd.DataFrame], cell: Callable[[pd.Series], str], what: str) -> list[str]:
@@ -302,8 +310,16 @@ def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]
          *(f"{_share_of(x.abs() <= 5)}, {_share_of(x.abs() <= 20)}" for x in particles), "-"],
     ]  # fmt: skip
     fig2 = [
-        [f"Fig. 2, {head}Cy front, mean error, %", "close to 0", *(_mean_of(p["cy_front_bias_w0"]) for p in parts)],
-        ["... its sd; p of a normal distribution", "a normal one", *(_normality(p["cy_front_bias_w0"]) for p in parts)],
+        [
+            f"Fig. 2, {head}Cy front, mean error, %",
+            "close to 0",
+            *(_mean_of(p["cy_front_bias_w0"]) for p in parts),
+        ],
+        [
+            "... its sd; p of a normal distribution",
+            "a normal one",
+            *(_normality(p["cy_front_bias_w0"]) for p in parts),
+        ],
     ]
     rest = [
         [f"{head}rms error, 15 .. 30 s", "-", *_three(parts, _rms_of, "mean_square_w0")],
@@ -347,7 +363,12 @@ def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table
             spread = ", ".join(f"{part[f'{k}_spread_w0'].median():.1f}" for k in STIFFNESS)
             rows.append([name, text, *cells, spread])
         spans = [f"{a:g} .. {b:.0f} s" for a, b in case.windows]
-        head = ["estimator", "what", *(f"{what}, {s}" for s in spans for what in ("diverged", "rms")), "spread, median run"]
+        head = [
+            "estimator",
+            "what",
+            *(f"{what}, {s}" for s in spans for what in ("diverged", "rms")),
+            "spread, median run",
+        ]
         text = (
             f"{case.title}; {plan.runs} runs. Triples: Cx, Cy front, Cy rear, % of the true mean, with 95 % intervals. "
             "Diverged: a stiffness off by more than 20 % for more than 2 s of the window. True spread: 5 %."
@@ -385,7 +406,9 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
             for key in STIFFNESS:
                 pair = np.stack([p[f"{key}_mean_square"].to_numpy() for p in (part, ekf)])
                 low, high = bootstrap(pair, rms_ratio)
-                ratios.append("1" if name == "ekf" else f"{rms_ratio(pair):.2f} ({number(low)} .. {number(high)})")
+                ratios.append(
+                    "1" if name == "ekf" else f"{rms_ratio(pair):.2f} ({number(low)} .. {number(high)})"
+                )
             time = line["microseconds_per_step"]
             base = summary[(summary["case"] == case.name) & (summary["estimator"] == "ekf")].iloc[0]
             rows.append([
@@ -416,10 +439,15 @@ def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
             if name in (base, *PEERS) or not len(part) or not len(below):
                 continue
             for n, (a, b) in enumerate(case.windows):
-                pairs = [np.stack([p[f"{k}_mean_square_w{n}"].to_numpy() for p in (part, below)]) for k in STIFFNESS]
+                pairs = [
+                    np.stack([p[f"{k}_mean_square_w{n}"].to_numpy() for p in (part, below)])
+                    for k in STIFFNESS
+                ]
                 if not np.isfinite(pairs).any():
                     continue  # a bound
-                cells = [f"{rms_ratio(p):.2f} ({' .. '.join(map(number, bootstrap(p, rms_ratio)))})" for p in pairs]
+                cells = [
+                    f"{rms_ratio(p):.2f} ({' .. '.join(map(number, bootstrap(p, rms_ratio)))})" for p in pairs
+                ]
                 rms = [", ".join(number(float(root_mean(p[i]))) for p in pairs) for i in (0, 1)]
                 rows.append([case.name, name, f"{a:g} .. {b:g}", *cells, *rms])
     head = ["case", "estimator", "window, s", *HEADS.values(), "RMS, %", f"of {base}, %"]
@@ -481,7 +509,15 @@ def false_changes(plan: Plan, runs: pd.DataFrame) -> Table:
             if len(part := of(known, case.name, name))]  # fmt: skip
     if len(rows) > 1:
         rows += [_rate("all", name, part) for name, part in known.groupby("estimator", sort=False)]
-    head = ["case", "estimator", "hours", "changes reported", "false", "false per hour (95 %)", "runs with any"]
+    head = [
+        "case",
+        "estimator",
+        "hours",
+        "changes reported",
+        "false",
+        "false per hour (95 %)",
+        "runs with any",
+    ]
     text = (
         f"A change of regime counts when the estimator says so with more than {100 * SURE:g} %; it is false unless it lies within "
         f"{AFTER:g} s after a change of the truth. Exact Poisson intervals."

@@ -20,12 +20,18 @@ def _table() -> str:
 def main() -> None:
     """Command line."""
     p = argparse.ArgumentParser(prog="python -m tests.gap.generator", description=__doc__)
-    p.add_argument("--effect", action="append", default=[], choices=EFFECTS, help="may be repeated; none: a clean car")
+    p.add_argument(
+        "--effect", action="append", default=[], choices=EFFECTS, help="may be repeated; none: a clean car"
+    )
     p.add_argument("--size", type=float, default=1.0, help="times the typical size that the seed draws")
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--manoeuvre", action="append", choices=MANOEUVRES, help="may be repeated; default: six")
-    p.add_argument("--optional", action="store_true", help="log vehicle_speed and wheel_torque_front, _rear, too")
-    p.add_argument("--study", action="store_true", help="all cases of the study, each in a folder of its name")
+    p.add_argument(
+        "--optional", action="store_true", help="log vehicle_speed and wheel_torque_front, _rear, too"
+    )
+    p.add_argument(
+        "--study", action="store_true", help="all cases of the study, each in a folder of its name"
+    )
     p.add_argument("--list", action="store_true", help="the names of these cases")
     p.add_argument("--table", action="store_true", help="the effects and how their sizes are defined")
     p.add_argument("--out", type=Path)
@@ -40,7 +46,9 @@ def main() -> None:
             print(case.write(a.out / case.spec.name, a.optional))
         return
     manoeuvres = tuple(a.manoeuvre) if a.manoeuvre else None
-    spec = Spec("+".join(a.effect) or "clean", dict.fromkeys(a.effect, 1.0), a.seed, a.size, manoeuvres, HOLD_OUT)
+    spec = Spec(
+        "+".join(a.effect) or "clean", dict.fromkeys(a.effect, 1.0), a.seed, a.size, manoeuvres, HOLD_OUT
+    )
     print(next(make_cases([spec])).write(a.out, a.optional))
 
 

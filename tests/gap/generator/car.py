@@ -50,7 +50,9 @@ def drawn_car(rng: np.random.Generator) -> dict[str, float]:
     """A car with every effect off whose tyres are not quite the nominal ones: stiffness is what the estimator has to find."""
     car = baseline()
     axes = rng.uniform(0.90, 1.12, 3)
-    for key, factor in zip(("longitudinal_stiffness", "cornering_stiffness_front", "cornering_stiffness_rear"), axes, strict=True):
+    for key, factor in zip(
+        ("longitudinal_stiffness", "cornering_stiffness_front", "cornering_stiffness_rear"), axes, strict=True
+    ):
         for name in (key,) if key in car else (f"{key}_front", f"{key}_rear"):
             car[name] *= factor
     car["shape_y"] = rng.uniform(-0.9, 0.1)
@@ -61,4 +63,8 @@ def drawn_car(rng: np.random.Generator) -> dict[str, float]:
 def understeer(car: dict[str, float]) -> float:
     """Understeer gradient, rad s2/m: road-wheel angle per lateral acceleration beyond Ackermann's."""
     lf, lr = car["lf"], car["lr"]
-    return car["mass"] / (lf + lr) * (lr / car["cornering_stiffness_front"] - lf / car["cornering_stiffness_rear"])
+    return (
+        car["mass"]
+        / (lf + lr)
+        * (lr / car["cornering_stiffness_front"] - lf / car["cornering_stiffness_rear"])
+    )

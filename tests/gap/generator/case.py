@@ -54,7 +54,11 @@ class Case:
 
     def vehicle_toml(self) -> str:
         """Return the vehicle file: nominal values and the kinematics of small angles, nothing of what is hidden."""
-        lines = ['name = "gap study car"', 'driven_axle = "front"', f"wheelbase = {NOMINAL['lf'] + NOMINAL['lr']:.6g}"]
+        lines = [
+            'name = "gap study car"',
+            'driven_axle = "front"',
+            f"wheelbase = {NOMINAL['lf'] + NOMINAL['lr']:.6g}",
+        ]
         lines += [f"{k} = {v:.6g}" for k, v in NOMINAL.items()]
         lines += ["", "[sensors]", *(f"{k} = {v:.6g}" for k, v in SENSORS.items())]
         return "\n".join([*lines, "", "[effects.exact_kinematics]", "share = 0.0", ""])
@@ -84,7 +88,9 @@ def _careful(car: dict[str, float]) -> float:
 
     Of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Of oversteer: at 26 m/s no more than 1.25 times the usual gain."""
     turn = (NOMINAL["lf"] + NOMINAL["lr"]) / 26.0**2
-    angle = max(0.0, turn + understeer(car)) / (turn + understeer(NOMINAL))  # for the same turn, over the usual one
+    angle = max(0.0, turn + understeer(car)) / (
+        turn + understeer(NOMINAL)
+    )  # for the same turn, over the usual one
     return min(1.0, 0.7 * car["mu"] * GRAVITY / 5.6, max(0.4, 1.25 * angle))
 
 
@@ -127,27 +133,36 @@ def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
     waiting: list[tuple[Case, list]] = []
     for spec in specs:
         case, jobs = _prepare(spec)
-        if waiting and (sum(len(j) for _, j in waiting) + len(jobs) > batch or spec.duration != waiting[0][0].spec.duration):
+        if waiting and (
+            sum(len(j) for _, j in waiting) + len(jobs) > batch
+            or spec.duration != waiting[0][0].spec.duration
+        ):
             yield from _finish(waiting)
             waiting = []
         waiting.append((case, jobs))
     yield from _finish(waiting)
 
 
-def make_case(effects: dict[str, Wish], seed: int, manoeuvres: tuple[str, ...] | None = None, size: float = 1.0, **more) -> Case:
+def make_case(
+    effects: dict[str, Wish], seed: int, manoeuvres: tuple[str, ...] | None = None, size: float = 1.0, **more
+) -> Case:
     """One case. `effects`: id -> size (1: typical) or {"value": parameter}; `more`: other fields of Spec."""
     return next(make_cases([Spec("+".join(effects) or "clean", effects, seed, size, manoeuvres, **more)]))
 
 
 def _prepare(spec: Spec) -> tuple[Case, list]:
     car = drawn_car(_stream(spec.seed, "car"))
-    truth = hide(car, spec.effects, _stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size)
+    truth = hide(
+        car, spec.effects, _stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size
+    )
     names = spec.manoeuvres or (*CORE, SIXTH[spec.seed % len(SIXTH)])
     jobs = []
     for kind, chosen in (("log", names), ("hold_out", spec.hold_out)):
         for name in chosen:
             program = drive_program(name, _stream(spec.seed, f"{kind} {name}"), spec.duration, _careful(car))
-            jobs.append((kind, name, program, drive_of(car, program, _stream(spec.seed, f"{kind} {name} road"))))
+            jobs.append(
+                (kind, name, program, drive_of(car, program, _stream(spec.seed, f"{kind} {name} road")))
+            )
     return Case(spec, car, truth), jobs
 
 
@@ -186,5 +201,7 @@ def study() -> list[Spec]:
         for key in CATALOGUE:
             specs += [Spec(f"{key}-{label}-{seed}", {key: 1.0}, seed, size) for seed in SEEDS]
     specs += [Spec(f"{key}-1x-{seed}", {key: 1.0}, seed) for key in OUTSIDE for seed in SEEDS]
-    specs += [Spec(f"{a}+{b}-1x-{seed}", {a: 1.0, b: 1.0}, seed) for seed, (a, b) in enumerate(PAIRS, start=1)]
+    specs += [
+        Spec(f"{a}+{b}-1x-{seed}", {a: 1.0, b: 1.0}, seed) for seed, (a, b) in enumerate(PAIRS, start=1)
+    ]
     return specs

@@ -39,7 +39,9 @@ class Effect:
     outside: bool = False
 
 
-def _solve(car: Car, key: str, target: float, measure: Callable[[Car], float], low: float, high: float) -> None:
+def _solve(
+    car: Car, key: str, target: float, measure: Callable[[Car], float], low: float, high: float
+) -> None:
     """Set car[key] between low and high such that measure(car) = target, by bisection on its logarithm."""
     rising = measure({**car, key: high}) > measure({**car, key: low})
     for _ in range(45):
@@ -80,14 +82,25 @@ def brush_of_magic_formula(car: Car, most: float = 5.5) -> dict[str, float]:
         force = magic_formula(angle, stiffness, car["mu"] * load, LATERAL_C, car["shape_y"])
         end = np.argmax(force > min(most / GRAVITY, 0.85 * car["mu"]) * load) or len(angle)
         angle, force = angle[:end], force[:end]
-        c, d = (stiffness, stiffness**2 / (3 * car["mu"] * load))  # force = c a - d a^2 + d^2/c a^3/3, d = c^2/(3 mu load)
+        c, d = (
+            stiffness,
+            stiffness**2 / (3 * car["mu"] * load),
+        )  # force = c a - d a^2 + d^2/c a^3/3, d = c^2/(3 mu load)
         for _ in range(12):  # Gauss-Newton
             off = force - (c * angle - d * angle**2 + d**2 / c * angle**3 / 3)
             by_c, by_d = angle - (d / c) ** 2 * angle**3 / 3, -(angle**2) + 2 * d / c * angle**3 / 3
-            step = np.linalg.lstsq(np.stack([by_c, by_d], 1) * [stiffness, d], off, rcond=None)[0] * [stiffness, d]
+            step = np.linalg.lstsq(np.stack([by_c, by_d], 1) * [stiffness, d], off, rcond=None)[0] * [
+                stiffness,
+                d,
+            ]
             c, d = c + step[0], max(d + step[1], 0.3 * d)
         inverse.append(float(3 * load * d / c**2))
-    return {"inv_mu": float(np.mean(inverse)), "inv_mu_front": inverse[0], "inv_mu_rear": inverse[1], "inv_mu_peak": 1 / car["mu"]}
+    return {
+        "inv_mu": float(np.mean(inverse)),
+        "inv_mu_front": inverse[0],
+        "inv_mu_rear": inverse[1],
+        "inv_mu_peak": 1 / car["mu"],
+    }
 
 
 def combined_k(car: Car) -> dict[str, float]:
@@ -114,7 +127,9 @@ def longitudinal_transfer_k(car: Car) -> dict[str, float]:
     ax = np.linspace(-4.0, 4.0, 41)
     moved = car["mass"] * car["h_longitudinal"] / (car["lf"] + car["lr"]) / axle_load(car)
     k = [
-        float(car["load_sensitive"] * sign * ((load_factor(1 + sign * m * ax) - 1) * ax).sum() / (ax**2).sum())
+        float(
+            car["load_sensitive"] * sign * ((load_factor(1 + sign * m * ax) - 1) * ax).sum() / (ax**2).sum()
+        )
         for m, sign in zip(moved, (-1, 1), strict=True)
     ]
     return {"k": float(np.mean(k)), "k_front": k[0], "k_rear": k[1]}
@@ -145,7 +160,11 @@ def wind_w(car: Car) -> dict[str, float]:
         flow = np.hypot(v - head, side)
         force = car["side_area"] * flow * abs(side) * (1 - 0.3 * (side / flow) ** 2)
         found.append(_best(lambda w, v=v, f=force: abs(CATALOGUE_SIDE * w * np.hypot(v, w) - f), 0.0, 40.0))
-    return {"w": float(np.sign(side) * np.mean(found)), "arm": car["wind_arm"], "direction": float(np.arctan2(side, head))}
+    return {
+        "w": float(np.sign(side) * np.mean(found)),
+        "arm": car["wind_arm"],
+        "direction": float(np.arctan2(side, head)),
+    }
 
 
 def warmth(time: np.ndarray, duration: float) -> np.ndarray:
@@ -222,7 +241,9 @@ def _combine(car: Car, value: float, rng: np.random.Generator) -> None:
     _solve(car, "combined", value, lambda c: combined_k(c)["k"], 0.5, 40.0)
 
 
-def _transfer(key: str, measure: Callable[[Car], dict[str, float]]) -> Callable[[Car, float, np.random.Generator], None]:
+def _transfer(
+    key: str, measure: Callable[[Car], dict[str, float]]
+) -> Callable[[Car, float, np.random.Generator], None]:
     def apply(car: Car, value: float, rng: np.random.Generator) -> None:
         car["load_sensitive"] = 1.0
         _solve(car, key, value, lambda c: measure(c)["k"], 0.02, 3.0)
@@ -410,7 +431,9 @@ OUTSIDE = tuple(row.id for row in _ROWS if row.outside)
 _ORDER = {key: i for i, key in enumerate(EFFECTS)}
 
 
-def hide(car: Car, effects: dict[str, float | dict[str, float]], rng: np.random.Generator, size: float = 1.0) -> list[dict]:
+def hide(
+    car: Car, effects: dict[str, float | dict[str, float]], rng: np.random.Generator, size: float = 1.0
+) -> list[dict]:
     """Change the car by all effects; returns the truth of each.
 
     A number is a size: 1 is what the seed draws from the typical range, 2 twice that. {"value": x} gives the parameter itself,

@@ -77,7 +77,9 @@ def _steps(low: float, high: float) -> Callable[[Track], None]:
 def _slalom(k: Track) -> None:
     k.v0 = k.rng.uniform(14, 20)
     f = k.rng.uniform(0.4, 0.65)
-    k.steer += k.angle(k.rng.uniform(3.6, 4.6)) * np.sin(2 * np.pi * f * k.t) * k.pulse(1.0, k.duration - 1.0, 2.0)
+    k.steer += (
+        k.angle(k.rng.uniform(3.6, 4.6)) * np.sin(2 * np.pi * f * k.t) * k.pulse(1.0, k.duration - 1.0, 2.0)
+    )
 
 
 def _double_lane_change(k: Track) -> None:
@@ -116,8 +118,16 @@ def _urban(k: Track) -> None:
     k.v0 = k.rng.uniform(5.5, 7.0)
     side = k.rng.choice([-1.0, 1.0])
     for i, start in enumerate(np.arange(1.0, k.duration - 4.5, 4.8)):
-        k.steer += side * (-1) ** i * k.rng.uniform(0.16, 0.27) * min(1.0, k.grip + 0.2) * k.pulse(start, start + 3.8, 0.9)
-        k.accel += k.rng.uniform(0.5, 1.0) * (k.pulse(start + 3.6, start + 4.8, 0.3) - k.pulse(start - 0.4, start + 0.8, 0.3))
+        k.steer += (
+            side
+            * (-1) ** i
+            * k.rng.uniform(0.16, 0.27)
+            * min(1.0, k.grip + 0.2)
+            * k.pulse(start, start + 3.8, 0.9)
+        )
+        k.accel += k.rng.uniform(0.5, 1.0) * (
+            k.pulse(start + 3.6, start + 4.8, 0.3) - k.pulse(start - 0.4, start + 0.8, 0.3)
+        )
 
 
 def _highway(k: Track) -> None:
@@ -153,7 +163,13 @@ MANOEUVRES: dict[str, Callable[[Track], None]] = {
     "highway": _highway,
     "coast_down": _coast_down,
 }
-CORE = ("sine_sweep", "steps_slow", "steps_fast", "brake_in_turn", "brake_throttle")  # in every case of the study
+CORE = (
+    "sine_sweep",
+    "steps_slow",
+    "steps_fast",
+    "brake_in_turn",
+    "brake_throttle",
+)  # in every case of the study
 SIXTH = ("urban", "highway", "coast_down")  # and one of these, by seed
 HOLD_OUT = ("slalom", "double_lane_change")
 

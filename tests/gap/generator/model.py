@@ -17,8 +17,25 @@ DRIVE_LAG, BRAKE_LAG, RACK_LAG = 0.08, 0.04, 0.01  # s
 ENGINE_DRAG = -60.0  # N m on the driven wheels when coasting
 SPEED_GAIN = 1.2  # 1/s, driver
 RESONANCE_DAMPING = 0.06
-SINGLE = ("vx", "vy", "r", "psi", "s", "roll", "droll", "pitch", "dpitch", "drive", "brake", "rack", "q", "dq")
-STATES = len(SINGLE) + 12  # and per wheel: rotation rate, lateral and longitudinal deflection over relaxation length
+SINGLE = (
+    "vx",
+    "vy",
+    "r",
+    "psi",
+    "s",
+    "roll",
+    "droll",
+    "pitch",
+    "dpitch",
+    "drive",
+    "brake",
+    "rack",
+    "q",
+    "dq",
+)
+STATES = (
+    len(SINGLE) + 12
+)  # and per wheel: rotation rate, lateral and longitudinal deflection over relaxation length
 OUTPUTS = ("fx", "fy", "yaw_acc", "r", "roll", "pitch")  # at every step, for the IMU
 SLOW = ("vx", "vy", "r", "psi", "s", "wf", "wr", "tf", "tr", "steer")  # at every sample
 
@@ -32,7 +49,9 @@ TRAIL_B, TRAIL_C = 8.0, 1.1  # of the pneumatic trail
 DEGRESSIVE = 0.5  # static load over the load at which cornering stiffness is largest
 
 
-def magic_formula(slip: np.ndarray, stiffness: np.ndarray, peak: np.ndarray, c: float, e: np.ndarray) -> np.ndarray:
+def magic_formula(
+    slip: np.ndarray, stiffness: np.ndarray, peak: np.ndarray, c: float, e: np.ndarray
+) -> np.ndarray:
     """Force at a slip; `stiffness` is its slope at zero, `peak` its largest value."""
     x = stiffness / (c * peak) * slip
     return peak * np.sin(c * np.arctan(x - e * (x - np.arctan(x))))
@@ -117,7 +136,9 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     share = np.array([p.roll_front / p.track_front, (1 - p.roll_front) / p.track_rear])
     p.load_roll = p.mass * p.h_lateral * np.array([-share[0], share[0], -share[1], share[1]])
     p.load_pitch = 0.5 * p.mass * p.h_longitudinal / p.wheelbase * np.array([-1.0, -1, 1, 1])[:, None]
-    p.body_inertia = p.yaw_inertia - (p.wheel_inertia * (p.y / p.radius) ** 2).sum(0)  # the rest is in the spinning wheels
+    p.body_inertia = p.yaw_inertia - (p.wheel_inertia * (p.y / p.radius) ** 2).sum(
+        0
+    )  # the rest is in the spinning wheels
     p.w_roll, p.w_pitch, p.w_res = (2 * np.pi * f for f in (p.f_roll, p.f_pitch, p.f_resonance))
     p.drive_share = 0.5 * np.array([p.drive_front] * 2 + [1 - p.drive_front] * 2)
     p.brake_share = 0.5 * np.array([p.brake_front] * 2 + [1 - p.brake_front] * 2)
@@ -145,7 +166,9 @@ def _slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[n
     vx, vy = v.vx - p.y * v.r, v.vy + p.x * v.r
     along, cos, sin, angle = vx, np.ones_like(wheel), wheel, wheel - vy / v.vx
     if p.has.exact:
-        toe = p.exact * p.ackermann * steer**2 * p.track_front / (2 * p.wheelbase)  # the inner wheel turns more
+        toe = (
+            p.exact * p.ackermann * steer**2 * p.track_front / (2 * p.wheelbase)
+        )  # the inner wheel turns more
         wheel = wheel + np.array([toe, -toe, 0 * toe, 0 * toe])
         c, s = np.cos(wheel), np.sin(wheel)
         exact_along = vx * c + vy * s
@@ -216,7 +239,9 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
         moment = moment + p.wind_arm * push
 
     # The body hangs over its roll and pitch axes: the centre of gravity accelerates by f_axis - coupling u''.
-    def body(f: np.ndarray, x: np.ndarray, dx: np.ndarray, w: np.ndarray, z: np.ndarray, coupling: np.ndarray):
+    def body(
+        f: np.ndarray, x: np.ndarray, dx: np.ndarray, w: np.ndarray, z: np.ndarray, coupling: np.ndarray
+    ):
         spring = w**2 * x + 2 * z * w * dx
         axis = (f - coupling * spring) / (1 - coupling * w**2)
         return axis, w**2 * axis - spring
@@ -243,7 +268,9 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
         rate[11] = (p.compliance * fy[:2].sum(0) - v.rack) / RACK_LAG
     if has.resonance:
         rate[12] = v.dq
-        rate[13] = p.w_res**2 * (fy_cg - shaking / p.mass + shake - v.q) - 2 * RESONANCE_DAMPING * p.w_res * v.dq
+        rate[13] = (
+            p.w_res**2 * (fy_cg - shaking / p.mass + shake - v.q) - 2 * RESONANCE_DAMPING * p.w_res * v.dq
+        )
     rate[14:18] = (p.drive_share * v.drive - p.brake_share * v.brake - p.radius * fx) / p.wheel_inertia
     # Deflection y of a contact patch: dy/dt = sliding speed - |v| y/sigma; state y/sigma.
     if has.sigma_y:

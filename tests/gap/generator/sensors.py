@@ -86,7 +86,10 @@ def imu(car: dict[str, float], fast: np.ndarray) -> np.ndarray:
     pitches by theta (nose down when braking) takes g sin(theta) from its longitudinal axis.
     """
     fx, fy, yaw_acc, r, roll, pitch = (fast[:, i] for i in range(len(OUTPUTS)))
-    fx, fy = fx - r**2 * car["imu_x"] - yaw_acc * car["imu_y"], fy + yaw_acc * car["imu_x"] - r**2 * car["imu_y"]
+    fx, fy = (
+        fx - r**2 * car["imu_x"] - yaw_acc * car["imu_y"],
+        fy + yaw_acc * car["imu_x"] - r**2 * car["imu_y"],
+    )
     phi, theta = car["roll_gain"] * roll, -car["pitch_gain"] * pitch
     up = np.full_like(fx, GRAVITY)
     fx, up = fx * np.cos(theta) - up * np.sin(theta), up * np.cos(theta) + fx * np.sin(theta)
@@ -94,12 +97,19 @@ def imu(car: dict[str, float], fast: np.ndarray) -> np.ndarray:
     turn = _rotation(car["imu_roll"], car["imu_pitch"], car["imu_yaw"])
     force = turn @ np.array([fx, fy, up])
     rate = turn @ np.array([r * np.sin(theta) * -1, r * np.sin(phi), r * np.cos(phi) * np.cos(theta)])
-    y = np.stack([force[0] * (1 + car["scale_x"]), force[1] * (1 + car["scale_y"]), rate[2] * (1 + car["scale_r"])], -1)
+    y = np.stack(
+        [force[0] * (1 + car["scale_x"]), force[1] * (1 + car["scale_y"]), rate[2] * (1 + car["scale_r"])], -1
+    )
     return bessel(y, car["imu_delay"]) if car["imu_delay"] > 0 else y
 
 
 def log_of(
-    car: dict[str, float], motion: Motion, i: int, program: Program, rng: np.random.Generator, noise: float = 1.0
+    car: dict[str, float],
+    motion: Motion,
+    i: int,
+    program: Program,
+    rng: np.random.Generator,
+    noise: float = 1.0,
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """The log of car i, and its biases. `noise` scales all noise and biases."""
     every = (len(motion.fast) - 1) // (len(motion.slow) - 1)

@@ -1,0 +1,1 @@
+"""Calibrate a car and its sensors by logs of ordinary driving."""

@@ -1,0 +1,226 @@
+"""Channels of the library from the signals of a log: found by name, in SI units, with signs, ratio and latency put right. Each
+keeps its own time."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tse.channels.counters import modulo_of
+from tse.channels.signals import Counter, Flag, Signal, Signals, unit_of
+from tse.library.errors import UserError
+from tse.log.clock import straight
+from tse.log.rows import SIDES
+from tse.log.units import factor
+from tse.readers.recording import Channel, Recording
+
+USUAL_MODULO = 16  # of a counter of 4 bits
+MOST_LOST = (
+    0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
+)
+
+
+@dataclass(frozen=True)
+class Series:
+    """A channel of the library, or one wheel of it, on its own time. `value`: SI, NaN missing."""
+
+    channel: str
+    time: np.ndarray
+    value: np.ndarray
+    latency: float = 0.0  # s, already taken off the time
+    hold: bool = False
+
+
+@dataclass
+class Clocks:
+    """Times of a recording, put right once for all channels that share one."""
+
+    notes: list[str] = field(default_factory=list)
+    _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+    _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
+
+    def of(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+        """Increasing time and the values that have one."""
+        if id(channel.time) not in self._done:
+            time, keep, said = straight(channel.time)
+            self._done[id(channel.time)] = channel.time, time, keep
+            self.notes += [x for x in said if x not in self.notes]
+        _, time, keep = self._done[id(channel.time)]
+        value = channel.value if keep.all() else channel.value[keep]
+        return time, value
+
+    def earlier(self, time: np.ndarray, latency: float) -> np.ndarray:
+        """One of these times less the latency, once for all channels that have both."""
+        if not latency:
+            return time
+        if (id(time), latency) not in self._earlier:
+            self._earlier[id(time), latency] = time - latency
+        return self._earlier[id(time), latency]
+
+
+def series(
+    recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MOST_LOST
+) -> dict[str, Series]:
+    """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels. `most_lost`:
+    share of a channel's values that its flag may call invalid; 1: of a piece of a drive all.
+
+    UserError: a name that the log does not have, a speed without a radius, a unit that is none of the channel."""
+    clocks = Clocks()
+    found: dict[str, Series] = {}
+    for channel, signal in signals.signals.items():
+        parts = SIDES.get(channel, (channel, channel)) if len(signal.name) == 2 else (channel,)
+        made = [
+            _one(recording, signal, n, part, signals, clocks, car, notes, most_lost)
+            for n, part in zip(signal.name, parts, strict=True)
+        ]
+        if channel == "steer_angle" and len(made) == 2:  # left and right front wheel
+            at = made[0].time
+            other = (
+                made[1].value
+                if np.array_equal(at, made[1].time)
+                else np.interp(at, made[1].time, made[1].value)
+            )
+            made = [Series(channel, at, 0.5 * (made[0].value + other), made[0].latency, made[0].hold)]
+        found |= {s.channel: s for s in made}
+    notes += clocks.notes
+    return found
+
+
+def _one(
+    recording: Recording,
+    signal: Signal,
+    name: str,
+    part: str,
+    signals: Signals,
+    clocks: Clocks,
+    car: Any | None,
+    notes: list[str],
+    most_lost: float,
+) -> Series:
+    source = (
+        f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
+    )
+    channel = recording.find(name, source)
+    time, value = clocks.of(channel)
+    if signal.add is not None:
+        value = value + _standing(clocks, recording.find(signal.add, source.replace("] name", "] add")), time)
+    per = _factor(signal, channel, part, car, source, notes)
+    if signal.offset:
+        value = value - signal.offset
+    if (gain := per * signal.scale * signal.sign) != 1.0:
+        value = value * gain
+    if signal.sign_bit is not None:
+        bit = recording.find(signal.sign_bit, source.replace("] name", "] sign_bit"))
+        value = np.where(_standing(clocks, bit, time) > 0.5, -value, value)
+    if signal.above is not None:
+        value = np.where(np.isfinite(value), 1.0 * (value > signal.above), np.nan)
+    if signal.ratio is not None:
+        value = value / (signal.ratio if isinstance(signal.ratio, float) else _ratio_at(signal, value, per))
+    value = value.copy()
+    if signal.valid is not None:
+        _drop_invalid(recording, clocks, signal.valid, time, value, source, part, notes, most_lost)
+    if signal.counter is not None:
+        _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
+    value[~np.isfinite(value)] = np.nan
+    return Series(
+        part, clocks.earlier(time, signal.latency + signal.clock), value, signal.latency, signal.hold
+    )
+
+
+def _factor(
+    signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
+) -> float:
+    if part.startswith("ref_") or signal.above is not None:
+        return 1.0
+    wanted = unit_of(part)
+    unit = signal.unit if signal.unit is not None else channel.unit
+    if not unit:
+        notes.append(
+            f"{part}: neither the log nor the file says the unit of {channel.name!r}: taken as {wanted}"
+        )
+        return 1.0
+    radius = signal.radius
+    if radius is None and car is not None and "wheel_speed" in part:
+        radius = car.values.get("wheel_radius_front" if "front" in part else "wheel_radius_rear")
+    per = factor(unit, wanted, radius)
+    if per is None:
+        where = "" if signal.unit is not None else f" (of {channel.name!r} in the log)"
+        if "wheel_speed" in part and factor(unit, wanted, 1.0) is not None:
+            raise UserError(
+                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or radius = 0.31 beside the "
+                f"unit"
+            )
+        raise UserError(
+            f'{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the right one: unit = "..."'
+        )
+    return per
+
+
+def _ratio_at(signal: Signal, value: np.ndarray, per: float) -> np.ndarray:
+    """The ratio at every angle; `value`: the steering wheel's angle in rad with its sign, `per`: rad per unit of the table."""
+    angles, ratios = np.array(signal.ratio, float).T
+    return np.interp(value / abs(per), angles, ratios)
+
+
+def _standing(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
+    """The last value of a channel before each time."""
+    own, value = clocks.of(channel)
+    if not len(own):
+        return np.full(len(time), np.nan)
+    return value[np.clip(np.searchsorted(own, time + 1e-9, side="right") - 1, 0, len(own) - 1)]
+
+
+def _drop_invalid(
+    recording: Recording,
+    clocks: Clocks,
+    flag: Flag,
+    time: np.ndarray,
+    value: np.ndarray,
+    source: str,
+    part: str,
+    notes: list[str],
+    most_lost: float,
+) -> None:
+    state = _standing(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
+    bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
+    bad |= ~np.isfinite(state)
+    if not bad.any():
+        return
+    if bad.mean() > most_lost:
+        is_now = ", ".join(f"{v:g}" for v in np.unique(state[np.isfinite(state)])[:5])
+        raise UserError(
+            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} invalid; it has the "
+            f"values {is_now}: "
+            'say which of them are valid: {name = "...", is = [0]}'
+        )
+    value[bad] = np.nan
+    notes.append(f"{part}: {bad.sum()} values that {flag.name} calls invalid are treated as missing")
+
+
+def _drop_repeated(
+    recording: Recording,
+    clocks: Clocks,
+    counter: Counter,
+    time: np.ndarray,
+    value: np.ndarray,
+    source: str,
+    part: str,
+    notes: list[str],
+) -> None:
+    state = _standing(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
+    modulo = counter.modulo or modulo_of(state) or USUAL_MODULO
+    step = np.mod(np.diff(state), modulo)
+    again = np.append(False, step == 0)
+    if again.mean() > MOST_LOST:
+        notes.append(
+            f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: not used"
+        )
+        return
+    lost = int(np.nansum(np.where(step > 1, step - 1, 0)))
+    if again.any():
+        value[again] = np.nan
+        notes.append(
+            f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated as missing"
+        )
+    if lost:
+        notes.append(f"{part}: {lost} messages are lost, its counter {counter.name} says")

@@ -1,0 +1,180 @@
+"""A proposal in words, as a table, and as signals.toml."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tse.channels.candidates import nearest_candidates
+from tse.channels.group_clocks import align_clocks
+from tse.channels.guesses import make_guesses
+from tse.channels.look import Guess, Look, Proposal, counted, find_companions
+from tse.channels.mapping import Series
+from tse.channels.raster import entries, rate_of
+from tse.channels.scales import find_units
+from tse.channels.velocities import find_velocities
+from tse.channels.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
+from tse.log.clock import straight
+from tse.log.units import is_strange
+from tse.readers.recording import Channel, How, Recording, listed
+
+
+@dataclass(frozen=True)
+class Line:
+    """What the list says of one signal."""
+
+    name: str
+    unit: str
+    rate: float  # Hz of new values
+    low: float
+    high: float
+    missing: float  # share
+    used: str  # channel it is proposed for
+
+
+def listing(recording: Recording, proposal: Proposal) -> list[Line]:
+    """A line per signal, in the order of the file."""
+    used = {n: g.channel for g in proposal.guesses for n in g.name}
+    return [_line(c, used.get(c.name, "")) for c in recording]
+
+
+def _line(c: Channel, used: str) -> Line:
+    there = np.isfinite(c.value)
+    time, keep, _ = straight(c.time)
+    rate = rate_of(entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
+    low, high = (
+        (float(np.min(c.value[there])), float(np.max(c.value[there]))) if there.any() else (np.nan, np.nan)
+    )
+    return Line(c.name, c.unit, rate, low, high, float(1 - there.mean()) if len(there) else 1.0, used)
+
+
+def headline(g: Guess) -> str:
+    """Return a guess in a line."""
+    more = (
+        [f"{g.unit} ({g.unit_from})"]
+        + (["sign -1"] if g.sign < 0 else [])
+        + ([f"ratio {g.ratio:g}"] if g.ratio else [])
+    )
+    more += [f"latency {1e3 * g.latency:.0f} ms"] if g.latency else []
+    more += [f"its clock {g.clock:+g} s off"] if g.clock else []
+    more += [f"on above {g.above:g}"] if g.above is not None else []
+    more += [f"and {g.add}"] if g.add else []
+    more += [f"valid where {g.valid[0]} is {g.valid[1]:g}"] if g.valid else []
+    more += [f"counter {g.counter[0]}"] if g.counter else []
+    return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
+
+
+def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()) -> str:
+    """signals.toml, with what speaks for each guess as comments. `how`: the log was read; `folder`: of the file."""
+    lines = [
+        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. Look through, and edit."
+    ]
+    lines += [f"# warning: {w}" for w in proposal.warnings]
+    said = {k: v for k, v in vars(how or How()).items() if v and k != "wanted"}
+    if "databases" in said:
+        said["databases"] = [_relative(p, folder) for p in said["databases"]]
+    lines += (
+        ["", "[log]", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in said.items())]
+        if said
+        else []
+    )
+    for g in proposal.guesses:
+        name = json.dumps(list(g.name) if len(g.name) > 1 else g.name[0], ensure_ascii=False)
+        lines += [
+            "",
+            f"[signals.{g.channel}]  # {g.confidence}",
+            *(f"# {f}" for f in g.figures),
+            f"name = {name}",
+        ]
+        lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
+        more = {"sign": "-1" if g.sign < 0 else "", "add": _quoted(g.add), "sign_bit": _quoted(g.sign_bit),
+                "ratio": f"{g.ratio:g}" if g.ratio else "", "latency": f"{g.latency:g}" if g.latency else "",
+                "clock": f"{g.clock:.12g}" if g.clock else "",
+                "above": "" if g.above is None else f"{g.above:g}",
+                "valid": f"{{name = {_quoted(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
+                "counter": f"{{name = {_quoted(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
+                "unsure": f"{_quoted(', '.join(g.unsure))}  # when you have looked, take this line out" if g.unsure else "",
+        }  # fmt: skip
+        lines += [f"{key} = {value}" for key, value in more.items() if value]
+    for channel in proposal.missing:
+        lines += ["", f"# [signals.{channel}]", *(f"# {x}" for x in proposal.nearest.get(channel, ()))]
+        lines += ['# name = "..."  # not found; left out, it is used as missing']
+    return "\n".join(lines) + "\n"
+
+
+def _strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
+    """Return a warning for each unit that nobody knows of a signal that is proposed."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for g in guesses:
+        for n in g.name:
+            if is_strange(unit := recording.channels[n].unit):
+                found.setdefault((unit, g.unit), []).append(n)
+    return [
+        f"the unit {unit!r} of {listed(names)} is not known: {own} is proposed, by size; look whether it is right"
+        for (unit, own), names in found.items()
+    ]
+
+
+def _quoted(text: str | None) -> str:
+    """A string of TOML, which is one of JSON; none is no text."""
+    return json.dumps(text, ensure_ascii=False) if text else ""
+
+
+def _relative(path: Path, folder: Path) -> str:
+    path = path.resolve()
+    try:
+        return path.relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return path.as_posix()
+
+
+# ---- A guess of signals.toml: names by words, units and physics together; every guess with the figure that speaks for it.
+#
+# A candidate of a role is worth what its name sounds like (vocabulary.py), plus whether its unit is of the kind, plus how well it
+# agrees with the others (physics.py). The references of the physics are the best candidates themselves, so it is done a few times
+# over.
+
+__all__ = ["Guess", "Proposal", "propose"]
+PASSES = 3
+
+
+def propose(recording: Recording, car: Any | None = None) -> Proposal:
+    """Guess which signal is which. `car`: a vehicle.Vehicle; its radii, wheelbase and ratio make the figures sharper."""
+    warnings: list[str] = []
+    recording, moved = align_clocks(recording, warnings)
+    look = Look(recording)
+    wheels = find_wheels(look) or find_speed(look)
+    chosen: dict[str, str] = {}
+    worth: dict[str, dict[str, float]] = {}
+    for _ in range(PASSES):
+        raw, before = speed_of(look, wheels), (chosen, wheels)
+        chosen, worth = find_roles(look, wheels, raw, chosen)
+        if raw is None:
+            break
+        wheels = find_sides(look, wheels, chosen)
+        if (chosen, wheels) == before:  # the same again would come of it
+            break
+    scale = find_units(look, wheels, chosen, car, warnings)
+    guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)
+    for g in guesses:
+        if len(g.name) == 1 and g.name[0] in look.sign_bit:
+            g.sign_bit = look.sign_bit[g.name[0]]
+            g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
+    raw = speed_of(look, wheels)
+    v = None if raw is None else raw * scale.per["wheel"]
+    guesses += find_velocities(look, guesses, v, recording.format)
+    guesses += find_pedals(recording, look, v)
+    find_companions(recording, guesses)
+    warnings += _strange_units(recording, guesses)
+    warnings += counted(recording) if not wheels else []
+    for g in guesses:
+        g.clock = round(moved.get(g.name[0], 0.0), 2)
+    have = {g.channel for g in guesses}
+    missing = [
+        c
+        for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+        if c not in have
+    ]
+    return Proposal(guesses, warnings, missing, nearest_candidates(recording, look, guesses, missing, v))

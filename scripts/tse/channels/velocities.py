@@ -1,0 +1,123 @@
+"""Which signals are the velocity of an INS or an optical sensor, and which way the one across the car counts."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from tse.channels import physics
+from tse.channels.look import Guess, Look
+from tse.channels.physics import MOVING
+from tse.channels.vocabulary import text_of
+from tse.log.units import factor, kind
+
+VELOCITIES = {
+    "ins_vel_x": re.compile(
+        r"\b(lo?n?g\w* ?(vel\w*|speed)|(vel\w*|speed) ?lo?n?g\w*|l(ä|ae)ngs ?geschw\w*)\b"
+    ),
+    "ins_vel_y": re.compile(
+        r"\b(lat\w* ?(vel\w*|speed)|(vel\w*|speed) ?lat\w*|quer ?geschw\w*|vy|v y|vel\w* ?y)\b"
+    ),
+}
+NO_VELOCITY = re.compile(
+    r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
+)
+SHOWN = (
+    6.0  # sd by which the change of the velocity across the car goes with accel_y - v r, to prove its sign
+)
+ACROSS = 0.35  # of the speed: the car does not go more across than that, 98 % of the time
+
+
+def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, format_: str) -> list[Guess]:
+    """Return the guesses of ins_vel_x and ins_vel_y.
+
+    Parameters
+    ----------
+    look : Look
+        The log.
+    guesses : sequence of Guess
+        Those of the other channels, with unit and sign.
+    v : ndarray or None, (rows,)
+        Speed of the wheels, m/s. None: not known.
+    format_ : str
+        Format of the log: in VBOX files the lateral velocity is positive to the right.
+
+    Returns
+    -------
+    list of Guess
+        The velocity along the car where it is that of the wheels. The velocity across it where its sign is shown by
+        accel_y - v r, or is known by the format.
+    """
+    taken = {n for g in guesses for n in g.name}
+    found: list[Guess] = []
+    if v is None:
+        return found
+    for channel, pattern in VELOCITIES.items():
+        named = [n for n in look.x if n not in taken and _is_called(look, n, pattern)]
+        made = [
+            g for n in named if (g := _guess(look, channel, n, guesses, v, format_ == "VBOX")) is not None
+        ]
+        found += sorted(made, key=lambda g: len(g.unsure))[:1]
+    return found
+
+
+def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
+    text = text_of(look.channels[name].short)
+    return bool(pattern.search(text)) and not NO_VELOCITY.search(text) and kind(look.unit(name)) == "speed"
+
+
+def _guess(
+    look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
+) -> Guess | None:
+    unit = look.unit(name)
+    x = look.x[name] * float(factor(unit, "m/s") or 1.0)
+    moving = np.isfinite(x) & (v > MOVING)
+    if moving.sum() < physics.FEWEST:
+        return None
+    origin = "the log says so" if look.channels[name].unit else "the name ends so"
+    guess = Guess(channel, (name,), unit, origin)
+    if channel == "ins_vel_x":
+        share = float(np.median(x[moving] / v[moving]))
+        if not 0.85 < share < 1.18:
+            return None
+        guess.confidence = "sure"
+        guess.figures.append(f"over the speed of the wheels: {share:.3f}")
+        return guess
+    if np.quantile(np.abs(x[moving]) / v[moving], 0.98) > ACROSS:
+        return None
+    certainty = _sign(look, guesses, x, v, moving)
+    if abs(certainty) >= SHOWN:
+        guess.sign = float(np.sign(certainty))
+        guess.confidence = "sure"
+        guess.figures.append(
+            f"its change goes with accel_y - v r, positive to the {'left' if guess.sign > 0 else 'right'}"
+        )
+    elif vbox:
+        guess.sign = -1.0
+        guess.confidence = "likely"
+        guess.figures.append("positive to the right, as VBOX has it; the log moves too little to test it")
+        guess.unsure.append("its sign")
+    else:
+        return None
+    return guess
+
+
+def _sign(look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray) -> float:
+    """Return by how many sd the change of the velocity goes with accel_y - v r; 0: not known.
+
+    What the roll of the body adds to accel_y is taken out."""
+    known = {g.channel: g for g in guesses}
+    if not {"accel_y", "yaw_rate"} <= known.keys():
+        return 0.0
+    y, r = (look.x[(g := known[c]).name[0]] * g.sign * float(factor(g.unit, u) or 1.0)
+            for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s")))  # fmt: skip
+    table = np.column_stack([physics.derivative(x), y, np.ones(len(x))])
+    left = y - v * r
+    keep = moving & np.isfinite(table).all(axis=1) & np.isfinite(left)
+    if keep.sum() < physics.FEWEST or np.std(table[keep, 0]) < 1e-3:
+        return 0.0
+    a, b = table[keep], left[keep]
+    slope, *_ = np.linalg.lstsq(a, b, rcond=None)
+    independent = max(len(b) / (2.0 * physics.SMOOTH * physics.RATE), 4.0)
+    variance = float(np.mean((b - a @ slope) ** 2)) * np.linalg.pinv(a.T @ a / len(b))[0, 0] / independent
+    return float(slope[0] / np.sqrt(variance)) if variance > 0 else 0.0

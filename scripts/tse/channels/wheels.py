@@ -1,0 +1,384 @@
+"""Which signals are wheels, on which side, and what they say of speed and turn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import product
+
+import numpy as np
+
+from tse.channels import physics
+from tse.channels.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
+from tse.channels.physics import fit, mean_of
+from tse.channels.raster import resample
+from tse.channels.vocabulary import NO_WHEEL, is_another_thing, place_of, score, text_of
+from tse.log.units import kind
+from tse.readers.recording import Channel, Recording, last_part
+
+SLOWEST = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
+
+
+def find_wheels(look: Look) -> dict[str, str]:
+    """Place -> name; of several sets the most complete one that behaves like wheels."""
+    groups: dict[str, dict[str, tuple[float, str]]] = {}
+    for name in look.x:
+        place, worth = place_of(name)
+        if (
+            not place
+            or worth <= 0
+            or kind(look.unit(name)) not in ("", *KINDS["wheel"])
+            or not rolls(look.x[name])
+        ):
+            continue
+        worth += kind(look.unit(name)) in KINDS["wheel"]
+        stem = name.replace("/", ".").rpartition(".")[0]
+        for key in (
+            f"{len(text_of(name).split())} {look.unit(name)} {_stem(name)}",
+            f"message {stem} {look.unit(name)}",
+        ):
+            best = groups.setdefault(key, {}).get(place)
+            if best is None or worth > best[0]:
+                groups[key][place] = worth, name
+    found, best = {}, 0.0
+    for group in groups.values():
+        for places in (WHEELS, AXLES):
+            mine = {p: group[p] for p in places if p in group}
+            pairs = len(mine) == len(places) or any(
+                all(f"{a}_{s}" in mine for s in ("left", "right")) for a in AXLES
+            )
+            value = (
+                len(mine) * 2.0
+                + sum(w for w, _ in mine.values()) / max(len(mine), 1)
+                + 3.0 * (len(mine) == 4)
+                + _alike(look, [n for _, n in mine.values()])
+            )
+            if pairs and len({n for _, n in mine.values()}) == len(mine) and value > best:
+                found, best = {p: n for p, (_, n) in mine.items()}, value
+    if "front_left" in found or "rear_left" in found:
+        for axle in AXLES:  # one wheel of an axle is none
+            if sum(f"{axle}_{s}" in found for s in ("left", "right")) == 1:
+                found = {p: n for p, n in found.items() if not p.startswith(axle)}
+    return found or _nameless_wheels(look)
+
+
+def _stem(name: str) -> str:
+    """A name without what says where."""
+    text = text_of(last_part(name))
+    return re.sub(
+        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b",
+        "*",
+        text,
+    ).replace("* *", "*")
+
+
+def rolls(x: np.ndarray) -> bool:
+    """Hardly ever below 0, and moves."""
+    good = x[np.isfinite(x)]
+    return (
+        len(good) > 10
+        and float(np.mean(good < -0.02 * np.max(np.abs(good)))) < 0.05
+        and float(np.ptp(good)) > 0
+    )
+
+
+def _alike(look: Look, names: list[str]) -> float:
+    """2: all go alike, as wheels do; less otherwise."""
+    if len(names) < 2:
+        return 0.0
+    first = look.x[names[0]]
+    return 2.0 * min(max(fit(first, look.x[n]).corr, 0.0) for n in names[1:])
+
+
+def _nameless_wheels(look: Look) -> dict[str, str]:
+    """Four signals that are the same but for some percent, of one unit: wheels, in the order of the file."""
+    rolling = [
+        n
+        for n in look.x
+        if rolls(look.x[n])
+        and kind(look.unit(n)) in ("", *KINDS["wheel"])
+        and not NO_WHEEL.search(text_of(n))
+    ]
+    for first in rolling:
+        same = [
+            n for n in rolling if look.unit(n) == look.unit(first) and _same_size(look.x[first], look.x[n])
+        ]
+        distinct: list[str] = []
+        for n in same:
+            if all(
+                np.nanmax(np.abs(look.x[n] - look.x[d])) > 1e-6 * np.nanmax(np.abs(look.x[n]))
+                for d in distinct
+            ):
+                distinct.append(n)
+        if len(distinct) == 4:
+            return dict(zip(WHEELS, distinct, strict=True))
+    return {}
+
+
+def _same_size(a: np.ndarray, b: np.ndarray) -> bool:
+    keep = np.isfinite(a) & np.isfinite(b) & (np.abs(a) > 0.3 * np.nanmax(np.abs(a)))
+    if keep.sum() < physics.FEWEST:
+        return False
+    part = b[keep] / a[keep]
+    return bool(abs(np.median(part) - 1) < 0.05 and np.std(part) < 0.03)
+
+
+def speed_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+    """The speed in whatever unit: of the wheels, or what is called one."""
+    if wheels:
+        return mean_of([look.x[n] for n in wheels.values()]) if len(look.time) else None
+    name = named_speed(look)
+    return look.x[name] if name else None
+
+
+def find_speed(look: Look) -> dict[str, str]:
+    """Without wheels: the car's speed in place of the rear axle, which drives or brakes less. The reader has it stand in for the
+    front one as well, as for any axle that is not logged, and knows then that slip is not known."""
+    name = named_speed(look, SLOWEST)
+    return {"rear": name} if name else {}
+
+
+def is_speed(wheels: Mapping[str, str]) -> bool:
+    """Are these wheels the car's speed?"""
+    return len(wheels) == 1
+
+
+def named_speed(look: Look, slowest: float = 0.0) -> str:
+    """What is called the speed of the car, and has at least so many values a second, Hz; "" where nothing is."""
+    named = sorted(
+        (score("speed", look.called(n)) + (kind(look.unit(n)) == "speed"), n)
+        for n in look.x
+        if look.rate[n] >= slowest and kind(look.unit(n)) in ("", "speed") and rolls(look.x[n])
+    )
+    return named[-1][1] if named and named[-1][0] >= NAMED else ""
+
+
+def sided(wheels: Mapping[str, str]) -> bool:
+    """Do the names say which wheel is left?"""
+    return bool(wheels) and bool(place_of(next(iter(wheels.values())))[0])
+
+
+def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+    """Right less left, of the axle behind if it is there: the yaw rate but for a factor. None: no pair, or no name says which is
+    left."""
+    if not sided(wheels):
+        return None
+    for axle in ("rear", "front"):
+        left, right = wheels.get(f"{axle}_left"), wheels.get(f"{axle}_right")
+        if left and right:
+            return look.x[right] - look.x[left]
+    return None
+
+
+def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
+    """Nameless wheels: those that are slower in a left turn are left; the first of each side is front."""
+    if not wheels or sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
+        return wheels
+    r, mean = look.x[chosen["yaw_rate"]], mean_of([look.x[n] for n in wheels.values()])
+    order = sorted(wheels.values(), key=lambda n: fit(r, look.x[n] - mean).corr)
+    left = [n for n in wheels.values() if n in order[:2]]
+    right = [n for n in wheels.values() if n in order[2:]]
+    return {"front_left": left[0], "front_right": right[0], "rear_left": left[1], "rear_right": right[1]}
+
+
+# ---- Which signal is which of the other channels: by its name and unit, and by how well it agrees with the others.
+
+
+# Correlation that speaks neither for nor against a role; the change of the wheels' speed is a noisy reference, and slopes add to it
+HALFWAY = {"accel_x": 0.68}
+MOST_SHOWN = 4.0  # that physics may speak for or against a role
+LATERAL = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
+
+
+def find_roles(
+    look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: Mapping[str, str]
+) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
+    """Role -> name, and what every candidate was worth: by name and unit, and by physics."""
+    taken = set(wheels.values()) | quaternions(look)
+    said = {role: {n: _said(look, role, n) for n in look.x if n not in taken} for role in LATERAL}
+    ref = dict(before)
+    if not ref:
+        for role in LATERAL:
+            best = max(said[role].items(), key=lambda i: i[1], default=("", 0.0))
+            if best[1] >= NAMED:
+                ref[role] = best[0]
+        if v is not None and ("yaw_rate" not in ref or "accel_y" not in ref):
+            ref |= _pair(look, v, taken, said, ref)
+    total: dict[str, dict[str, float]] = {}
+    shown: dict[str, dict[str, float]] = {}
+    turn = turn_of(look, wheels)
+    top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
+    usual = (
+        None if v is None else v * (25.0 / top if top else 1.0)
+    )  # as fast as cars drive: its unit is not known yet
+    change = None if v is None else physics.derivative(v)
+    for role in LATERAL:  # of what cannot become it whatever physics says nothing is computed
+        shown[role] = {
+            n: _shown(look, role, n, v, usual, change, turn, ref) if w + MOST_SHOWN >= NAMED else 0.0
+            for n, w in said[role].items()
+        }
+        total[role] = {n: said[role][n] + shown[role][n] for n in said[role]}
+    found: dict[str, str] = {}
+    pairs = sorted(((w, role, n) for role in LATERAL for n, w in total[role].items()), reverse=True)
+    for w, role, n in pairs:  # the best first; one signal has one role
+        if (
+            role not in found
+            and n not in found.values()
+            and w >= NAMED
+            and (score(role, look.called(n)) >= 0.8 or shown[role][n] >= 2.5)  # a unit alone is no name
+            and not is_another_thing(role, look.called(n))
+        ):
+            found[role] = n
+    return found, {
+        role: {"said": said[role].get(n, 0.0), "shown": shown[role].get(n, 0.0)} for role, n in found.items()
+    }
+
+
+def quaternions(look: Look) -> set[str]:
+    """Parts of attitudes: x, y, z beside a w are no rates, though rotation.z sounds like one."""
+    known = set(look.channels)
+    stems = {n[:-1] for n in known if n[-2:] in (".w", "_w") and n[:-1] + "z" in known}
+    return {n for n in known if n[:-1] in stems and n[-1] in "wxyz"}
+
+
+def _said(look: Look, role: str, name: str) -> float:
+    unit = kind(look.unit(name))
+    of_kind = 1.0 if unit in KINDS[role] else (0.0 if unit == "" else -3.0)
+    of_kind -= 3.0 * is_another_thing(role, look.called(name))
+    return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
+
+
+def _shown(
+    look: Look,
+    role: str,
+    name: str,
+    v: np.ndarray | None,
+    usual: np.ndarray | None,
+    change: np.ndarray | None,
+    turn: np.ndarray | None,
+    ref: Mapping[str, str],
+) -> float:
+    """-MOST_SHOWN .. MOST_SHOWN: how well it agrees with the others; 0: nothing to compare with."""
+    x = look.x[name]
+    said = []
+    if role == "yaw_rate":
+        if turn is not None:
+            said.append(abs(fit(x, turn).corr))
+        if v is not None and "accel_y" in ref and ref["accel_y"] != name:
+            said.append(abs(fit(v * x, look.x[ref["accel_y"]]).corr))
+    elif role == "accel_y" and v is not None:
+        if "yaw_rate" in ref and ref["yaw_rate"] != name:
+            said.append(abs(fit(v * look.x[ref["yaw_rate"]], x).corr))
+        elif turn is not None:
+            said.append(abs(fit(v * turn, x).corr))
+    elif role == "accel_x" and change is not None:
+        said.append(abs(fit(change, x).corr))
+    elif role == "steer_angle" and usual is not None:
+        r = look.x[ref["yaw_rate"]] if "yaw_rate" in ref and ref["yaw_rate"] != name else turn
+        if r is not None:
+            found = physics.steering(x, usual, r)
+            said.append(np.sqrt(max(found.share, 0.0)) if found else 0.0)
+    said = [s for s in said if s > 0]
+    return (
+        float(np.clip(16.0 * (np.mean(said) - HALFWAY.get(role, 0.75)), -MOST_SHOWN, MOST_SHOWN))
+        if said
+        else 0.0
+    )
+
+
+def _pair(
+    look: Look,
+    v: np.ndarray,
+    taken: set[str],
+    said: Mapping[str, Mapping[str, float]],
+    ref: Mapping[str, str],
+) -> dict[str, str]:
+    """Yaw rate and lateral acceleration without a name that says so: the two for which a_y = v r holds best."""
+    free = [n for n in look.x if n not in taken and not rolls(look.x[n])]
+    rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
+    accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
+    best, found = TURNED, {}
+    for r, a in product(rates[:80], accels[:80]):
+        if r == a:
+            continue
+        corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
+        # of two that go together anyway the one of which v times the other is nearer is the acceleration
+        corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
+        if corr > best:
+            best, found = corr, {"yaw_rate": r, "accel_y": a}
+    return found
+
+
+# ---- Brake switch or pressure, and wheel torques: by name and unit, and by what the speed does meanwhile.
+
+
+BRAKE = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
+NO_BRAKE = re.compile(
+    r"\b(park|hand|epb|fest|fault|fail|fehler|temp|wear|req|soll|target|aeb|valid|qual|count|torque|trq|moment|assist)"
+)
+WHEEL, MOMENT = r"\b(wheel|whl|axle|achs\w*|rad|roue|ruota|rueda)\b", r"\b(torque|trq|tq|moment)"
+TORQUE = re.compile(f"{WHEEL}.*{MOMENT}|{MOMENT}.*{WHEEL}")
+OTHER_TORQUE = re.compile(r"left|right|links|rechts|soll|req|target")
+AXLE = {
+    "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
+    "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
+}
+SLOWS = 0.7  # m/s2 that the car must lose more while it brakes than while it does not
+FROM, TOP = 0.03, 0.995  # a pressure is one from this share of its largest values (quantile)
+
+
+def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
+    """Return the guesses. v: speed on the raster of `look`, m/s; None: not known."""
+    found = [g for c in recording if (g := _brake(c, look, v)) is not None]
+    best = sorted(found, key=lambda g: (len(g.unsure), g.above is not None))[:1]
+    return [*best, *(g for a in AXLE if (g := _torque(recording, a)) is not None)]
+
+
+def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
+    """Return the guess that a signal is the brake's; None where its name is another, or the car does not slow by it."""
+    name, x = text_of(c.short), c.value[np.isfinite(c.value)]
+    if not BRAKE.search(name) or NO_BRAKE.search(name) or len(x) < physics.FEWEST or np.ptp(x) == 0:
+        return None
+    switch = set(np.unique(x)) <= {0.0, 1.0}
+    above = None if switch else float(f"{FROM * np.quantile(x, TOP):.2g}")
+    if above is not None and (above <= 0 or (not c.unit and not re.search(r"press|druck|pedal", name))):
+        return None
+    guess = Guess(
+        "brake",
+        (c.name,),
+        "1" if switch or not c.unit else c.unit,
+        "0 and 1" if switch else "the log says so",
+        above=above,
+    )
+    if above is not None:
+        guess.figures.append(
+            f"a pressure or a pedal: the car brakes above {100 * FROM:g} % of its large values"
+        )
+    good = np.isfinite(c.value)
+    on = resample(c.time[good], 1.0 * (c.value[good] > (above or 0.5)), look.time, physics.RATE) > 0.5
+    moving = np.abs(v) > physics.MOVING if v is not None else np.zeros(len(on), bool)
+    if v is None or min((moving & on).sum(), (moving & ~on).sum()) < physics.FEWEST:
+        guess.unsure = ["the signal, by its name alone"]
+        return guess
+    rate = physics.derivative(v)
+    gains = [float(np.nanmean(rate[moving & rows])) for rows in (on, ~on)]
+    if gains[0] > gains[1] - SLOWS:
+        return None
+    guess.confidence = "sure"
+    guess.figures.append(
+        f"the speed changes by {gains[0]:.2f} m/s2 while it is on, by {gains[1]:+.2f} while it is off"
+    )
+    return guess
+
+
+def _torque(recording: Recording, axle: str) -> Guess | None:
+    """Return the guess of an axle's wheel torque, by name and unit; the run compares it with mass times accel_x."""
+    for c in recording:
+        name = text_of(c.short)
+        named = TORQUE.search(name) and AXLE[axle].search(name) and not OTHER_TORQUE.search(name)
+        if named and kind(c.unit) == "torque":
+            guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "the log says so")
+            guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")
+            guess.unsure.append("the signal, by its name alone")
+            return guess
+    return None

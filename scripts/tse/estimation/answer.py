@@ -1,0 +1,97 @@
+"""The answer in three aligned lines: what each stiffness is, and whether to act on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tse.car.vehicle import DRIVEN
+from tse.estimation.regimes import percent
+from tse.estimation.verdict import CONTRADICTED, Finding, Verdict
+from tse.library.core import Config
+
+WHERE = {
+    "cy_front": "front, in bends",
+    "cy_rear": "rear, in bends",
+    "cx_front": "front, along",
+}  # in this order
+LITTLE = {
+    "cy_front": "too few bends in this log",
+    "cy_rear": "too few bends in this log",
+    "cx_front": "too little acceleration in this log",
+}
+WHY_NOT = {
+    "starting": "too little was seen since the start",
+    "sensor fault": "a sensor was at fault",
+    "held": "the car stood, crept, reversed or slid",
+    "input invalid": "inputs or measurements are missing",
+    "parameters uncertain": "the car is not known well enough (tselab calibrate)",
+    "does not fit": "the sensors read what the model does not explain (tselab gap)",
+    "implausible": "the channels contradict each other",
+    "row refused": "the rows were refused",
+    CONTRADICTED: "channels or vehicle file are wrong",
+}
+MOST_STRETCHES = 2  # of a road that changed: the last ones
+
+
+def answer(found: Sequence[Finding], config: Config) -> list[str]:
+    """Return three lines for each of the last stretches of road, under its title where there are several.
+
+    The value is what held through the stretch (smoothed), where that is known. Along the car
+    it is of the axle that drives, which shows it."""
+    rear = config.driven_axle == DRIVEN["rear"]
+    by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
+    lines = []
+    left_out = len(found) - MOST_STRETCHES
+    if left_out > 0:
+        lines.append(
+            f"{left_out} earlier stretch{'es' if left_out > 1 else ''} of road: --verbose, or the report"
+        )
+    for finding in found[-MOST_STRETCHES:]:
+        if finding.title:
+            lines.append(f"{finding.title}:")
+        of_key = {v.key: v for v in finding.verdicts}
+        if "cx_front" in of_key:
+            along = of_key["cx_front"]
+            values = {n: by * getattr(along, n) for n in ("value", "band", "smoothed", "smoothed_band")}
+            of_key["cx_front"] = replace(along, **values)
+        rows = [_cells(of_key[key], rear) for key in WHERE if key in of_key]
+        widths = [max(len(row[i]) for row in rows) for i in range(2)]
+        indent = "  " if finding.title else ""
+        lines += [f"{indent}{a:<{widths[0]}}   {b:<{widths[1]}}   {c}" for a, b, c in rows]
+    return lines
+
+
+def held(v: Verdict) -> tuple[float, float]:
+    """Return the stiffness that held through a stretch of road, and half of its 95 % interval.
+
+    It is the smoothed one. Where rows are valid and that is not, and of particles, it is that at
+    the end."""
+    smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
+    return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
+
+
+def beside(v: Verdict) -> str:
+    """Return what is said beside held()."""
+    if held(v)[0] == v.value or not np.isfinite(v.smoothed):
+        return v.detail
+    return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"
+
+
+def _cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
+    """Return which stiffness, its value with its 95 % interval, and whether to act on it. rear: that axle drives."""
+    where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
+    value, band = held(v)
+    if not np.isfinite(value):
+        return where, "-", f"not usable: {why_not(v.key, v.reason)}"
+    number = f"{value:4.0f} ± {max(band, 0.5):.0f} {v.unit}"
+    if v.level == "none":
+        return where, number, f"not usable: {why_not(v.key, v.reason)}"
+    return where, number, f"usable, valid {percent(v.valid)} of the time"
+
+
+def why_not(key: str, reason: str) -> str:
+    """Return in a few words why a stiffness is not usable."""
+    return WHY_NOT.get(reason, LITTLE[key] if reason in ("", "uncertain", "not excited") else reason)

@@ -1,0 +1,300 @@
+"""What happened on a drive, from the columns of EST.csv that say so: changes of what tyres and road give, faults of a channel,
+wheels that slide; and the stretches of road between the changes. A table without these columns has no events and is one stretch."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from tse.library.core import STIFFNESS, library
+
+REGIMES = {  # probability of each at a row; their sum is 1
+    "p_steady": "as before",
+    "p_changed": "road changed",
+    "p_axle": "an axle changed",
+    "p_fault": "fault of a channel",
+    "p_sliding": "sliding",
+    "p_restarted": "started over",
+}
+KINDS = {
+    1: "road changed",
+    2: "front axle changed",
+    3: "rear axle changed",
+    4: "started over",
+}  # change_kind; 0: none yet
+TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}  # whose ratio is reported
+SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
+COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
+    **dict.fromkeys(SPELLS, np.float32),
+    "estimate_age": np.float32,
+    "fault_channel": np.int8,
+    "change_age": np.float32,
+    "change_probability": np.float32,
+    "change_kind": np.int8,
+    **{f"change_{s}": np.float32 for s in STIFFNESS},
+}
+SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}  # from which the sd of a ratio follows
+LIKELY = 0.9  # probability from which on something is reported
+TOGETHER = 0.5  # s: changes nearer to each other are one; gaps in a spell that are shorter are bridged
+SMALL = 0.05  # a change of every stiffness by less calls for nothing
+SHORT = 2.0  # s: a shorter stretch joins its neighbour
+CREEP = 0.01  # 1/s: share of a change by which estimates may move where nothing has changed
+SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change. `time`: when it began; `believed`: from when on the estimates are of what came after it (None: from then on).
+    `ratio`: stiffness after it over before, with its sd (NaN if unknown); only of what the change touched."""
+
+    time: float
+    kind: int
+    probability: float
+    ratio: Mapping[str, tuple[float, float]]
+    believed: float | None = None
+
+    @property
+    def what(self) -> str:
+        return KINDS.get(self.kind, "changed")
+
+    @property
+    def label(self) -> str:
+        known = f", {percent(self.probability)}" if np.isfinite(self.probability) else ""
+        return f"{self.what} at {self.time:.2f} s{known}"
+
+    @property
+    def effect(self) -> str:
+        """What it did, in words; empty if that is not known."""
+        parts = []
+        for key, (ratio, sd) in self.ratio.items():
+            band = f" ± {sd:.2f}" if np.isfinite(sd) else ""
+            parts.append(f"{SHORT_NAMES[key]} x {ratio:.2f}{band}")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Spell:
+    """A time of fault or sliding. `channel`: the one at fault, if that is known."""
+
+    what: str
+    start: float
+    end: float
+    probability: float  # the greatest
+    channel: str = ""
+
+    @property
+    def name(self) -> str:
+        return f"{self.channel} at fault" if self.channel else self.what
+
+    @property
+    def label(self) -> str:
+        return f"{self.name} {self.start:.2f} .. {self.end:.2f} s, {percent(self.probability)}"
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The road from one change to the next. `rows`: whose estimates are of it, which begin when the change is believed; of its
+    longest piece, if shorter ones have joined it."""
+
+    start: float
+    end: float
+    rows: slice
+
+    @property
+    def title(self) -> str:
+        start = round(self.start, 1) + 0.0  # no -0.0 of a row that speaks of a time before the log
+        return f"{start:.1f} .. {self.end:.1f} s"
+
+
+def spoken_of(table: pd.DataFrame) -> np.ndarray:
+    """The times that the rows' estimates speak of: where channels are logged late, they are older than the row."""
+    time = table["time"].to_numpy()
+    age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
+    return time - np.nan_to_num(age) if np.any(age > 0) else time
+
+
+def changes(table: pd.DataFrame) -> list[Change]:
+    """Return the changes of a drive, in order of time.
+
+    Every row reports the last change the filter believes in, by its age. Reports of times within TOGETHER are one change; the
+    last one counts. Left out: what is less probable than LIKELY in half of its rows and in the last, and what changed nothing
+    (SMALL).
+
+    A change is believed after it began, and the estimates may have been drawn along before: see _began()."""
+    if not {"change_age", "change_kind"} <= set(table) or table.empty:
+        return []
+    time, kind = spoken_of(table), table["change_kind"].to_numpy()
+    rows = np.flatnonzero(kind > 0)
+    at = time[rows] - table["change_age"].to_numpy()[rows]
+    edges = np.flatnonzero(np.abs(np.diff(at)) > TOGETHER) + 1
+    reports: list[tuple[float, np.ndarray]] = []  # time of the change, rows that report it
+    for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True):
+        if not len(mine):
+            continue
+        middle = float(np.median(when))
+        if reports and abs(reports[-1][0] - middle) <= TOGETHER:
+            mine = np.concatenate([reports.pop()[1], mine])
+        reports.append((middle, mine))
+    columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
+    found: list[Change] = []
+    for when, mine in reports:
+        c = _change(columns, time, when, mine, float(found[-1].believed or 0.0) if found else -np.inf)
+        if not c.probability < LIKELY and (
+            not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values())
+        ):
+            found.append(c)
+    return found
+
+
+def _change(
+    columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray, earliest: float
+) -> Change:
+    """`time`: from when on it is believed; `earliest`: when it can have begun."""
+    first, last = int(rows[0]), int(rows[-1])
+    kind = int(columns["change_kind"][last])
+    probability = columns.get("change_probability", np.full(len(times), np.nan))
+    before = max(0, min(first, int(np.searchsorted(times, time))) - 1)
+    began = _began(columns, times, kind, int(np.searchsorted(times, earliest)), before, last)
+    ratio = {}
+    for key in TOUCHED.get(kind, ()):
+        value = float(columns[f"change_{key}"][last]) if f"change_{key}" in columns else float("nan")
+        if np.isfinite(value):
+            value = float(columns[key][last] / columns[key][began]) if began < before else value
+            sd = float(np.hypot(_relative_sd(columns, key, began), _relative_sd(columns, key, last)))
+            ratio[key] = (value, value * sd)
+    likely = max(float(np.median(probability[rows])), float(probability[last]))
+    return Change(float(times[began]) if began < before else time, kind, likely, ratio, time)
+
+
+def _began(
+    columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int
+) -> int:
+    """Find the row, of `first` to `before`, after which a change began that is believed after `before`.
+
+    Until it is believed the filter takes what it sees for the road before, and its means move towards those of the road after it,
+    which `last` knows. It began where the share of the way that is gone since, mean of the stiffnesses that it touched, exceeds
+    CREEP most. A mean that moves while its variance falls has learnt something: 1.96 sd of that are no part of the way."""
+    keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
+    first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))  # no share is more than 1
+    gone = np.zeros(max(0, before + 1 - first))
+    if not keys or not len(gone):
+        return before
+    for key in keys:
+        mean, sd = (columns[name][first : before + 1].astype(float) for name in (key, f"{key}_sd"))
+        log, var, to = np.log(mean), (sd / mean) ** 2, np.log(float(columns[key][last]))
+        learnt = 1.96 * np.sqrt(np.maximum(var - var[-1], 0))
+        way = np.maximum(np.sign(to - log[-1]) * (log[-1] - log) - learnt, 0) / np.maximum(
+            np.abs(to - log), SMALL
+        )
+        gone += np.nan_to_num(way) / len(keys)  # rows that were refused have none
+    return first + int(np.argmax(gone - CREEP * (time[before] - time[first : before + 1])))
+
+
+def _relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float:
+    mean = float(columns[key][row]) if key in columns else 0.0
+    return float(columns[f"{key}_sd"][row]) / mean if f"{key}_sd" in columns and mean > 0 else float("nan")
+
+
+def spells(table: pd.DataFrame) -> list[Spell]:
+    """The times at which a channel was at fault or wheels slid, in order of their start."""
+    if table.empty:
+        return []
+    time = spoken_of(table)
+    found: list[Spell] = []
+    for column, what in SPELLS.items():
+        if column not in table:
+            continue
+        p = table[column].to_numpy()
+        likely = p >= LIKELY
+        if column == "p_fault" and "fault_channel" in table:
+            channel = _named_at_last(table["fault_channel"].to_numpy(), spans(time, likely))
+            for number in np.unique(channel[likely]).tolist():
+                found += _spells(time, p, likely & (channel == number), what, channel_name(number))
+        else:
+            found += _spells(time, p, likely, what, "")
+    return sorted(found, key=lambda s: s.start)
+
+
+def _named_at_last(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
+    """The channel at fault by row: one that is likely and has no name yet is the one that gets it in the same run."""
+    found = channel.copy()
+    for first, after in runs:
+        for i in range(after - 2, first - 1, -1):
+            if found[i] == 0:
+                found[i] = found[i + 1]
+    return found
+
+
+def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
+    """First row and row after the last of each run of rows; gaps shorter than TOGETHER are bridged."""
+    found: list[tuple[int, int]] = []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        bridged = found and time[first] - time[found[-1][1] - 1] <= TOGETHER
+        found.append((found.pop()[0] if bridged else first, after))
+    return found
+
+
+def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
+    return [
+        Spell(what, float(time[a]), float(time[b - 1]), float(p[a:b][where[a:b]].max()), channel)
+        for a, b in spans(time, where)
+    ]
+
+
+def channel_name(number: int) -> str:
+    """The channel that fault_channel means; empty for none."""
+    channels = [*library().channels, *library().optional]
+    return channels[number - 1].name if 0 < number <= len(channels) else ""
+
+
+def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
+    """The drive between changes. A stretch shorter than SHORT joins the one after it, the last one the one before it."""
+    if table.empty:
+        return []
+    time = spoken_of(table)
+    inside = [c for c in found if time[0] < c.time <= time[-1]]
+    ends = [float(time[0]), *(c.time for c in inside), float(time[-1])]
+    firsts = [
+        0,
+        *np.searchsorted(time, [c.time if c.believed is None else c.believed for c in inside]).tolist(),
+    ]
+    afters = [*np.searchsorted(time, [c.time for c in inside], side="left").tolist(), len(time)]
+    rows = [slice(i, max(i, j)) for i, j in zip(firsts, afters, strict=True)]
+    pieces = [Stretch(a, b, of) for (a, b), of in zip(pairwise(ends), rows, strict=True)]
+    i = 0
+    while len(pieces) > 1 and i < len(pieces):
+        longest = pieces[i].rows
+        if time[min(longest.stop, len(time) - 1)] - time[longest.start] >= SHORT:
+            i += 1
+            continue
+        i = min(i, len(pieces) - 2)
+        pieces[i : i + 2] = [_joined(pieces[i], pieces[i + 1])]
+    return pieces
+
+
+def _joined(one: Stretch, other: Stretch) -> Stretch:
+    longest = max(one, other, key=lambda s: s.rows.stop - s.rows.start)
+    return Stretch(one.start, other.end, longest.rows)
+
+
+def words(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
+    """What happened, for the terminal: every change, and of spells how many there were."""
+    lines = [f"{c.label}{': ' if c.effect else ''}{c.effect}" for c in found]
+    for name in dict.fromkeys(s.name for s in times):
+        same = [s for s in times if s.name == name]
+        if len(same) == 1:
+            lines.append(same[0].label)
+        else:
+            total = sum(s.end - s.start for s in same)
+            lines.append(f"{name} {len(same)} times, {total:.1f} s in all, first at {same[0].start:.2f} s")
+    return lines
+
+
+def percent(share: float) -> str:
+    """A share in words that do not say 0 or 100 % of what is neither."""
+    if 0 < share < 0.01:
+        return "under 1 %"
+    return "over 99 %" if 0.995 <= share < 1 else f"{share * 100:.0f} %"

@@ -1,0 +1,456 @@
+"""One plain sentence per stiffness: what the log says about it. Used by the terminal and the report."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from tse.estimation import regimes
+from tse.estimation.regimes import LIKELY, Change, Stretch, channel_name, percent, spans, spoken_of, stretches
+from tse.estimation.smooth import fixed, smooth
+from tse.library.core import GRIP, NOMINAL, STIFFNESS, Config, library
+from tse.log.rows import MEASURES
+
+NAMES = {
+    "cx_front": "Front longitudinal stiffness",
+    "cy_front": "Front cornering stiffness",
+    "cy_rear": "Rear cornering stiffness",
+}
+UNITS = {"cx_front": "kN", "cy_front": "kN/rad", "cy_rear": "kN/rad"}
+QUIET = {
+    "cx_front": "driving and braking were too weak or too steady",
+    "cy_front": "too little steering excitation",
+    "cy_rear": "too little steering excitation",
+    GRIP: "the tyres were not driven near their limit",
+}
+CONTRADICTED = "contradicted"  # a reason that no row has
+WHY = {
+    "starting": "too little was seen since the start",
+    "sensor fault": "a sensor was probably at fault",
+    "held": "standstill, low speed, reverse, large steering angle or sliding wheels",
+    "input invalid": "inputs or measurements were missing",
+    "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
+    "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
+    "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)",
+    "row refused": "the rows were refused",
+    CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may show it",
+}
+AT_FAULT = (
+    "sensor fault",
+    "implausible",
+)  # reasons that, at the end of a log, say that it was not good to its end
+LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
+OFTEN, OFTEN_TIME = (
+    3,
+    60.0,
+)  # changes, so many s apart: more and more often they are a model that does not fit
+NOISY = 1.25  # noise found over the setting's: from here on it is remarked
+STILL = (
+    "starting",
+    "held",
+    "input invalid",
+    "row refused",
+)  # rows without a say in whether the channels agree
+AGREED = (
+    20.0  # s of driving in which channels agreed: what shows after it, and is no factor, was not so before
+)
+MOSTLY = 0.5  # share of the others from which implausible rows speak against the log
+RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
+OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
+LEAST_UNCERTAIN = 0.02  # ... and its sd, relative
+UNLIKELY = (
+    3.0  # prior sd: a steering angle further off is of another logger; no cornering stiffness is valid then
+)
+FEW = 0.005  # with a smaller share of valid rows a stiffness is not valid
+DEGREE = 180 / np.pi
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The finding on one stiffness. Values in the unit of `unit`; NaN where there is none."""
+
+    key: str
+    name: str
+    level: str  # good, partly, none
+    unit: str
+    value: float  # at the end of the stretch, where the filter knows most of it; of particles the median of the valid rows
+    band: float  # half of the 95 % interval
+    spread: float  # sample to sample, share of the mean; NaN: not seen, or the form does not learn it
+    nominal: float
+    valid: float  # share of the rows
+    reason: str  # the commonest reason for not being valid
+    reason_share: float
+    text: str
+    smoothed: float = float("nan")  # over the stretch (smooth.py)
+    smoothed_band: float = float("nan")  # half of its 95 % interval
+    smoothed_reason: str = ""  # "valid", or why not to act on it; empty: there is none
+
+    @property
+    def low(self) -> float:
+        return self.value - self.band
+
+    @property
+    def high(self) -> float:
+        return self.value + self.band
+
+    @property
+    def detail(self) -> str:
+        """The text without the value it starts with."""
+        return self.text.split(" (95 %), ", 1)[-1]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is said of grip or sideslip. Values in `unit`."""
+
+    key: str
+    name: str
+    unit: str
+    value: float
+    band: float  # half of the 95 % interval
+    valid: float  # share of the rows; NaN: not judged
+    reason: str  # the commonest one for not being valid
+    time: float  # s: of which the value is
+    text: str
+
+    @property
+    def shown(self) -> str:
+        """Value and 95 % interval."""
+        return f"{self.value:.2f} ± {max(self.band, 0.005):.2f}"
+
+    def line(self) -> str:
+        unit = f" {self.unit}" if self.unit != "1" else ""
+        return f"{self.name}: {self.shown}{unit} (95 %), {self.text}"
+
+
+def verdicts(
+    table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
+) -> list[Verdict]:
+    """The finding on each stiffness, of the whole log or of a stretch; smoothed, too, with `parts`: smooth.fixed()."""
+    found = [_verdict(table, config, key, whole) for key in STIFFNESS]
+    return [
+        _smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
+        for v in found
+    ]
+
+
+def _smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
+    """With what all rows say together. It is valid if a row would be with its sd, and if rows were."""
+    value, sd = smooth(rows, v.key, config, part)
+    if not value > 0:
+        return v
+    if sd > config.valid_sd * value:
+        limited = rows[f"{v.key}_reason"].value_counts().reindex(LIMITED, fill_value=0)
+        reason = str(limited.idxmax()) if limited.any() or not v.reason else v.reason
+    else:
+        reason = "valid" if v.level != "none" else v.reason
+    value, band, act = (
+        value / 1000,
+        1.96 * sd / 1000,
+        "valid" if reason == "valid" else f"not valid: {reason}",
+    )
+    text = f"{v.text}; smoothed over {of} {value:.0f} ± {max(band, 0.5):.0f}, {act}"
+    return replace(v, text=text, smoothed=value, smoothed_band=band, smoothed_reason=reason)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is known of the tyres on a stretch of road; without a stretch on the whole log. `others`: grip, sideslip."""
+
+    stretch: Stretch | None
+    verdicts: list[Verdict]
+    others: Sequence[Quantity] = ()
+
+    @property
+    def title(self) -> str:
+        return f"From {self.stretch.title}" if self.stretch else ""
+
+    @property
+    def nothing(self) -> str:
+        """Why no stiffness is known, in words; empty if one is."""
+        if any(v.level != "none" for v in self.verdicts):
+            return ""
+        reasons = dict.fromkeys(v.reason for v in self.verdicts if v.reason)
+        return "no stiffness is valid" + (f", mostly {' or '.join(reasons)}" if reasons else "")
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        found = [*(f"{v.name}: {v.text}" for v in self.verdicts), *(q.line() for q in self.others)]
+        if not self.stretch:
+            return found
+        return [f"{self.title}:{' ' if self.nothing else ''}{self.nothing}", *(f"  {line}" for line in found)]
+
+
+def findings(
+    table: pd.DataFrame,
+    config: Config,
+    found: Sequence[Change],
+    contradictions: Sequence[str] = (),
+    uncertainty_sd: Mapping[str, np.ndarray] | None = None,
+) -> list[Finding]:
+    """The finding on each stretch of road between changes; one on the whole log where nothing changed.
+
+    A mean over two roads is true of neither. On a stretch the filter does not forget: its value at the end is what it knows best,
+    and is given with the interval that it has then, also where no row is valid. Beside it stands the smoothed value over the
+    stretch: a row knows what came after it, too. `uncertainty_sd`: Filter.uncertainty_sd() at the end.
+
+    `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
+    the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
+    if contradictions:
+        return [Finding(None, [_contradicted(v) for v in verdicts(table, config)])]
+    pieces, parts = stretches(table, found), fixed(table, config, uncertainty_sd or {})
+    if len(pieces) < 2:
+        return [Finding(None, verdicts(table, config, parts=parts), others(table, config))]
+    each = [(s, table.iloc[s.rows]) for s in pieces]
+    return [Finding(s, verdicts(rows, config, False, parts), others(rows, config)) for s, rows in each]
+
+
+def implausible(table: pd.DataFrame) -> str:
+    """Return in words what the filter has against the log, if it is in most of the rows that drive and at their end, and was so
+    before it showed; empty else.
+
+    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses of speed; a unit, a sign or an axle that
+    is taken for another stays so. A channel that fails late contradicts fewer rows, or is no factor of what it was before: that
+    costs these rows, and leaves what was valid until then."""
+    reasons = [table[f"{key}_reason"] for key in STIFFNESS]
+    drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
+    against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
+    if not drives.any() or len(against) <= MOSTLY * drives.sum() or against[-1] != np.flatnonzero(drives)[-1]:
+        return ""
+    share, last = percent(len(against) / float(drives.sum())), table.iloc[against[-1]]
+    wheels = channel_name(int(last["fault_channel"])).startswith("wheel_speed")
+    if not wheels and last["fault_factor"] == 0 and _seconds(table, drives)[against[0]] > AGREED:
+        return ""
+    return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {_against(last)}"
+
+
+def _against(row: pd.Series) -> str:
+    """Return in words what an implausible row has against a channel."""
+    channel, factor = channel_name(int(row["fault_channel"])), float(row["fault_factor"])
+    wheels = channel.startswith("wheel_speed")
+    if wheels and factor == 0:
+        return "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
+    if factor == 0:
+        return f"{channel} does not go with the others"
+    if factor < 0:
+        return f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
+    named = "the wheel speeds seem" if wheels else f"{channel} seems"
+    also = f", or the steps of time {factor:.3g} times" if channel == "accel_x" else ""
+    return f"{named} to be {factor:.3g} times the true value{also}"
+
+
+def contradictions(table: pd.DataFrame) -> list[str]:
+    """Return where the channels of a log that is no mistake as a whole contradict each other, in words."""
+    rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
+    time, said = spoken_of(table), []
+    for first, after in spans(time, rows):
+        last = table.iloc[np.flatnonzero(rows[first:after])[-1] + first]
+        said.append(f"from {time[first]:.1f} to {time[after - 1]:.1f} s: {_against(last)}: not valid there")
+    if not said:
+        return []
+    often = "" if len(said) == 1 else f"{len(said)} times, first "
+    return [f"the channels contradict each other {often}{said[0]}"]
+
+
+def _seconds(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
+    """Return how long the car has driven before each row."""
+    return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
+
+
+def _contradicted(v: Verdict) -> Verdict:
+    nan = float("nan")
+    text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
+    return replace(v, level="none", value=nan, band=nan, spread=nan, reason=CONTRADICTED,
+                   reason_share=1.0, text=text, smoothed_reason=CONTRADICTED)  # fmt: skip
+
+
+def remarks(table: pd.DataFrame) -> list[str]:
+    """Return what the filter found out about the sensors, in words."""
+    found = []
+    learnt = table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))
+    for channel in MEASURES:
+        ratio = float(table.loc[learnt, f"noise_{channel}"].median()) if learnt.any() else 1.0
+        if ratio > NOISY:
+            found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
+    off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
+    if "p_fault" in table:  # in a car that stands another reason comes first, and the fault lasts
+        off |= table["p_fault"].to_numpy() >= LIKELY
+    changes = regimes.changes(table)
+    if len(changes) >= OFTEN and len(changes) * OFTEN_TIME > (
+        seconds := float(table["time"].iloc[-1] - table["time"].iloc[0])
+    ):
+        found.append(
+            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are more than roads have: rather a channel or the vehicle "
+            "file is wrong (latency, offset, steering ratio, another car)"
+        )
+    times = len(spans(spoken_of(table), off))
+    if times:
+        often = "once" if times == 1 else f"{times} times"
+        found.append(
+            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not valid there"
+        )
+    return found
+
+
+def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
+    """Return that the steering angle of a log is not as late as its vehicle file says, if so."""
+    sd = config.steer_lag_sd
+    if "lag_steer" not in table or not len(table) or not sd > 0:
+        return []
+    off = float(table["lag_steer"].iloc[-1])
+    if abs(off) <= UNLIKELY * sd:
+        return []
+    return [
+        f"steer_angle comes {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle file says, where an sd of "
+        f"{sd * 1e3:.0f} ms was expected: another logger or signal? Stiffness is wrong by it: calibrate anew"
+    ]
+
+
+def of_uncertainty(
+    table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[str, np.ndarray]
+) -> list[str]:
+    """Return where most of an interval at the end comes from parameter uncertainty: of which parameters, the largest first."""
+    found = []
+    for a, key in enumerate(STIFFNESS):
+        last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
+        parts = {name: float(sd[a]) for name, sd in uncertainty_sd.items()}
+        whole = np.sqrt(sum(sd**2 for sd in parts.values()))
+        if (
+            last is None
+            or not whole**2 > OF_UNCERTAIN * float(last.iloc[1]) ** 2
+            or not whole > LEAST_UNCERTAIN * float(last.iloc[0])
+        ):
+            continue
+        most = sorted(parts, key=parts.__getitem__, reverse=True)[:3]
+        mean, sd = (float(x) for x in last)
+        names = ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
+        found.append(
+            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, is parameter uncertainty: "
+            f"{names} (state in [uncertainty] what is known better; a calibration finds all but mass_sd)"
+        )
+    return found
+
+
+def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
+    """The value at the end: of the last valid row, or of the last one where hardly any is. Particles forget: over a whole log in
+    which nothing changed the medians of their valid rows."""
+    of = "the log" if whole else "the stretch"
+    valid = table[f"{key}_valid"].to_numpy() == 1
+    share = float(valid.mean()) if len(valid) else 0.0
+    nominal, unit, name = getattr(config, NOMINAL[key]) / 1000, UNITS[key], NAMES[key]
+    reason, reason_share = _commonest(table, key, valid)
+    known = share >= FEW
+    rows = valid if known else _used(table)
+    mean, sd = (table.loc[rows, c].to_numpy(float) / 1000 for c in (key, f"{key}_sd"))
+    if not len(mean):
+        nan, why = float("nan"), _why(reason, key)
+        text = f"no value: {reason or 'no rows'}{f', {why}' if why else ''}"
+        return Verdict(key, name, "none", unit, nan, nan, nan, nominal, share, reason, reason_share, text)
+    changed = known and abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]
+    medians = whole and config.form and known and not changed
+    at = (lambda x: float(np.median(x))) if medians else (lambda x: float(x[-1]))
+    value, band = at(mean), 1.96 * at(sd)
+    parts = [f"{value:.0f} {unit} ± {max(band, 0.5):.0f} (95 %)"]
+    if known:
+        parts[0] += f", valid {percent(share)} of the time"
+    else:
+        limit = (
+            f", its sd {percent(band / 1.96 / value)}, limit {percent(config.valid_sd)}"
+            if reason in LIMITED
+            else ""
+        )
+        why = _why(reason, key)
+        parts[0] += f", not valid: {reason}{limit}{f': {why}' if why else ''}"
+    relative = value / nominal - 1
+    parts.append(
+        f"{100 * abs(relative):.0f} % {'above' if relative > 0 else 'below'} nominal"
+        if abs(relative) >= 0.02
+        else "as nominal"
+    )
+    if changed:
+        parts.append(f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f}")
+    if known and not medians and (end := _last_valid(spoken_of(table), valid)) is not None:
+        parts.append(f"last valid at {end:.1f} s")
+    if known and reason and share < 0.8:
+        why = _why(reason, key)
+        parts.append(f"otherwise mostly {reason}{f': {why}' if why else ''}")
+    spread = float("nan")
+    if known and table.loc[valid, f"{key}_spread_seen"].mean() >= 0.5:
+        spread = float(np.median(table.loc[valid, f"{key}_spread"].to_numpy() / 1000) / value)
+        parts.append(f"spread {100 * spread:.0f} % from sample to sample")
+    ends = table[f"{key}_reason"].to_numpy(object)[-1] in AT_FAULT if len(table) else False
+    level = "none" if not known else "good" if share >= 0.3 and not (whole and ends) else "partly"
+    return Verdict(
+        key, name, level, unit, value, band, spread, nominal, share, reason, reason_share, "; ".join(parts)
+    )
+
+
+def _why(reason: str, key: str) -> str:
+    """The reason in more words."""
+    return QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
+
+
+def _commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
+    """The commonest reason of the rows that are not valid, and its share of all rows."""
+    others = table.loc[~valid, f"{key}_reason"].value_counts()  # of categories also those that are not there
+    others = others[others > 0]
+    return (str(others.index[0]), float(others.iloc[0] / len(valid))) if len(others) else ("", 0.0)
+
+
+def _used(table: pd.DataFrame) -> np.ndarray:
+    """Rows that were not refused."""
+    return table["status"].to_numpy() >= 0
+
+
+def _last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
+    """When a stiffness was valid last, if that is a while before the end."""
+    last = float(time[np.flatnonzero(valid)[-1]])
+    return last if time[-1] - last > RECENT else None
+
+
+def others(table: pd.DataFrame, config: Config) -> list[Quantity]:
+    """Return the finding on grip, if it is estimated, and on the sideslip angle where it was largest."""
+    if config.form or f"{GRIP}_sd" not in table:
+        return []
+    return [q for q in (_grip(table, config), _sideslip(table)) if q is not None]
+
+
+def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
+    """The grip at the end: of the last valid row, or of the last one."""
+    valid = table[f"{GRIP}_valid"].to_numpy() == 1
+    rows = np.flatnonzero(valid if valid.any() else _used(table))
+    if not config.grip_sd > 0 or not len(rows):
+        return None
+    share, (reason, _) = float(valid.mean()), _commonest(table, GRIP, valid)
+    at = int(rows[-1])
+    value, sd = (float(table[c].iloc[at]) for c in (GRIP, f"{GRIP}_sd"))
+    why = _why(reason, GRIP)
+    text = (
+        f"valid {percent(share)} of the time"
+        if share > 0
+        else f"not valid: {reason}{f', {why}' if why else ''}"
+    )
+    return Quantity(GRIP, "Grip", "1", value, 1.96 * sd, share, reason, float(spoken_of(table)[at]), text)
+
+
+def _sideslip(table: pd.DataFrame) -> Quantity | None:
+    """Where it was largest beyond its own interval, of the rows in which the car moved as the model says."""
+    rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
+    if not len(rows):
+        return None
+    angle, sd = (DEGREE * table[c].to_numpy(float)[rows] for c in ("sideslip", "sideslip_sd"))
+    at = int(np.argmax(np.abs(angle) - 1.96 * sd))
+    time = float(spoken_of(table)[rows[at]])
+    text = f"the largest, at {time:.1f} s; median interval ± {max(1.96 * float(np.median(sd)), 0.005):.2f}"
+    return Quantity(
+        "sideslip",
+        "Sideslip angle",
+        "deg",
+        float(angle[at]),
+        1.96 * float(sd[at]),
+        float("nan"),
+        "",
+        time,
+        text,
+    )

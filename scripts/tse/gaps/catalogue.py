@@ -1,0 +1,108 @@
+"""The catalogue of effects (src/tables/effects.toml, through the library) in the form that fits take."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tse.library.core import library
+
+
+@dataclass(frozen=True)
+class Own:
+    """What a value of the profile of a log's road goes by. Numbers of the car go by the name
+    of their setting."""
+
+    of: str  # an effect of the road
+    log: int
+    knot: int  # which of its values
+
+    def __str__(self) -> str:
+        return f"{self.of}@{self.log}:{self.knot}"
+
+
+Key = str | Own
+
+
+def of_the_car(values: Mapping[Key, float]) -> dict[Key, float]:
+    """Fitted values without what is one log's own."""
+    return {k: v for k, v in values.items() if not isinstance(k, Own)}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that is fitted: a stiffness, or a parameter of an effect."""
+
+    name: Key  # of the setting, or of what is one log's own
+    key: str  # within its effect
+    strength: bool  # else a shape
+    unit: str
+    default: float
+    low: float
+    high: float
+    typical_low: float
+    typical_high: float
+    negligible: float
+    sign: int  # 1, -1: the plausible one; 0: either
+    text: str
+    prior: float | None = (
+        None  # sd that is known beforehand: by the vehicle file, or of one of many values that make a profile
+    )
+    given: bool = False  # a shape that no log tells from the strength
+
+    @property
+    def scale(self) -> float:
+        """A typical size."""
+        return 0.5 * (abs(self.typical_low) + abs(self.typical_high)) or max(abs(self.low), abs(self.high))
+
+    @property
+    def step(self) -> float:
+        """For finite differences: small against the typical size, large against rounding."""
+        return 0.02 * self.scale
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One row of the catalogue and its parameters."""
+
+    id: str
+    title: str
+    channels: str
+    relatives: tuple[str, ...]  # ids of the catalogue that it says look alike
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def strengths(self) -> tuple[Parameter, ...]:
+        return tuple(p for p in self.parameters if p.strength)
+
+    @property
+    def shapes(self) -> tuple[Parameter, ...]:
+        """The shapes that a log can tell from the strength; the others stay as the settings say."""
+        return tuple(p for p in self.parameters if not p.strength and not p.given)
+
+    @property
+    def fitted(self) -> tuple[Parameter, ...]:
+        return (*self.strengths, *self.shapes)
+
+
+IN_THE_MODEL = ("exact_kinematics",)  # on by default: nothing that may be missing
+
+
+@functools.cache
+def catalogue() -> dict[str, Effect]:
+    """Return every effect that may be missing by its id, in the library's order."""
+    rows = {i: e for i, e in library().effects.items() if i not in IN_THE_MODEL}
+    return {
+        e.id: Effect(
+            e.id, e.title, e.channels, tuple(x for x in e.look_alikes if x in rows),
+            tuple(
+                Parameter(
+                    p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text,
+                    given=p.given,
+                )
+                for p in e.parameters
+            ),
+        )
+        for e in rows.values()
+    }  # fmt: skip

@@ -1,0 +1,146 @@
+"""A library of manoeuvres as inputs of the model: steering angle and wheel speeds, without noise, for planning.
+
+The wheels turn as the car would need them: each axle rolls along its own way through the bend, and slips as the force asks for
+that changes the speed and overcomes what the steered wheels brake."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import gaussian_filter1d
+
+from tse.identify.data import BLOCK, BURN_IN, Prepared, Stretch
+from tse.library.core import Config, Replay
+from tse.log.rows import DRIVES, MEASURES
+from tse.simulation.maneuvers import square, understeer_gradient
+
+STEP = 0.01  # s: rows of a planned log
+DURATION = 30.0  # s: of a manoeuvre
+HAND = 0.06  # s: sd of the smoothing that makes a step one of a driver's hand
+ROUNDS = 3  # of finding wheel speeds and motion across from each other
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One manoeuvre: pieces that are driven one after the other, each a steering angle and a speed over time."""
+
+    name: str
+    pieces: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    @property
+    def seconds(self) -> float:
+        return sum(STEP * (len(steer) - 1) - BURN_IN for steer, _ in self.pieces)
+
+
+def prepared(candidate: Candidate, config: Config) -> list[Prepared]:
+    """As the workflow takes logs; measurements are put in later."""
+    logs = []
+    rows = round(BLOCK / STEP)
+    for i, (steer, speed) in enumerate(candidate.pieces):
+        n = len(steer) // rows * rows
+        time = STEP * np.arange(n)
+        inputs = {"steer_angle": steer[:n]} | _wheels(config, steer[:n], speed[:n])
+        assert set(inputs) == set(DRIVES)
+        used = time >= BURN_IN
+        noise = {c: getattr(config, f"{c}_sd") for c in MEASURES}
+        distance = np.append(0.0, cumulative_trapezoid(speed[:n], dx=STEP))
+        measured = {c: np.zeros(n) for c in MEASURES}
+        name = Path(f"{candidate.name} {i + 1}")
+        logs.append(Prepared(name, time, inputs, measured, noise, [Stretch(0, n, used)], rows, distance))
+    return logs
+
+
+def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
+    """Wheel speeds, rad/s, of the nominal car that goes through these angles at these speeds: those of straight driving give its
+    motion across, which hardly depends on them, and that gives the speeds over ground of the steered wheels."""
+    share, length = c.exact_kinematics_share, c.lf + c.lr
+    across = turning = side = np.zeros(len(steer))
+    for _ in range(ROUNDS):
+        front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
+        steered = (
+            c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, STEP)
+        ) / length  # N, across the front wheels
+        force = c.mass * (np.gradient(speed, STEP) - across * turning) + share * steered * np.sin(steer)
+        slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
+        wheels = {
+            "wheel_speed_front": front * (1.0 + slip) / c.wheel_radius_front,
+            "wheel_speed_rear": speed * (1.0 + slip) / c.wheel_radius_rear,
+        }
+        model = Replay(
+            ("vel_y", "true_yaw_rate", "accel_y"), dt=np.full(len(steer), STEP), steer_angle=steer, **wheels
+        )
+        across, turning, side = model.run(c).values()
+    return wheels
+
+
+def library(config: Config) -> list[Candidate]:
+    """Every manoeuvre in every size."""
+    return list(_all(config))
+
+
+def _all(c: Config) -> Iterator[Candidate]:
+    t = np.arange(round(DURATION / STEP) + 1) * STEP
+    short = np.arange(round(0.5 * DURATION / STEP) + 1) * STEP
+
+    def steady(v: float, ay: float) -> float:
+        """Steering angle of the nominal car for a lateral acceleration."""
+        return ay * (c.lf + c.lr + understeer_gradient(c) * v**2) / v**2
+
+    def straight(time: np.ndarray) -> np.ndarray:
+        return np.zeros(len(time))
+
+    def at(v: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda time: np.full(len(time), v)
+
+    def sweep(time: np.ndarray, v: float, ay: float) -> np.ndarray:
+        low, high = 0.2, 3.0
+        rate = np.log(high / low) / time[-1]
+        return steady(v, ay) * np.sin(2 * np.pi * low * np.expm1(rate * time) / rate)
+
+    def steps(time: np.ndarray, v: float, ay: float) -> np.ndarray:
+        level = np.array([0.0, 1.0, 0.0, -1.0])[(time // 2.0).astype(int) % 4]
+        return gaussian_filter1d(steady(v, ay) * level, HAND / STEP)
+
+    def ramp(time: np.ndarray, v: float, ay: float) -> np.ndarray:
+        return steady(v, ay) * np.interp(
+            time, time[-1] * np.array([0, 0.45, 0.5, 0.95, 1.0]), [0, 1, 0, -1, 0]
+        )
+
+    def pulses(time: np.ndarray, v: float, depth: float) -> np.ndarray:
+        """Steps of brake and throttle about a speed."""
+        acceleration = gaussian_filter1d(depth * square(time, 3.0), HAND / STEP)
+        speed = v + cumulative_trapezoid(acceleration, dx=STEP, initial=0.0)
+        return np.maximum(speed - speed.mean() + v, 3.5)
+
+    for v in (10.0, 20.0, 30.0):
+        for ay in (2.0, 4.0):
+            yield Candidate(
+                f"steering sine sweep 0.2 .. 3 Hz, {ay:g} m/s2, at {v:g} m/s", ((sweep(t, v, ay), at(v)(t)),)
+            )
+        for ay in (3.0, 6.0):
+            yield Candidate(f"steering steps to {ay:g} m/s2, at {v:g} m/s", ((steps(t, v, ay), at(v)(t)),))
+        yield Candidate(f"slow steering ramps to 6 m/s2, at {v:g} m/s", ((ramp(t, v, 6.0), at(v)(t)),))
+        for f in (0.5, 1.0, 2.0):
+            steer = steady(v, 2.5) * np.sin(2 * np.pi * f * t)
+            yield Candidate(f"slalom of {f:g} Hz, at {v:g} m/s", ((steer, at(v)(t)),))
+        for depth in (1.5, 3.0):
+            yield Candidate(f"steps of brake and throttle, {depth:g} m/s2, straight, about {v:g} m/s",
+                            ((straight(t), pulses(t, v, depth)),))  # fmt: skip
+        turn = steady(v, 3.0) * square(t, 12.0)
+        yield Candidate(f"brake and throttle of 3 m/s2 in turns of 3 m/s2, about {v:g} m/s",
+                        ((gaussian_filter1d(turn, 10 * HAND / STEP), pulses(t, v, 3.0)),))  # fmt: skip
+        yield Candidate(f"straight on at {v:g} m/s", ((straight(t), at(v)(t)),))
+    for name, steer in (
+        ("steering sine sweep 0.2 .. 3 Hz, 3 m/s2", sweep),
+        ("steering steps to 4 m/s2", steps),
+    ):
+        pieces = tuple((steer(short, v, 3.0 if steer is sweep else 4.0), at(v)(short)) for v in (10.0, 30.0))
+        yield Candidate(f"{name}, half at 10 and half at 30 m/s", pieces)
+    tight = gaussian_filter1d(0.3 * square(t, 10.0), 10 * HAND / STEP)
+    yield Candidate("tight turns of 0.3 rad at 5 m/s", ((tight, at(5.0)(t)),))
+    speeds = 10.0 + 20.0 * t / t[-1]
+    yield Candidate("straight on from 10 to 30 m/s", ((straight(t), speeds),))

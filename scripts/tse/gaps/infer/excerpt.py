@@ -1,0 +1,95 @@
+"""Of long logs the stretches that say most: sets of effects and formulas are searched there, and what is found is fitted to all.
+
+What a stretch says is the information about stiffness and every effect of the catalogue (slopes where nothing is missing, channel
+by channel, sizes in units of what is typical) and about whatever the plain model leaves. The stretches are chosen one by one, each
+by how much it adds to ln det of the information of those that are there (a Bayesian D-optimal design, Chaloner & Verdinelli 1995):
+a second lane change adds less than the first braking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tse.gaps.catalogue import Parameter
+from tse.gaps.fit import Fit
+from tse.gaps.infer.hypotheses import fit_prior, hypotheses, start_of
+from tse.gaps.infer.space import REACH, STIFFNESS_SD
+from tse.gaps.problem import STIFFNESS, Problem
+from tse.identify.data import BURN_IN, Prepared, Stretch
+
+MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
+PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
+# noise of a block: that a piece's information counts with: models are no better known than that, and with less the
+# first pieces are sure of everything
+ENTRY_SD = 30.0
+
+
+def is_long(problem: Problem) -> bool:
+    """Whether it is so long that MOST_SECONDS of it are worth being chosen."""
+    return sum(log.seconds for log in problem.logs) > 2.0 * MOST_SECONDS
+
+
+def excerpt(problem: Problem, baseline: Fit) -> Problem:
+    """The stretches that say most, MOST_SECONDS; the problem as it is, where it is hardly longer. `baseline`: of this
+    problem.
+
+    Cost: as many simulations of everything as the catalogue has parameters."""
+    if not is_long(problem):
+        return problem
+    table, rows = _slopes(problem, baseline), problem.rows
+    pieces: list[tuple[int, Stretch]] = []
+    says: list[np.ndarray] = []
+    for i, log in enumerate(problem.logs):
+        for piece in _pieces(log):
+            first, last = log.time[piece.first] + BURN_IN, log.time[piece.last - 1]
+            mine = table[(rows.log == i) & (rows.time >= first) & (rows.time <= last)]
+            pieces.append((i, piece))
+            says.append(mine.T @ mine / ENTRY_SD**2)
+    chosen = best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MOST_SECONDS)
+    logs = []
+    for i, log in enumerate(problem.logs):
+        mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]
+        if mine:
+            logs.append(replace(log, stretches=mine))
+    return problem.of(logs)
+
+
+def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
+    """Indices of pieces, the most telling first, until they are longer than `most`. `says`: their information, in units of what is
+    known without them."""
+    total = np.eye(len(says[0])) if says else np.zeros((0, 0))
+    left, chosen, length = list(range(len(says))), [], 0.0
+    while left and length < most:
+        gain = [np.linalg.slogdet(total + says[k])[1] for k in left]
+        k = left.pop(int(np.argmax(gain)))
+        chosen.append(k)
+        total, length = total + says[k], length + seconds[k]
+    return chosen
+
+
+def _pieces(log: Prepared) -> list[Stretch]:
+    """Stretches cut to PIECE; each begins anew, and its first second is not compared."""
+    found = []
+    length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
+    ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block
+    for s in log.stretches:
+        for first in range(s.first, s.last, length):
+            last = min(first + length, s.last)
+            if last - first > 2 * ahead:
+                used = s.used[first - s.first : last - s.first].copy()
+                used[:ahead] = False
+                found.append(Stretch(first, last, used))
+    return found
+
+
+def _slopes(problem: Problem, baseline: Fit) -> np.ndarray:
+    """Of the residuals, in units of prior sd, and the residuals themselves."""
+    asked = hypotheses()
+    parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
+    at = baseline.values | {p.name: start_of(p) for h in asked for p in h.effect.shapes}
+    unit = [STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters]
+    slopes = problem.jacobian(at, problem.residuals(at), parameters, REACH)
+    return np.column_stack([np.nan_to_num(slopes) * unit, baseline.residuals])

@@ -1,0 +1,347 @@
+"""From sets of effects and their probabilities to names: what the logs show, how sure that is, and what could stand in its place.
+
+The sets are searched on the fitted logs alone: held-out ones take no part in names or sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from tse.car.vehicle import latency_settings
+from tse.gaps.catalogue import Effect, Key, catalogue, of_the_car
+from tse.gaps.fit import Fit, excess, excess_of, fit
+from tse.gaps.infer.folds import held_out
+from tse.gaps.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
+from tse.gaps.infer.roads import FoundRoad
+from tse.gaps.infer.search import Judged, Search, judge
+from tse.gaps.problem import SIGNED_DELAYS, STIFFNESS, Problem
+from tse.identify.knots import PROFILES
+from tse.identify.unknowns import SUPERELEVATION
+from tse.log.rows import DRIVES
+
+EARLY = {  # delays below zero
+    "steering_delay": "steering angle logged late, so the wheels turn before it",
+    "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
+    "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
+}
+LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
+# share of the probability that an effect or something in its place is missing, from which that something is a look-alike:
+# evidence is good to two nats, by which mass and yaw inertia, which no log tells apart, differ
+ALIKE_AT = 0.02
+POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
+LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close; a road has no name to earn
+WIDE = float(norm.ppf(0.975))  # half of a 95 % interval, in sd
+# of what roads leave of the gap, that the names of the car close where something else is left: fewer are no answer
+LEAST_NAMED = 0.5
+ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
+MOST_SETS = 8  # that are written with their probability
+# Why an effect is possible and has no name.
+SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
+ZERO = "its interval holds nothing"
+
+
+@dataclass
+class Named:
+    """One named effect and what speaks for it."""
+
+    effect: Effect
+    values: dict[str, float]
+    ci95: dict[str, tuple[float, float]]
+    share: float  # of the gap that it closes
+    evidence: float  # nats
+    probability: float = 1.0
+    look_alikes: list[str] = field(default_factory=list)
+    alone: float = 1.0  # share that it closes of what the other names leave of pieces that were not fitted
+    whole: float = 1.0  # probability that it, or what looks like it, is missing
+
+    def at(self, values: Mapping[Key, float]) -> Named:
+        """The same where another fit has it, with an interval as wide; as it is, of a profile."""
+        by = {k: values[k] - v for k, v in self.values.items() if k in values}
+        ci95 = {k: (low + by.get(k, 0.0), high + by.get(k, 0.0)) for k, (low, high) in self.ci95.items()}
+        return replace(self, values={k: v + by.get(k, 0.0) for k, v in self.values.items()}, ci95=ci95)
+
+    @property
+    def holds_nothing(self) -> bool:
+        """Whether the 95 % interval of every strength holds its default."""
+        default = {p.name: p.default for p in self.effect.strengths if p.name in self.ci95}
+        return all(low <= default[k] <= high for k, (low, high) in self.ci95.items() if k in default)
+
+    @property
+    def message(self) -> bool:
+        """That a message is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU goes either
+        way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""
+        known = catalogue().get(self.effect.id)
+        if known is None:
+            return self.effect.id != SUPERELEVATION
+        least = {p.name: p.typical_low if self.effect.id == LOW_PASS else p.low for p in known.strengths}
+        return any(self.values.get(p.name, p.default) < least[p.name] for p in known.strengths)
+
+    @property
+    def title(self) -> str:
+        return EARLY.get(self.effect.id, self.effect.title) if self.message else self.effect.title
+
+
+@dataclass
+class Naming:
+    """What the search came to."""
+
+    baseline: Fit
+    final: Fit
+    named: list[Named]
+    closed: float  # share of the gap
+    possible: list[dict]  # not named: id, probability, why it is not
+    sets: list[dict]  # the most probable ones: ids, probability
+    converged: bool
+    # covariance of ln stiffness of the sets, about what is named: sets that explain the logs alike differ in it
+    spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
+
+    @property
+    def closes_most(self) -> bool:
+        """Whether the names of the car close most of what roads leave of the gap."""
+        roads = sum(n.share for n in self.named if n.effect.id in (*PROFILES, SUPERELEVATION))
+        return self.closed - roads > LEAST_NAMED * max(1.0 - roads, 0.0)
+
+
+def name(
+    problem: Problem,
+    effects: Sequence[Effect],
+    say: Callable[[str], None] = lambda _: None,
+    baseline: Fit | None = None,
+    roads: Sequence[FoundRoad] = (),
+) -> Naming:
+    """`baseline`: plain_car() on level roads; `roads`: that the logs of the problem are on."""
+    plain = plain_car(problem)
+    baseline = baseline or plain
+    search = Search(problem, hypotheses(effects), say)
+    best = search.run()
+    probability = Probability(search, best.ids)
+    names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
+    dropped: dict[str, str] = {}  # and why
+    full = excess(problem, baseline.residuals)
+    while True:
+        final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
+        # sizes are those of the named effects alone; what others may do is in the intervals
+        sized = alone(problem, final.effects, final.values)
+        small = {h.id: SMALL for h in final.effects if negligible(h.effect, sized.values)}
+        small |= {h.id: ZERO for h in final.effects if holds_nothing(h, sized.values, final.sd())}
+        if small:
+            names = final.ids - set(small)
+            dropped |= small
+            continue
+        last = as_fit(problem, sized) if final.effects else plain
+        named = [_named(problem, search, final, sized, last, h, probability, full) for h in final.effects]
+        idle = min((n for n in named if n.effect.id != SUPERELEVATION), key=lambda n: n.alone, default=None)
+        if idle is None or idle.alone >= LEAST_CLOSED:
+            break
+        names = final.ids - {idle.effect.id}
+        dropped[idle.effect.id] = IDLE
+    named += named_roads(problem, baseline, plain, roads)
+    stated = {n.effect.id for n in named}
+    possible = [
+        {"id": i, "probability": p, "why": dropped.get(i, UNSURE)}
+        for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
+        if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
+    ]
+    closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
+    spread = probability.spread(search, final)
+    return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged, spread)
+
+
+def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
+    """The same with no names but these: the others are possible, no more. `why`: they are not kept."""
+    left = _again(problem, naming, kept, naming.baseline)
+    stay = {n.effect.id for n in left.named}
+    dropped = [
+        {"id": n.effect.id, "probability": n.probability, "why": SMALL if n.effect.id in kept else why}
+        for n in naming.named
+        if n.effect.id not in stay and n.probability >= POSSIBLE_AT
+    ]
+    possible = sorted([*dropped, *naming.possible], key=lambda p: -p["probability"])
+    return replace(left, possible=possible)
+
+
+def on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
+    """The same names, fitted to more logs than they were found in. `baseline`:
+    plain_car() of these on level roads."""
+    return _again(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
+
+
+def plain_car(problem: Problem) -> Fit:
+    """The car of the vehicle file with its stiffness fitted by least squares, nothing added."""
+    return fit(problem, STIFFNESS, {})
+
+
+def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
+    """Return the profiles that logs are on as names: each closes what the plain car on
+    them does of its own channel, at least as much of it as a name must."""
+    full, before, after = (
+        excess(problem, level.residuals),
+        *(excess_of(problem, f.residuals) for f in (level, on_road)),
+    )
+    found = []
+    for r in roads:
+        p, channel = r.effect.strengths[0].name, ROAD_CHANNEL[r.effect.id]
+        closed = before.get(channel, 0.0) - after.get(channel, 0.0)
+        if closed < LEAST_CLOSED * before.get(channel, 0.0):
+            continue
+        share = closed / max(full, 1e-300)
+        found.append(
+            Named(r.effect, {p: r.size}, {p: r.ci95}, share, r.nats, r.probability, whole=r.probability)
+        )
+    return found
+
+
+def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
+    """Some of the names fitted anew. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
+    roads = [n for n in naming.named if n.effect.id in PROFILES]
+    flat = kept - {n.effect.id for n in roads}
+    final, named, converged = plain_car(problem), [], naming.converged
+    asked = {e.id: e for e in catalogue().values()} | {
+        n.effect.id: n.effect for n in naming.named if n.effect.id in catalogue()
+    }
+    if effects := [h for h in hypotheses(asked.values()) if h.id in flat]:
+        plain = alone(problem, effects, of_the_car(naming.final.values))
+        final, converged = as_fit(problem, plain), plain.converged
+        there = [n for n in naming.named if n.effect.id in flat]
+        named = [n.at(final.values) for n in there if not negligible(n.effect, final.values)]
+    full = excess(problem, baseline.residuals)
+    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+    named += roads
+    return replace(naming, baseline=baseline, final=final, named=named, closed=closed, converged=converged)
+
+
+def negligible(effect: Effect, values: Mapping[str, float]) -> bool:
+    """Too small to matter, however sure: what any car has that is not quite the model's is no missing effect."""
+    return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
+
+
+def holds_nothing(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, float]) -> bool:
+    """Return whether the 95 % interval of every strength holds its default."""
+    return all(abs(values[p.name] - p.default) < WIDE * sd[p.name] for p in h.effect.strengths)
+
+
+def matters(judged: Judged, h: Hypothesis) -> float:
+    """Probability that a strength of it is more than negligible, where it is there."""
+    little, sd = 1.0, judged.sd()
+    for p in h.effect.strengths:
+        ends = (np.array([-p.negligible, p.negligible]) - (judged.values[p.name] - p.default)) / sd[p.name]
+        little *= float(np.diff(norm.cdf(ends))[0])
+    return 1.0 - little
+
+
+class Probability:
+    """Of effects, from the sets that a search looked at: that they are there, at a size that matters."""
+
+    def __init__(self, search: Search, found: frozenset[str]):
+        """`found`: the set that is to be named."""
+        self._sets = search.probabilities()
+        self._found = found
+        self.effects: dict[str, float] = {}
+        for ids, p in self._sets.items():
+            judged = search.all()[ids]
+            for h in judged.effects:
+                self.effects[h.id] = self.effects.get(h.id, 0.0) + p * matters(judged, h)
+
+    def in_place(self, effect: str) -> dict[str, float]:
+        """What sets that lack this effect have, and the set that is to be named has not: by that, the probability of these sets."""
+        found: dict[str, float] = {}
+        for ids, p in self._sets.items():
+            if effect not in ids:
+                for i in ids - self._found:
+                    found[i] = found.get(i, 0.0) + p
+        return found
+
+    def of_class(self, effect: str) -> float:
+        """That it or something in its place is missing."""
+        stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
+        return self.effects.get(effect, 0.0) + stand_in
+
+    def spread(self, search: Search, named: Judged) -> np.ndarray:
+        """Covariance of ln stiffness over the sets, about that of the one that is named."""
+        sets = search.all()
+        away = {ids: ln_stiffness(sets[ids]) - ln_stiffness(named) for ids in self._sets}
+        return sum(
+            (p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()),
+            np.zeros((len(STIFFNESS),) * 2),
+        )
+
+    def sets(self) -> list[dict]:
+        top = sorted(self._sets.items(), key=lambda x: -x[1])[:MOST_SETS]
+        return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
+
+
+def ln_stiffness(judged: Judged) -> np.ndarray:
+    """Of the car, over the vehicle file's."""
+    return np.log([judged.values[p.name] for p in STIFFNESS])
+
+
+def _named(
+    problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float,
+) -> Named:  # fmt: skip
+    found = _sized(h, plain, probability, final)
+    without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
+    found.evidence = final.evidence - without.evidence
+    others = tuple(o for o in final.effects if o is not h)
+    less = judge(problem, others, [o.id for o in others], plain.values, plain, rough=True)
+    before, after = (
+        excess(problem, as_fit(problem, less, slopes=False).residuals),
+        excess(problem, last.residuals),
+    )
+    found.share = (min(before, full) - after) / max(full, 1e-300)
+    noise = {c: float(problem.noise_energy[rows].sum()) for c, rows in problem.used()}
+    unseen = [sum(max(0.0, x - noise[c]) for c, x in held_out(j).items()) for j in (less, plain)]
+    found.alone = 1.0 - unseen[1] / max(unseen[0], 1e-300)
+    return found
+
+
+def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None) -> Named:
+    """`rough`: the set as it was fitted with forms that may be off, whose sd stands."""
+    sd = (rough or judged).sd()
+    values = {p.name: judged.values[p.name] for p in h.effect.fitted}
+    item = Named(
+        h.effect, values, {k: (v - WIDE * sd[k], v + WIDE * sd[k]) for k, v in values.items()}, 0.0, 0.0
+    )
+    item.probability = probability.effects.get(h.id, 0.0)
+    whole = item.whole = probability.of_class(h.id)
+    instead = probability.in_place(h.id)
+    item.look_alikes = sorted(
+        (i for i, p in instead.items() if p >= ALIKE_AT * whole), key=lambda i: -instead[i]
+    )
+    return item
+
+
+def alone(problem: Problem, effects: Sequence[Hypothesis], values: Mapping[str, float]) -> Judged:
+    """Return effects fitted without any other, from `values`."""
+    return judge(problem, effects, [h.id for h in effects], values)
+
+
+def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
+    """Values and residuals as the rest of the workflow takes them."""
+    there = {p.name for h in judged.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
+    parameters = [p for p in judged.space.parameters if p.name in there]
+    values = {p.name: judged.values[p.name] for p in parameters}
+    residuals = problem.residuals(values)
+    jacobian = problem.jacobian(values, residuals, parameters) if slopes else np.zeros((len(residuals), 0))
+    return Fit(parameters, values, residuals, jacobian)
+
+
+def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
+    """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
+    the road is not of the car."""
+    given = problem.config.as_dict()
+    road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != SUPERELEVATION)
+    others = {*SIGNED_DELAYS, *latency_settings().values(), *road}
+    found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
+    later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
+    for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
+        change = max(values.get(key, given[key]), 0.0) - given[key]
+        if key in values:
+            found[key] = max(values[key], 0.0)
+        for c in channels:
+            later[c] += change
+    found |= {f"{c}_latency": given[f"{c}_latency"] + by for c, by in later.items() if abs(by) > 1e-9}
+    return found

@@ -1,0 +1,141 @@
+"""What is left after naming: is it the sensors' own, is it somewhere in time, does it go with what the car does?
+
+The sensors' own: noise in a band that row to row differences do not see, a bias that walks, lone spikes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from tse.gaps.infer.where import conditions
+from tse.gaps.problem import Problem
+from tse.identify.data import BLOCK
+
+LOCAL = 0.15  # of the time: half of the energy in less is localised
+WALK = {
+    "accel_x": 0.005,
+    "accel_y": 0.005,
+    "yaw_rate": 0.0003,
+}  # m/s2, rad/s per root s: how far MEMS biases walk
+MEMORY = 0.12  # s: cars and roads remember longer than the low pass of a sensor
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the residual of one channel looks like."""
+
+    channel: str
+    gap: float  # rms over noise
+    kind: str  # noise, localised, disturbance
+    words: str
+
+
+def remainder(
+    problem: Problem, residuals: np.ndarray, values: dict[str, float], limit: float
+) -> list[Remainder]:
+    """Every channel. `values`: of the fit; `limit`: rms over noise up to which nothing is left."""
+    large = {
+        c.channel: c.condition for c in reversed(conditions(problem, residuals, values))
+    }  # the strongest
+    found = []
+    for channel, mine in problem.used():
+        e, log = residuals[mine], problem.rows.log[mine]
+        steady = without_walk(without_spikes(e, log), log, walk(problem, mine, channel))
+        size, own = (float(np.sqrt(np.mean(x**2))) for x in (e, steady))
+        where = localised(e, log, problem.rows.time[mine])
+        kind = "noise"
+        if size <= limit:
+            words = "noise only"
+        elif own <= limit:
+            words = "noise only, besides lone spikes or a bias that walks"
+        elif is_noise(steady, log):
+            words = f"noise only, {own:.2f} times that of its differences from row to row"
+        elif where is not None:
+            kind, name = "localised", problem.logs[where[2]].name
+            words = f"half of what is left is in {name} between {where[0]:.1f} and {where[1]:.1f} s"
+        else:
+            kind = "disturbance"
+            words = f"{size:.2f} times the noise is left" + (
+                f", most at {large[channel]}" if channel in large else ""
+            )
+        found.append(Remainder(channel, size, kind, f"{channel}: {words}"))
+    return found
+
+
+def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
+    """How far the bias of a channel walks in a block, in units of the block's noise."""
+    return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK) * np.median(problem.weight[rows]))
+
+
+def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
+    """The residual with lone blocks far out put back among their neighbours: cars do not jump there and back within 40 ms."""
+    near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
+    calm = np.abs(e) < near
+    inside = (
+        np.append(False, (log[2:] == log[1:-1]) & (log[1:-1] == log[:-2]))
+        if len(e) > 2
+        else np.zeros(0, bool)
+    )
+    lone = np.flatnonzero(np.append(inside, False)[: len(e)])
+    lone = lone[~calm[lone] & calm[lone - 1] & calm[lone + 1] & (np.abs(e[lone]) > 1.25 * near)]
+    rest = e.copy()
+    rest[lone] = 0.5 * (e[lone - 1] + e[lone + 1])
+    return rest
+
+
+def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
+    """The residual less a bias that walks by `step` a block, as a smoother finds it in white noise of size one."""
+    if step <= 0:
+        return e
+    # steady gain of the Kalman filter of a walk, forwards, then backwards
+    g = 0.5 * step * (np.sqrt(step**2 + 4.0) - step)
+    rest = np.empty_like(e)
+    for i in np.unique(log):
+        x = e[log == i]
+        forth, _ = lfilter([g], [1.0, g - 1.0], x, zi=[(1.0 - g) * x[: max(1, round(1.0 / g))].mean()])
+        back, _ = lfilter([g], [1.0, g - 1.0], forth[::-1], zi=[(1.0 - g) * forth[-1]])
+        rest[log == i] = x - back[::-1]
+    return rest
+
+
+def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
+    """Always there in the same size, soon forgotten, no oscillation: what sensors with a low pass have. What a car or a road does
+    comes and goes with driving, lasts, or swings."""
+    most = round(1.0 / BLOCK)
+    c, energies = np.zeros(most + 1), []
+    for i in np.unique(log):
+        x = e[log == i] - e[log == i].mean()
+        c += [x[: len(x) - k] @ x[k:] for k in range(most + 1)]
+        energies += [float(np.mean(s**2)) for s in np.split(x, range(most, len(x), most)) if len(s) == most]
+    rho = c[1:] / max(c[0], 1e-300)
+    limit = 3.0 / np.sqrt(len(e))
+    length = 1.0 + 2.0 * float(np.sum(np.where(np.cumprod(rho > limit), rho, 0.0)))
+    calm = max(1, round(MEMORY / BLOCK))
+    if length * BLOCK > MEMORY or np.abs(rho[calm:]).max() > 0.1 + limit or rho.min() < -0.1 - limit:
+        return False
+    chance = (
+        2.0 * (1.0 + 2.0 * float(rho @ rho)) / most
+    )  # variance of the energy of a second over its mean's square
+    return float(np.var(energies)) <= 2.0 * chance * float(np.mean(energies)) ** 2
+
+
+def localised(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
+    """The shortest span of one log that holds half of the energy above the noise, if it is short against all."""
+    surplus = np.maximum(e**2 - 1.0, 0.0)
+    total, n, best = surplus.sum(), len(e), None
+    for i in np.unique(log):
+        x, t = np.cumsum(np.append(0.0, surplus[log == i])), time[log == i]
+        if x[-1] < 0.5 * total:
+            continue
+        end = np.searchsorted(x, x[:-1] + 0.5 * total)
+        inside = end < len(x)
+        spans = np.where(inside, end - np.arange(len(end)), n)
+        k = int(np.argmin(spans))
+        if best is None or spans[k] < best[0]:
+            best = (int(spans[k]), float(t[k]), float(t[min(end[k], len(t)) - 1]), int(i))
+    if best is None or best[0] > LOCAL * n:
+        return None
+    return best[1], best[2], best[3]

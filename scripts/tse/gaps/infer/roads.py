@@ -1,0 +1,139 @@
+"""The roads under the logs: bank and grade found with the car in one fit, before any
+effect of the car is sought.
+
+What a road does to the sensors is as large as what tyres do, and slower than most of it.
+Left out, it passes for a scale of accel_y or for other tyres; fitted beside a car that is
+held where a worse model had it, it makes the yaw rate worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tse.car.vehicle import Vehicle
+from tse.gaps.catalogue import Effect, catalogue
+from tse.gaps.infer.hypotheses import NAME_AT
+from tse.identify.data import Prepared, with_all
+from tse.identify.fit import Fit, fit
+from tse.identify.knots import KNOT_SD, PROFILES, Knots
+from tse.identify.laps import Laps, laps, profile
+from tse.identify.problem import Problem
+from tse.identify.unknowns import prior_of
+from tse.library.core import Config
+from tse.log.rows import Log
+from tse.roads.road import Road
+
+ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
+MOST_ODDS = 50.0  # ln: beyond it a probability is 1
+
+
+@dataclass(frozen=True)
+class FoundRoad:
+    """A profile that the logs show: rms [rad] about its mean of each road with its 95 %
+    interval, and what speaks for it."""
+
+    effect: Effect
+    size: float
+    ci95: tuple[float, float]
+    nats: float
+    probability: float
+
+
+@dataclass
+class Roads:
+    """What was found, and the logs on it.
+
+    Attributes
+    ----------
+    logs
+        The logs that were asked, with bank and grade of each row.
+    found
+        Profiles that are shown, and large enough to matter.
+    road, fit
+        Their knots and the fit of car and road; None: there are none.
+    """
+
+    logs: list[Prepared]
+    found: list[FoundRoad] = field(default_factory=list)
+    road: Knots | None = None
+    fit: Fit | None = None
+    laps: Laps | None = None
+
+    def profiles(self) -> list[Road]:
+        """Return the roads that were found, as road.csv has them."""
+        if self.laps is None or self.fit is None:
+            return []
+        sd = self.fit.equations.road_sd()
+        return [
+            profile(p, self.road, k, self.fit.z, sd) for k, p in enumerate(self.laps.path) if p is not None
+        ]
+
+
+def find(
+    logs: Sequence[Prepared],
+    config: Config,
+    vehicle: Vehicle,
+    jobs: int,
+    say: Callable[[str], None] = lambda _: None,
+    read: Sequence[Log] = (),
+) -> Roads:
+    """Return the roads of logs as data.prepare() leaves them; of logs whose road is known, none.
+
+    read: the same logs as they were read; with them laps of one road have one profile.
+
+    Cost: one fit of car and road, and where one of two profiles is not shown another."""
+    logs = list(logs)
+    own = [with_all(log) for log in logs if log.stretches]
+    if any(log.road for log in own):
+        return Roads(logs)
+    there = laps([r for r, log in zip(read, logs, strict=True) if log.stretches], config) if read else None
+    distance, of = (there.distance, there.of) if there else ([log.distance for log in own], None)
+    kinds, x, z = PROFILES, None, None
+    while kinds:
+        road = Knots.of(distance, of, kinds)
+        problem = Problem(own, config, prior_of(vehicle, config), jobs, road, lean=False)
+        if not problem.groups:
+            break
+        ended = fit(problem, x, z, say=lambda text: say(f"car and road: {text}"))
+        sd = ended.equations.road_sd()
+        found = [_judged(kind, road, ended, sd) for kind in kinds]
+        shown = tuple(
+            f.effect.id
+            for f in found
+            if f.probability >= NAME_AT and f.size >= f.effect.strengths[0].negligible
+        )
+        if shown == kinds:
+            return Roads(_on(logs, road, ended.z), found, road, ended, there)
+        fewer = Knots.of(distance, of, shown)
+        x, z = ended.search, np.zeros(len(fewer))
+        for r in range(len(fewer.count)):
+            for kind in shown:
+                z[fewer.values(r, kind)] = ended.z[road.values(r, kind)]
+        kinds = shown
+    return Roads(logs)
+
+
+def _judged(kind: str, road: Knots, ended: Fit, road_sd: np.ndarray) -> FoundRoad:
+    """Return how large a profile is, and how likely it is that there is one.
+
+    The sd of the rms is that of independent values, each as sure as they are on average."""
+    places = [road.values(r, kind) for r in range(len(road.count))]
+    nats = sum(ended.equations.worth(p, ended.z, KNOT_SD) for p in places)
+    size = float(np.sqrt(np.mean([np.var(ended.z[p]) for p in places])))
+    values = sum(p.stop - p.start for p in places)
+    sd = float(np.sqrt(np.mean(np.concatenate([road_sd[p] for p in places]) ** 2) / values))
+    odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MOST_ODDS)))
+    ends = max(0.0, size - 1.96 * sd), size + 1.96 * sd
+    return FoundRoad(catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
+
+
+def _on(logs: Sequence[Prepared], road: Knots, z: np.ndarray) -> list[Prepared]:
+    """Return the logs on their roads; those that cannot be compared as they are."""
+    found, i = [], 0
+    for log in logs:
+        found.append(replace(log, road=road.profiles(i, z)) if log.stretches else log)
+        i += 1 if log.stretches else 0
+    return found

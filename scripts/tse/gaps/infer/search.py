@@ -1,0 +1,339 @@
+"""The sets of effects that the logs speak for, and how likely each is.
+
+ln evidence of a set = sum over channels of ln likelihood at the best fit
+    + ln prior of what is fitted there + 1/2 ln det(2 pi H^-1), H the curvature
+    + ln prior odds of its effects.
+
+The likelihood goes with the scales of the fit (identify/fit.py): a residual of rms r counts
+with sd^2 = noise^2 + (r^2 - noise^2) V, V values in MODEL_TIME, so that
+    d ln L/d(sum of squares) = -1/(2 sd^2),
+    ln L = -n/(2 V) ln(1 + V (r^2/noise^2 - 1)),
+Where r^2 - noise^2 is below LASTING^2 noise^2, sd is that of LASTING: no model is nearer to
+a car than that.
+
+All strengths are unknowns of every fit, small where an effect is not there. So one fit has
+the slopes of all effects, and the evidence of other sets follows by linear algebra (Around).
+Sets that are likeliest there are fitted in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from tse.gaps.infer.hypotheses import Hypothesis, fit_prior, ln_normal
+from tse.gaps.infer.space import LASTING, Space
+from tse.gaps.problem import Problem
+from tse.identify import fit as engine
+from tse.identify.data import BLOCK
+
+MOST_EFFECTS = 12  # of a set
+MOST_ROUNDS = 12  # fits of ever better sets
+PASSES = 4  # of them, each with what could be in the place of an effect
+AT_ONCE = 2  # changes of a set between two fits
+RIVALS = 2  # sets that are fitted in place of each effect
+FAR = 12.0  # nats: sets that are less likely by this are not fitted
+WORTH = 0.1  # nats: a set that is better by less is no better
+PAIRED = 8  # effects, the most promising alone, that are asked with a second one
+WEIGHINGS = 4  # of channels, for one set
+
+
+@dataclass
+class Judged:
+    """A set of effects, fitted, or judged by the slopes of another one's fit."""
+
+    effects: tuple[Hypothesis, ...]
+    values: dict[str, float]
+    covariance: np.ndarray  # of the values
+    evidence: float  # ln, with the prior odds of the set
+    space: Space | None = None  # None: judged by slopes
+    fit: engine.Fit | None = None
+
+    @property
+    def ids(self) -> frozenset[str]:
+        return frozenset(h.id for h in self.effects)
+
+    @property
+    def converged(self) -> bool:
+        return self.fit is not None and self.fit.converged
+
+    def sd(self) -> dict[str, float]:
+        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)), strict=True))
+
+
+def together() -> float:
+    """Return V: how many values an error of the model lasts."""
+    return engine.MODEL_TIME / BLOCK
+
+
+def variance(square: float) -> float:
+    """Return sd^2, in units of the noise, with which a residual of this mean square counts."""
+    return 1.0 + together() * max(square - 1.0, LASTING**2)
+
+
+def ln_likelihood(square: float, count: int) -> float:
+    """Return it of a channel. `square`: mean square of its residuals, in units of the noise."""
+    more = square - 1.0 - LASTING**2
+    least = 1.0 + together() * LASTING**2
+    above = float(np.log(least + together() * max(more, 0.0))) / together()
+    return -0.5 * count * (above + min(more, 0.0) / least)
+
+
+def ln_sizes(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
+    """Return prior odds of effects and what their sizes cost, over the priors that a fit takes for them."""
+    total = 0.0
+    for h in effects:
+        fitted = sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
+        total += h.odds + h.ln_prior(values) - fitted
+    return total
+
+
+def judge(
+    problem: Problem,
+    asked: Sequence[Hypothesis],
+    members: Collection[str],
+    start: Mapping[str, float],
+    like: Judged | None = None,
+    rough: bool = False,
+) -> Judged:
+    """Fit a set of effects.
+
+    like
+        A set that was fitted, which lends the slopes of what is in neither; None: all are
+        simulated.
+    rough
+        The slopes of `like` are those that the fit begins with, and that follow its steps.
+    """
+    lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
+    space = Space(problem, asked, members, lent)
+    x = space.at(start)
+    tables = _tables_of(space, like) if like is not None and rough else None
+    found = engine.fit(space, x, near=bool(start), tables=tables)
+    values = space.values(found.search)
+    away = found.search - space.mean
+    evidence = sum(ln_likelihood(*_square(space, found, c)) for c in space.channels)
+    evidence -= 0.5 * float(away @ space.information @ away)
+    evidence -= float(np.log(space.sd).sum()) + 0.5 * float(np.linalg.slogdet(found.equations.information)[1])
+    evidence += ln_sizes(space.effects, values)
+    return Judged(space.effects, values, found.covariance, evidence, space, found)
+
+
+def _square(space: Space, found: engine.Fit, channel: str) -> tuple[float, int]:
+    """Return the mean square of the residuals of a channel, and of how many; a large one
+    counts as its size."""
+    e = np.concatenate([r for r, (_, c) in zip(found.residuals, space.groups, strict=True) if c == channel])
+    end = engine.HUBER * found.scales[channel].rms
+    return float(np.mean(np.abs(e) * np.minimum(np.abs(e), end))), len(e)
+
+
+def _tables_of(space: Space, like: Judged) -> list[np.ndarray]:
+    """Return slopes of another set for this one; of a shape that it has not, nothing."""
+    assert like.space is not None and like.fit is not None
+    place = {n: k for k, n in enumerate(like.space.names)}
+    found = []
+    for table in like.fit.slopes[0]:
+        mine = np.zeros((len(table), len(space.names)))
+        for k, n in enumerate(space.names):
+            if n in place:
+                mine[:, k] = table[:, place[n]]
+        found.append(mine)
+    return found
+
+
+class Around:
+    """The evidence of all sets by the slopes of one fit."""
+
+    def __init__(self, judged: Judged):
+        assert judged.space is not None and judged.fit is not None
+        self.judged, self.space = judged, judged.space
+        self._x = judged.fit.search
+        size = len(self._x)
+        self._count, self._square = (np.zeros(len(self.space.channels)) for _ in range(2))
+        self._gradient = np.zeros((len(self.space.channels), size))
+        self._gram = np.zeros((len(self.space.channels), size, size))
+        tables = judged.fit.slopes[0]
+        if self.space.lent is not None:
+            tables = self.space.own_slopes(self._x, judged.fit.residuals)
+        parts = zip(judged.fit.residuals, tables, self.space.groups, strict=True)
+        for e, table, (_, c) in parts:
+            k = self.space.channels.index(c)
+            weight = np.minimum(1.0, engine.HUBER * judged.fit.scales[c].rms / np.maximum(np.abs(e), 1e-300))
+            self._count[k] += len(e)
+            self._square[k] += float(e @ (weight * e))
+            self._gradient[k] += table.T @ (weight * e)
+            self._gram[k] += table.T @ (weight[:, None] * table)
+        self._first = self._weights(self._square)
+        self._here = 0.0
+        self._here = judged.evidence - self.judge(judged.ids).evidence
+
+    def _weights(self, square: np.ndarray) -> np.ndarray:
+        return np.array([1.0 / variance(s / n) for s, n in zip(square, self._count, strict=True)])
+
+    def judge(self, members: frozenset[str]) -> Judged:
+        """Return another set."""
+        space = self.space
+        effects = tuple(h for h in space.asked if h.id in members)
+        mean, sd = space.prior(members)
+        there = {p.name for h in effects for p in h.effect.fitted}
+        for k, p in enumerate(space.parameters):  # a shape of what is not there stays
+            if not p.strength and p.name not in there:
+                mean[k], sd[k] = self._x[k], 1e-6
+        precision, weights = sd**-2, self._first
+        for _ in range(WEIGHINGS):
+            information = np.einsum("k,kij->ij", weights, self._gram) + np.diag(precision)
+            gradient = weights @ self._gradient + precision * (self._x - mean)
+            factor = cho_factor(information)
+            x = np.clip(self._x - cho_solve(factor, gradient), space.low, space.high)
+            by = x - self._x
+            square = self._square + 2.0 * self._gradient @ by + np.einsum("i,kij,j->k", by, self._gram, by)
+            weights = self._weights(square)
+        evidence = self._here
+        evidence += sum(ln_likelihood(s / n, int(n)) for s, n in zip(square, self._count, strict=True))
+        evidence -= 0.5 * float(precision @ (x - mean) ** 2)
+        evidence -= float(np.log(sd).sum() + np.log(np.diag(factor[0])).sum())
+        values = space.values(x)
+        evidence += ln_sizes(effects, values)
+        slope = space.ln_slope(x)
+        return Judged(effects, values, cho_solve(factor, np.eye(len(x))) * np.outer(slope, slope), evidence)
+
+
+@dataclass
+class Search:
+    """All sets that were looked at."""
+
+    problem: Problem
+    asked: Sequence[Hypothesis]
+    say: Callable[[str], None] = lambda _: None
+    known: dict[frozenset[str], Judged] = field(default_factory=dict)  # fitted
+    near: dict[frozenset[str], Judged] = field(default_factory=dict)  # judged by the slopes of the best
+
+    def judge(
+        self,
+        ids: Collection[str],
+        start: Mapping[str, float],
+        like: Judged | None = None,
+        rough: bool = False,
+    ) -> Judged:
+        """Return a set, fitted from `start` unless it was before."""
+        key = frozenset(ids)
+        if key not in self.known:
+            self.say(f"trying {', '.join(sorted(key)) or 'nothing'}")
+            self.known[key] = judge(self.problem, self.asked, key, start, like, rough)
+        return self.known[key]
+
+    def run(self) -> Judged:
+        """Return the most probable set, by adding to nothing, or by taking away from all where
+        that leads further."""
+        best = self._climbed(self.judge((), {}))
+        best = max(best, self._pruned(best), key=lambda j: j.evidence)
+        for _ in range(PASSES):
+            best = self._climbed(best)
+            self._rivals(best)
+            likeliest = max(self.all().values(), key=lambda j: j.evidence)
+            if likeliest.evidence < best.evidence + WORTH:
+                break
+            self.judge(likeliest.ids, likeliest.values, best)
+            best = max(self.known.values(), key=lambda j: j.evidence)
+        return best
+
+    def _pruned(self, start: Judged) -> Judged:
+        """Return what is left of all effects together when those that are not worth their
+        price go. Of two that nearly cancel, none is worth anything alone."""
+        whole = self.judge([h.id for h in self.asked], start.values, start, rough=True)
+        around, best = Around(whole), whole
+        while best.effects:
+            less = [around.judge(best.ids - {i}) for i in sorted(best.ids)]
+            there = max(less, key=lambda j: j.evidence)
+            if there.evidence < best.evidence:
+                break
+            best = there
+        return self.judge(best.ids, best.values, start)
+
+    def _climbed(self, best: Judged) -> Judged:
+        """Return the best set that adding, leaving out and exchanging effects reaches."""
+        for _ in range(MOST_ROUNDS):
+            around = Around(best)
+            self.near = {}
+            there = self._best_near(around, best.ids, AT_ONCE)
+            if there == best.ids:
+                break
+            new = there - best.ids
+            tried = self.judge(there, self._seen(around, there).values, best)
+            tried = max([tried, *self._alike(tried, new)], key=lambda j: j.evidence)
+            if tried.evidence > best.evidence:
+                best = tried
+        return best
+
+    def _alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
+        """Fit what the catalogue calls alike in the place of some effects: slopes do not show
+        what is not small."""
+        found = []
+        for h in judged.effects:
+            for o in h.effect.relatives if h.id in effects else ():
+                ids = judged.ids - {h.id} | {o}
+                if o not in judged.ids and any(o == a.id for a in self.asked):
+                    mine = {p.name for p in h.effect.fitted}
+                    found.append(
+                        self.judge(ids, {n: v for n, v in judged.values.items() if n not in mine}, judged)
+                    )
+        return found
+
+    def _rivals(self, best: Judged) -> None:
+        """Fit what could be in the place of each effect, or of none."""
+        around = Around(best)
+        for h in best.effects:
+            less = best.ids - {h.id}
+            others = [frozenset(less | {o.id}) for o in self.asked if o.id not in best.ids]
+            ranked = sorted((self._seen(around, s) for s in others), key=lambda j: -j.evidence)
+            for j in (self._seen(around, less), *ranked[:RIVALS]):
+                if j.ids == less or j.evidence > best.evidence - FAR:
+                    self.judge(j.ids, j.values, best, rough=True)
+        for o in self.asked:
+            if o.id not in best.ids:
+                self._seen(around, best.ids | {o.id})
+
+    def _seen(self, around: Around, ids: frozenset[str]) -> Judged:
+        """Return a set as it was fitted, else by slopes."""
+        if ids in self.known:
+            return self.known[ids]
+        if ids not in self.near:
+            self.near[ids] = around.judge(ids)
+        return self.near[ids]
+
+    def _best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
+        """Return the best set that so many changes lead to, each the best one."""
+
+        def worth(ids: frozenset[str]) -> float:
+            return self._seen(around, ids).evidence
+
+        best = start
+        for _ in range(changes):
+            out = [h.id for h in self.asked if h.id not in best]
+            near = [best - {i} for i in best]
+            if len(best) < MOST_EFFECTS:
+                near += [best | {o} for o in out]
+            near += [best - {i} | {o} for i in best for o in out]
+            there = max(near, key=worth)
+            if worth(there) < worth(best) + WORTH:
+                first = sorted(out, key=lambda o: -worth(best | {o}))[:PAIRED]
+                near = [best | {a, b} for a in first for b in out if a != b]
+                near += [best - {i, k} | {o} for i in best for k in best if i < k for o in out]
+                there = max(near, key=worth, default=best)
+            if worth(there) < worth(best) + WORTH:
+                break
+            best = there
+        return best
+
+    def probabilities(self) -> dict[frozenset[str], float]:
+        """Return those of all sets that were looked at."""
+        sets = self.all()
+        ln = np.array([j.evidence for j in sets.values()])
+        weight = np.exp(ln - ln.max())
+        return dict(zip(sets, map(float, weight / weight.sum()), strict=True))
+
+    def all(self) -> dict[frozenset[str], Judged]:
+        """Return all sets, fitted where they were."""
+        return self.near | self.known

@@ -1,0 +1,290 @@
+"""The comparison: a simulation of all logs against what was measured, whitened by the sensors' noise.
+
+Stiffness and effect parameters are the same over all logs; the bias of each sensor is one number per log, found in closed
+form (residuals are linear in it). Residuals are means over blocks of 40 ms, in units of what the sensor's noise leaves of
+them: a perfect model has residuals of size one.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car
+from tse.gaps.parallel import is_copy
+from tse.identify.data import CHANNELS, Prepared, blocks, simulate
+from tse.identify.knots import KNOT, KNOT_SD, PROFILES
+from tse.library.core import NOMINAL, Config
+from tse.log.rows import MEASURES
+
+STIFFNESS = tuple(
+    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")
+    for name in NOMINAL
+)
+
+
+# What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
+LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
+SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
+NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the entries of a residual vector are."""
+
+    log: np.ndarray  # index of the log
+    channel: np.ndarray  # index in CHANNELS
+    time: np.ndarray  # s, mean of the block
+    block: np.ndarray  # index of the block: the same for all channels of a moment
+    group: np.ndarray  # log and channel: shares a bias
+
+    def of(self, channel: str) -> np.ndarray:
+        return self.channel == CHANNELS.index(channel)
+
+
+class Problem:
+    """All logs against one model. Thread-safe: simulations share nothing."""
+
+    def __init__(self, logs: Sequence[Prepared], config: Config, jobs: int = 1):
+        self.logs = [log for log in logs if log.stretches]
+        self.notes = [n for log in logs for n in log.notes]
+        self.config = config
+        self.jobs = max(1, jobs)
+        self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings
+        self.nominal = config.as_dict()
+        self.given = {name: self.nominal[name] for name in SIGNED_DELAYS}
+        if self.logs:  # a drift is one over the time of the longest log
+            self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
+        missing = [
+            {c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs
+        ]
+        self._missing = [{c: rows for c, rows in log.items() if rows.any()} for log in missing]
+        self._measured, self.weight, self.rows = self._layout()
+        self.noise_energy = self._noise_energy()
+        self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
+
+    def of(self, logs: Sequence[Prepared]) -> Problem:
+        """The same of other logs."""
+        return Problem(logs, self.config, self.jobs)
+
+    def holding(self, values: Mapping[Key, float]) -> Problem:
+        """The same with these values, too, which are not fitted."""
+        other = copy.copy(self)
+        other.fixed = self.fixed | dict(values)
+        return other
+
+    def measure(self, values: Mapping[Key, float]) -> None:
+        """Put what a car with these values would measure in the place of what was measured, with a thousandth of the noise, so that
+        a perfect fit has an end."""
+        noise = np.random.default_rng(0).standard_normal(len(self.weight))
+        self._measured = self.predict(values) + np.where(
+            self.weight > 0, 0.001 * noise / np.maximum(self.weight, 1e-300), 0.0
+        )
+
+    # ---- parameters
+
+    def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
+        """What is fitted to say how strong an effect is: its strengths, or the profile of a road in each log."""
+        if effect.id not in PROFILES:
+            return effect.strengths
+        p, prior = effect.strengths[0], KNOT_SD
+        return tuple(
+            Parameter(
+                Own(effect.id, i, k), "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
+                f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m", prior,
+            )
+            for i in range(len(self.logs))
+            for k in range(self._knots(i))
+        )  # fmt: skip
+
+    def _knots(self, i: int) -> int:
+        return int(self.logs[i].distance[-1] // KNOT) + 2
+
+    # ---- layout
+
+    def _layout(self) -> tuple[np.ndarray, np.ndarray, Rows]:
+        measured, weight, columns, group, block = [], [], [], 0, 0
+        for i, log in enumerate(self.logs):
+            time, _ = blocks(log, log.time)
+            for channel in log.channels:
+                mean, count = blocks(log, log.measured[channel])
+                measured.append(mean)
+                variance = log.noise[channel] ** 2 / np.maximum(count, 1)
+                usual = (
+                    float(np.median(count[count > 0])) if count.any() else 1.0
+                )  # a slow sensor has fewer rows with a value
+                weight.append(np.where(count > 0.5 * usual, 1.0 / np.sqrt(variance), 0.0))
+                n = len(mean)
+                columns.append(
+                    (
+                        np.full(n, i),
+                        np.full(n, CHANNELS.index(channel)),
+                        time,
+                        block + np.arange(n),
+                        np.full(n, group),
+                    )
+                )
+                group += 1
+            block += len(time)
+        rows = (
+            Rows(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+            if columns
+            else Rows(*(np.zeros(0, int),) * 5)
+        )
+        y = np.concatenate(measured) if measured else np.zeros(0)
+        w = np.concatenate(weight) if weight else np.zeros(0)
+        return np.where(w > 0, y, 0.0), w, rows
+
+    def _noise_energy(self) -> np.ndarray:
+        """Of each entry, what the noise that was found leaves of its square: 1, less where a floor raised the noise."""
+        quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
+        return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
+
+    def used(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Each channel that there is, and which entries of the residual vector are measured values of it."""
+        for c in np.unique(self.rows.channel):
+            yield CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
+
+    @property
+    def measured(self) -> np.ndarray:
+        """What was measured, one value per entry of the residual vector; NaN where it is missing."""
+        return np.where(self.weight > 0, self._measured, np.nan)
+
+    def quantity(self, name: str) -> np.ndarray:
+        """An input or a measurement as blocks, one value per entry of the residual vector."""
+        parts = []
+        for log in self.logs:
+            x = log.inputs.get(name, log.measured.get(name))
+            mean, count = blocks(log, x)
+            parts.extend([np.where(count > 0, mean, np.nan)] * len(log.channels))
+        return np.concatenate(parts)
+
+    # ---- residuals
+
+    def model(self, values: Mapping[Key, float]) -> Config:
+        """Settings of the effects."""
+        values = of_the_car(self.fixed | dict(values))
+        return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
+
+    def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
+        """Over the vehicle file's."""
+        values = self.fixed | dict(values)
+        return {k: values.get(k, 1.0) for k in NOMINAL}
+
+    def later(self, values: Mapping[Key, float]) -> dict[str, float]:
+        """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
+        after the logged angle, or the whole IMU is behind what drives the model."""
+        values = self.fixed | dict(values)
+        if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
+            return {}
+        imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
+        steering = (
+            values.get("steering_delay_time", self.given["steering_delay_time"])
+            - self.given["steering_delay_time"]
+        )
+        wheels = values.get("wheel_speed_latency", 0.0)
+        found = {
+            "steer_angle": -imu - steering,
+            "wheel_speed_front": wheels - imu,
+            "wheel_speed_rear": wheels - imu,
+        }
+        return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
+
+    def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
+        """Profiles of the road along a log, linear between their values."""
+        values = self.fixed | dict(values)
+        found = {}
+        own = [k for k in values if isinstance(k, Own) and k.log == i]  # mostly none: this is asked often
+        for effect in PROFILES if own else ():
+            knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
+            if any(knots):
+                found[effect] = np.interp(self.logs[i].distance, KNOT * np.arange(len(knots)), knots)
+        return found
+
+    def predict(self, values: Mapping[Key, float]) -> np.ndarray:
+        """What the model says, one value per entry of the residual vector, without bias."""
+        config, later, parts = self.model(values), self.later(values), []
+        for i, log in enumerate(self.logs):
+            simulated = simulate(
+                config, log, log.channels, self.stiffness(values), self.profiles(values, i), later
+            )
+            for channel in log.channels:  # means over the same rows as those of what was measured
+                missing = self._missing[i].get(channel)
+                x = simulated[channel] if missing is None else np.where(missing, np.nan, simulated[channel])
+                parts.append(blocks(log, x)[0])
+        return np.concatenate(parts)
+
+    def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
+        """The same for many values, as many at once as there are jobs."""
+        if self.jobs == 1 or len(asked) < 2 or is_copy():
+            return [self.predict(values) for values in asked]
+        with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+            return list(pool.map(self.predict, asked))
+
+    def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Quantities of the simulation, one value per entry of the residual vector."""
+        config = self.model(values)
+        later = self.later(values)
+        parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
+        for i, log in enumerate(self.logs):
+            predicted = simulate(config, log, names, self.stiffness(values), self.profiles(values, i), later)
+            for n in names:
+                parts[n].extend([blocks(log, predicted[n])[0]] * len(log.channels))
+        return {n: np.concatenate(p) for n, p in parts.items()}
+
+    def residuals(self, values: Mapping[Key, float]) -> np.ndarray:
+        """Measured less predicted less bias, in units of the noise that a block has left."""
+        return self.whiten(self._measured - self.predict(values))
+
+    def whiten(self, difference: np.ndarray) -> np.ndarray:
+        """Take the bias of each log and sensor out and divide by the noise."""
+        return self.weight * self.unbiased(difference)
+
+    def unbiased(self, difference: np.ndarray) -> np.ndarray:
+        """Take the bias of each log and sensor out."""
+        w2 = self.weight**2
+        total = np.bincount(self.rows.group, w2, self._groups)
+        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
+        return difference - mean[self.rows.group]
+
+    def moved(
+        self, values: Mapping[Key, float], parameters: Sequence[Parameter], reach: float = 1.0
+    ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
+        """What the model says with parameters moved by `reach` times their steps: by how much which of them, and predict(). Profile
+        values of different logs act on different residuals: one simulation serves one of each log."""
+
+        def shifted(p: Parameter) -> float:
+            x, h = values.get(p.name, p.default), reach * p.step
+            return h if p.low <= x + h <= p.high else -h
+
+        runs: dict[Key | tuple[str, int | None], dict[int, float]] = {}
+        for j, p in enumerate(parameters):
+            key = (p.name.of, p.name.knot) if isinstance(p.name, Own) else p.name
+            runs.setdefault(key, {})[j] = shifted(p)
+        names = [(p.name, values.get(p.name, p.default)) for p in parameters]
+        asked = [
+            dict(values) | {names[j][0]: names[j][1] + h for j, h in run.items()} for run in runs.values()
+        ]
+        yield from zip(runs.values(), self.predict_all(asked), strict=True)
+
+    def jacobian(
+        self,
+        values: Mapping[Key, float],
+        base: np.ndarray,
+        parameters: Sequence[Parameter],
+        reach: float = 1.0,
+    ) -> np.ndarray:
+        """Slopes of the whitened residuals, by finite differences."""
+        slopes = np.zeros((len(base), len(parameters)))
+        for run, predicted in self.moved(values, parameters, reach):
+            change = self.whiten(self._measured - predicted) - base
+            for j, h in run.items():
+                name = parameters[j].name
+                mine = self.rows.log == name.log if isinstance(name, Own) else slice(None)
+                slopes[mine, j] = change[mine] / h
+        return slopes

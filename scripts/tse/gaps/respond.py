@@ -1,0 +1,114 @@
+"""What a disturbance at a place does to the channels, for many at once: the single-track model linearised about straight driving at
+the speed of each moment, one step a block. Good enough to choose what is then simulated in full."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.linalg import expm
+
+from tse.gaps.problem import Problem
+from tse.identify.data import BLOCK, SLOWEST
+from tse.library.core import Config
+
+ROAD = "bank"  # no place of a formula: gravity, which an accelerometer does not feel; m/s2
+SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
+
+
+def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
+    """Of each log, a value a block: what forms are made of, from inputs and simulation, by their names in formulas; and dt, s."""
+    c, rows = problem.model(values), problem.rows
+    simulated = problem.channels(values, SIMULATED)
+    steer = problem.quantity("steer_angle")
+    wheels = {
+        a: problem.quantity(f"wheel_speed_{a}") * getattr(c, f"wheel_radius_{a}") for a in ("front", "rear")
+    }
+    found = []
+    for i in range(len(problem.logs)):
+        first = rows.group[rows.log == i].min() if (rows.log == i).any() else -1
+        mine = rows.group == first
+        s = {n: _filled(x[mine]) for n, x in simulated.items()}
+        s["yaw_rate"] = s.pop("true_yaw_rate")
+        s["steer_angle"] = _filled(steer[mine])
+        v = np.maximum(s["vel_x"], SLOWEST)
+        s["slip_angle_front"] = s["steer_angle"] - (s["vel_y"] + c.lf * s["yaw_rate"]) / v
+        s["slip_angle_rear"] = (c.lr * s["yaw_rate"] - s["vel_y"]) / v
+        for a in ("front", "rear"):
+            s[f"slip_{a}"] = _filled(wheels[a][mine]) / v - 1.0
+        time = rows.time[mine].astype(float)
+        s["time"] = time
+        s["dt"] = np.clip(np.diff(time, prepend=time[0] - BLOCK), 0.01, 1.0)
+        found.append(s)
+    return found
+
+
+def _filled(x: np.ndarray) -> np.ndarray:
+    """Blocks without a value get their neighbours'."""
+    bad = ~np.isfinite(x)
+    if bad.any() and not bad.all():
+        x = x.copy()
+        x[bad] = np.interp(np.flatnonzero(bad), np.flatnonzero(~bad), x[~bad])
+    return np.nan_to_num(x)
+
+
+def responses(
+    problem: Problem,
+    values: Mapping[str, float],
+    at: list[dict[str, np.ndarray]],
+    place: str,
+    forms: list[np.ndarray],
+) -> np.ndarray:
+    """What a unit of each form at this place changes of the whitened residuals, shape (entries, forms).
+
+    `at`: signals(); `forms`: of each log, shape (blocks, forms), in the unit of the place."""
+    c, rows = problem.model(values), problem.rows
+    change = np.zeros((len(rows.log), forms[0].shape[1]))
+    for i, (s, u) in enumerate(zip(at, forms, strict=True)):
+        for channel, x in _moved(c, problem.stiffness(values), s, place, u).items():
+            mine = (rows.log == i) & rows.of(channel)
+            if mine.any():
+                change[mine] = x
+    white = np.empty_like(change)
+    for j in range(change.shape[1]):
+        white[:, j] = problem.whiten(-change[:, j])
+    return white
+
+
+def _moved(
+    c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
+) -> dict[str, np.ndarray]:
+    """`k`: stiffness over the settings'."""
+    if place in ("accel_x", "accel_y", "yaw_rate"):
+        return {place: u}
+    v, m = np.maximum(s["vel_x"], SLOWEST), c.mass
+    mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])  # over the step that ends at a block
+    if place == "force_x":  # the wheels hold the speed: v' = u - along v/(m v)
+        along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
+        x, out = np.zeros(u.shape[1]), np.empty_like(u)
+        keep = np.exp(-along / (m * v) * s["dt"])
+        for n in range(len(u)):
+            x = keep[n] * x + (1.0 - keep[n]) * (m * v[n] / along) * mean[n]
+            out[n] = u[n] - along / (m * v[n]) * x
+        return {"accel_x": out}
+    front, rear = c.cornering_stiffness_front * k["cy_front"], c.cornering_stiffness_rear * k["cy_rear"]
+    turn, square = c.lf * front - c.lr * rear, c.lf**2 * front + c.lr**2 * rear
+    across, turning = {  # m/s2 and rad/s2 by one of u
+        "front_angle": (front / m, c.lf * front / c.yaw_inertia),
+        "rear_angle": (rear / m, -c.lr * rear / c.yaw_inertia),
+        "force_y": (1.0, 0.0),
+        "yaw_moment": (0.0, 1.0),
+        ROAD: (1.0, 0.0),
+    }[place]
+    yv, yr = -(front + rear) / (m * v), -turn / (m * v)
+    a = np.zeros((len(v), 3, 3))
+    a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
+    a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
+    f = expm(a * s["dt"][:, None, None])
+    felt = 0.0 if place == ROAD else across  # an accelerometer feels no gravity
+    x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
+    for n in range(len(u)):
+        x = f[n, :2, :2] @ x + f[n, :2, 2:] * mean[n]
+        y[n] = yv[n] * x[0] + yr[n] * x[1] + felt * u[n]
+        r[n] = x[1]
+    return {"accel_y": y, "yaw_rate": r}

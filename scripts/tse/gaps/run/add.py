@@ -1,0 +1,181 @@
+"""What was found, for those who use it: the improved vehicle file, and a C header that sets tse_config to it.
+
+What has no name is not written; nor is a profile of the road, which is not of the car."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tse.car.formula import c_header, write_formula
+from tse.car.vehicle import (
+    Vehicle,
+    calibration_toml,
+    filter_values,
+    formula_settings,
+    known_stiffness,
+    latency_settings,
+    read_vehicle,
+    uncertainty_settings,
+    vehicle_settings,
+)
+from tse.gaps.infer.naming import settings
+from tse.gaps.problem import Problem
+from tse.gaps.run.posterior import posterior
+from tse.gaps.run.workflow import FIT, Found
+from tse.identify.knots import PROFILES
+from tse.identify.unknowns import SUPERELEVATION
+from tse.identify.vehicle_file import toml
+from tse.library import __version__
+from tse.library.core import NOMINAL, Config, library
+from tse.library.files import atomic
+
+VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
+FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
+
+
+def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
+    """Both files; the header is made from the vehicle file as it reads back."""
+    path = out / VEHICLE
+    vehicle = read_vehicle(vehicle_path)
+    formula = result.formula or vehicle.formula
+    for name in (FORMULA, FORMULA_HEADER):
+        (out / name).unlink(missing_ok=True)  # of an earlier run
+    if formula is not None:
+        write_formula(out / FORMULA, formula)
+        with atomic(out / FORMULA_HEADER) as file:
+            file.write(c_header(formula))
+    with atomic(path) as file:
+        file.write(improved(replace(vehicle, formula=formula), problem, result))
+    with atomic(out / HEADER) as file:
+        file.write(header(read_vehicle(path)))
+    return path, out / HEADER
+
+
+def formula_files(out: Path, improved: Path) -> list[Path]:
+    """What was written of a formula."""
+    return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
+
+
+def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
+    """The vehicle file with fitted stiffness and what was named. `vehicle`: as the user wrote it, sensors not filled in."""
+    fit, named = result.final, {n.effect.id: n for n in result.naming.named}
+    logs = [log for part, log in result.read if part == FIT]
+    known = posterior(
+        problem, fit, vehicle, result.formula.settings() if result.formula else {}, logs, result.naming.spread
+    )
+    values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, known.stiffness)}
+    bands = {"longitudinal_stiffness_rear": ", follows the front one"}
+    for k, (_, low, high) in known_stiffness(
+        replace(vehicle, values=values, calibration=known.calibration())
+    ).items():
+        bands[NOMINAL[k]] = f", 95 %: {low:.4g} .. {high:.4g}"
+    notes: dict[str, list[str]] = {}
+    for i, n in named.items():
+        bands |= {str(k): f", 95 %: {low:.3g} .. {high:.3g}" for k, (low, high) in n.ci95.items()}
+        said = notes.setdefault("bank" if i == SUPERELEVATION else i, [])
+        if i in PROFILES:
+            said.append("a profile over the distance, of the road and not of the car: not written")
+            continue
+        said.append(f"closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats")
+        if n.look_alikes:
+            said.append(f"These logs cannot exclude {', '.join(n.look_alikes)} in its place.")
+    source = vehicle.path.name if vehicle.path else "the built-in car"
+    names = ", ".join(log.path.name for log in problem.logs)
+    added = [*(i for i in named if i not in PROFILES), *(["a formula"] if result.formula else [])]
+    what = (
+        f"# Fitted together: {', '.join(['stiffness', *added])}."
+        if added
+        else "# Stiffness fitted, nothing added."
+    )
+    title = [f"# {source}, improved by tselab gap {__version__} from {names}", what]
+    return toml(
+        title,
+        vehicle,
+        values,
+        known.uncertainty(vehicle),
+        calibration_toml(**known.calibration()),
+        bands,
+        notes,
+        Path(FORMULA),
+    )
+
+
+def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
+    """Fitted stiffness as settings; the rear longitudinal one follows the front as the settings say."""
+    found = {setting: getattr(config, setting) * values.get(key, 1.0) for key, setting in NOMINAL.items()}
+    follows = config.rear_longitudinal_follows_front
+    rear = 1.0 + follows * (values.get("cx_front", 1.0) - 1.0)
+    found["longitudinal_stiffness_rear"] = config.longitudinal_stiffness_rear * rear
+    limits = config.fields
+    return {k: float(np.clip(v, limits[k].low, limits[k].high)) for k, v in found.items()}
+
+
+# ---- C
+
+
+def _group(key: str) -> str:
+    """What a setting is of: a heading of effects.h."""
+    if key in uncertainty_settings():
+        return "how uncertain that is"
+    if key in formula_settings():
+        return "a formula of the user"
+    if key in latency_settings().values():
+        return "how late channels are logged"
+    return "vehicle" if key in vehicle_settings() else "sensors, and what the filter starts from"
+
+
+def header(vehicle: Vehicle) -> str:
+    """A static inline function that sets tse_config as the estimator has it with the vehicle file: with the sds and the grip of the
+    posterior. Same file, same bytes: no date in it."""
+    slug = re.sub(r"\W+", "_", vehicle.name.lower(), flags=re.ASCII).strip("_") or "car"
+    guard = f"TSE_EFFECTS_{slug.upper()}_H"
+    fields = Config().fields
+    by_setting = {p.setting: (e, p) for e in library().effects.values() for p in e.parameters}
+    values = filter_values(vehicle)
+    width = max(len(k) for k in values)
+    body, section = [], None
+    for key, value in ((k, values[k]) for k in fields if k in values):  # in the order of the settings
+        effect, parameter = by_setting.get(key, (None, None))
+        title = f"effect {effect.id}: {effect.title}" if effect else _group(key)
+        if title != section:
+            body.append(f"  /* {_plain(title)} */")
+            section = title
+        f = fields[key]
+        number = f"{int(value)}" if f.is_integer else f"(tse_setting){float(value)!r}"
+        unit = "" if f.unit in ("", "1") else f"{f.unit}: "
+        body.append(
+            f"  c->{key:<{width}} = {number};  /* {_plain(unit + (parameter.text if parameter else f.text))} */"
+        )
+    return "\n".join(
+        [
+            f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of this car show.",
+            f" * Written by tselab gap {__version__} from {_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
+            " beside which it lies; whoever changes one makes the other again.",
+            " *",
+            " *   tse_config c;",
+            " *   tse_config_default(&c);",
+            f" *   tse_config_{slug}(&c);",
+            " */",
+            f"#ifndef {guard}",
+            f"#define {guard}",
+            "",
+            '#include "tse/tse.h"',
+            "",
+            f"static inline void tse_config_{slug}(tse_config *c) {{",
+            *body,
+            "}",
+            "",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _plain(text: str) -> str:
+    """Text that may stand in a comment of C."""
+    return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ").replace("\\", "/")

@@ -1,0 +1,91 @@
+"""`tselab gap check`: what logs can and cannot show, before any effect is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tse.car.vehicle import read_vehicle
+from tse.gaps.catalogue import catalogue
+from tse.gaps.fit import fit, gap
+from tse.gaps.infer import detect
+from tse.gaps.infer.hypotheses import ABSORBED, threshold
+from tse.gaps.problem import STIFFNESS, Problem
+from tse.gaps.run import workflow
+from tse.identify.data import prepare_all
+from tse.library.errors import UserError
+from tse.log.rows import Reading
+from tse.report.results import CODES, IN_PART, NOTHING, USABLE
+from tse.report.tables import text_table
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was found."""
+
+    effects: list[detect.Detectable]
+    gap: dict[str, float]
+    notes: list[str]
+
+    @property
+    def code(self) -> int:
+        """Of the command: can what is in these logs be named?"""
+        if not any(d.visible for d in self.effects):
+            return NOTHING
+        return USABLE if all(d.visible for d in self.effects if d.id not in ABSORBED) else IN_PART
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
+            "gap": self.gap,
+            "usable": CODES[self.code],
+            "notes": self.notes,
+        }
+
+    def text(self) -> str:
+        """For people."""
+        order = sorted(self.effects, key=lambda d: (not d.visible, d.smallest / d.typical))
+        rows = [["effect", "parameter", "smallest that shows", "typical", "visible", "taken up by stiffness"]]
+        for d in order:
+            unit = "" if d.unit == "1" else f" {d.unit}"
+            smallest = f"{d.smallest:.2g}{unit}" if np.isfinite(d.smallest) else "never"
+            rows.append([d.id, d.parameter.removeprefix(d.id + "_"), smallest, f"{d.typical:.2g}{unit}",
+                         "yes" if d.visible else "no", f"{100 * max(0.0, d.absorbed):.0f} %"])  # fmt: skip
+        lines = [text_table(rows, right=(2, 3, 5)), ""]
+        seen = sum(d.visible for d in order)
+        lines.append(
+            f"{seen} of {len(order)} effects would be named at their typical size ({threshold(len(order)):.1f} nats)."
+        )
+        if hidden := [d for d in order if not d.visible]:
+            lines.append("The others would show in:")
+            lines += [f"  {d.id}: {catalogue()[d.id].channels}" for d in hidden]
+        parts = ", ".join(f"{c} {x:.2f}" for c, x in self.gap.items())
+        lines.append(f"Gap with fitted stiffness, residual over sensor noise: {parts}; 1 is noise alone.")
+        return "\n".join(lines + [f"note: {n}" for n in self.notes])
+
+
+def check(
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+    reading: Reading | None = None,
+) -> Check:
+    """Fit stiffness and biases, and look around."""
+    say("reading the logs")
+    notes: list[str] = []
+    read, config = workflow.read(logs, read_vehicle(vehicle_path), reading, notes)
+    problem = Problem(prepare_all(read, config), config, jobs)
+    notes += problem.notes
+    if not problem.logs:
+        raise UserError("; ".join(notes) or "no log can be compared")
+    say("fitting stiffness and biases")
+    baseline = fit(problem, STIFFNESS, {})
+    say("every effect")
+    found = detect.detectable(problem, baseline, list(catalogue().values()))
+    return Check(found, gap(problem, baseline.residuals), [*(n for log in read for n in log.notes), *notes])

@@ -1,0 +1,236 @@
+"""What a run leaves in DIR: verdict.json, vehicle_improved.toml, effects.h, residuals.parquet, report.html, gap.png; and what the
+estimator gains by the improved vehicle."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tse.car.config import make_config
+from tse.car.vehicle import Vehicle, fill_sensors, read_vehicle, stiffness_words
+from tse.estimation.estimate import estimate
+from tse.estimation.verdict import NAMES
+from tse.gaps.catalogue import of_the_car
+from tse.gaps.fit import Change, compare
+from tse.gaps.problem import Problem
+from tse.gaps.run import add, pictures, report
+from tse.gaps.run.workflow import FIT, HELD_OUT, Result
+from tse.identify.data import CHANNELS
+from tse.library.core import NOMINAL, STIFFNESS
+from tse.library.files import atomic
+from tse.log.rows import Log
+from tse.report.results import plain
+from tse.roads.road import write_road
+
+VERDICT, RESIDUALS, REPORT, PICTURE, ROAD = (
+    "verdict.json",
+    "residuals.parquet",
+    "report.html",
+    "gap.png",
+    "road.csv",
+)
+COLUMNS = (
+    "part", "log", "channel", "time", "block", "measured", "predicted_before", "predicted_after", "residual_before",
+    "residual_after", "noise",
+)  # fmt: skip
+BOTH = ("before", "after")
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was made."""
+
+    files: list[Path]
+    gain: dict[str, Any]
+    changes: dict[str, dict[str, Change]]  # of each part: its channels, before and after
+
+
+def write_all(
+    out: Path, result: Result, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
+) -> Written:
+    """Add and Show."""
+    problem, naming = result.problem, result.naming
+    before, after = naming.baseline.values, result.after
+    parts = {FIT: (result.level, problem)} | (
+        {HELD_OUT: (result.held_level, result.held)} if result.held is not None else {}
+    )
+    say("writing the improved vehicle")
+    improved, header = add.write(out, vehicle_path, problem, result)
+    result.words.insert(0, stiffness_words(read_vehicle(improved)))
+    say("residuals before and after")
+    rows = table(parts, before, after)
+    with atomic(out / RESIDUALS, "wb") as file:
+        rows.to_parquet(file, engine="pyarrow", index=False, compression="zstd")
+    changes = {FIT: compare(problem, naming.baseline.residuals, result.final.residuals)}
+    if result.held_out:
+        changes[HELD_OUT] = result.held_out
+
+    old, new = read_vehicle(vehicle_path), read_vehicle(improved)
+    stiffness = {k: new.values[setting] / getattr(problem.config, setting) for k, setting in NOMINAL.items()}
+    read = [(part, log.path.stem, log) for part, log in result.read]
+    for vehicle in (
+        old,
+        new,
+    ):  # the same sensors on both sides: those of the first log where the file is silent
+        fill_sensors(vehicle, read[0][2])
+    gained = gain(read, old, new, jobs, say)
+
+    say("report")
+    named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
+    shown = report.Shown(result, named, rows, changes, gained, stiffness, [*old.filled])
+    report.write_report(out / REPORT, shown)
+    with atomic(out / VERDICT) as file:
+        json.dump(
+            plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}),
+            file,
+            indent=1,
+            allow_nan=False,
+        )
+        file.write("\n")
+    files = [
+        out / VERDICT,
+        improved,
+        header,
+        *add.formula_files(out, improved),
+        *road_files(out, result),
+        out / REPORT,
+        out / RESIDUALS,
+    ]
+    if importlib.util.find_spec("matplotlib") is not None:
+        pictures.picture(out / PICTURE, rows, headline(result))
+        files.append(out / PICTURE)
+    return Written(files, gained, changes)
+
+
+def road_files(out: Path, result: Result) -> list[Path]:
+    """Write the roads that were found; files of an earlier run that are none go."""
+    found = result.roads.profiles() if result.roads is not None else []
+    files = [out / (f"road_{k}.csv" if k > 1 else ROAD) for k in range(1, len(found) + 1)]
+    for path, road in zip(files, found, strict=True):
+        write_road(road, path)
+    for old in {*out.glob("road_*.csv"), out / ROAD} - {*files}:
+        old.unlink(missing_ok=True)
+    return files
+
+
+def headline(result: Result) -> str:
+    """The verdict in a few words."""
+    if result.verdict == "none":
+        return "Nothing is missing that these logs could show"
+    if result.verdict == "not_in_catalogue":
+        return "Not in the catalogue" + (
+            f": {result.formula.text} at {result.formula.place}" if result.formula else ""
+        )
+    if result.verdict == "possible":
+        return f"Possible: {result.naming.possible[0]['id']}"
+    return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
+
+
+# ---- residuals before and after: what the report draws
+
+
+def table(
+    parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]
+) -> pd.DataFrame:
+    """`parts`: of each its logs on level roads, which are those before, and on the roads that were found.
+
+    Every block of 40 ms of every log and channel. predicted_*: with the bias of the log;
+    residual_*: measured less predicted over `noise`, which is what the sensor's noise
+    leaves of a block: 1 is nothing but noise. NaN: not measured."""
+    frames = []
+    for part, (level, problem) in parts.items():
+        rows = problem.rows
+        columns: dict[str, object] = {
+            "part": part,
+            "log": pd.Categorical.from_codes(rows.log, log_names(problem)),
+            "channel": pd.Categorical.from_codes(rows.channel, list(CHANNELS)),
+            "time": rows.time.astype(float),
+            "block": rows.block.astype(np.int64),
+            "measured": problem.measured,
+        }
+        mine = after if part == FIT else of_the_car(after)
+        for when, values, model in (("before", before, level), ("after", mine, problem)):
+            measured = np.nan_to_num(problem.measured)
+            left = problem.unbiased(measured - model.predict(values))
+            columns[f"predicted_{when}"] = measured - left
+            columns[f"residual_{when}"] = np.where(problem.weight > 0, problem.weight * left, np.nan)
+        columns["noise"] = np.where(
+            problem.weight > 0, 1.0 / np.where(problem.weight > 0, problem.weight, 1.0), np.nan
+        )
+        frames.append(pd.DataFrame(columns))
+    found = pd.concat(frames, ignore_index=True)
+    for name in ("part", "log", "channel"):
+        found[name] = found[name].astype("category")
+    return found[list(COLUMNS)]
+
+
+def log_names(problem: Problem) -> list[str]:
+    """Names of the logs; the same name from another folder gets a number."""
+    seen: dict[str, int] = {}
+    names = []
+    for log in problem.logs:
+        n = seen[log.name] = seen.get(log.name, 0) + 1
+        names.append(log.name if n == 1 else f"{log.name} ({n})")
+    return names
+
+
+# ---- what the estimator itself gains. Without truth there are two witnesses. Evidence: how well each row was foreseen, in nats.
+# Valid: how much of the time it knows.
+
+
+def gain(
+    logs: Sequence[tuple[str, str, Log]],
+    before: Vehicle,
+    after: Vehicle,
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """For verdict.json: of all logs together and of each, before and after: nats per row, and share of the rows that are valid.
+    `logs`: (part, name, log)."""
+
+    def one(task: tuple[tuple[str, str, Log], Vehicle]) -> pd.DataFrame:
+        (_, name, log), vehicle = task
+        say(f"the estimator over {name}")
+        return estimate(log, make_config(vehicle, log)[0]).table
+
+    with ThreadPoolExecutor(max(1, jobs)) as pool:  # the library runs without Python's lock
+        tables = list(pool.map(one, [(log, vehicle) for log in logs for vehicle in (before, after)]))
+    drives = []
+    for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
+        # the same rows on both sides: where both used a measurement
+        used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
+        drives.append({
+            "log": name, "part": part, "evidence": _both(pair, lambda t, u=used: float(t.loc[u, "log_evidence"].mean())),
+            "valid": _both(pair, lambda t: {k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS}),
+        })  # fmt: skip
+    rows = [len(log) for _, _, log in logs]
+
+    def mean(of: Callable[[dict[str, Any]], float]) -> float:
+        return float(np.average([of(d) for d in drives], weights=rows))
+
+    return {
+        "log_evidence_per_row": {w: mean(lambda d, w=w: d["evidence"][w]) for w in BOTH},
+        "valid": {w: {k: mean(lambda d, w=w, k=k: d["valid"][w][k]) for k in STIFFNESS} for w in BOTH},
+        "logs": drives,
+    }
+
+
+def words(gained: Mapping[str, Any]) -> list[str]:
+    """For the terminal."""
+    shares = {k: [100 * gained["valid"][w][k] for w in BOTH] for k in STIFFNESS}
+    return [
+        f"The estimator's {NAMES[k][0].lower() + NAMES[k][1:]}: valid {old:.0f} -> {new:.0f} % of the time."
+        for k, (old, new) in shares.items()
+    ]
+
+
+def _both(pair: Sequence[pd.DataFrame], of: Callable[[pd.DataFrame], Any]) -> dict[str, Any]:
+    return dict(zip(BOTH, map(of, pair), strict=True))

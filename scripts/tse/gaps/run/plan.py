@@ -1,0 +1,178 @@
+"""`tselab gap plan`: the manoeuvre that tells two effects apart.
+
+A car that has A at typical size drives each manoeuvre; B is fitted to it together with the stiffness. What B cannot copy is
+worth nats at the noise of the sensors; the worse of the two directions counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tse.car.vehicle import read_vehicle
+from tse.gaps.catalogue import Effect, Key, catalogue
+from tse.gaps.drives import Candidate, library, prepared
+from tse.gaps.fit import fit
+from tse.gaps.infer.detect import WAVE
+from tse.gaps.problem import STIFFNESS, Problem
+from tse.identify.knots import KNOT, PROFILES
+from tse.library.core import Config
+from tse.library.errors import UserError, meant
+from tse.report.tables import text_table
+
+NEED = 8.0  # nats: by which two effects are separable
+RIVAL_SHARE = 0.1  # of the nats by which an effect shows: the forms of a real car are not known better
+NOTHING = 0.1  # nats: by which an effect shows: less is not excited
+EXACT = 1e-6  # relative change of the sum of squares at which a fit ends: without noise it is the whole difference
+MOST_STEPS = 30  # of a fit
+SAME = (
+    0.02  # of the nats by which an effect shows: less is the integration's steps, and no model is that good
+)
+LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
+
+
+@dataclass(frozen=True)
+class Option:
+    """One manoeuvre and what it is worth."""
+
+    name: str
+    seconds: float
+    nats: float  # of the worse direction
+    shows: float  # nats by which the weaker of the two shows at all
+    share: float  # of the nats by which an effect shows, those that the other one cannot take over
+
+    @property
+    def needed(self) -> float:
+        """How long it must be driven."""
+        return NEED * self.seconds / self.nats if self.nats > 0 else float("inf")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All manoeuvres, best first."""
+
+    first: str
+    second: str
+    options: list[Option]
+
+    @property
+    def separable(self) -> bool:
+        return bool(self.options) and self.options[0].needed <= LONGEST
+
+    def text(self, top: int) -> str:
+        """For people."""
+        pair = f"{self.first} and {self.second}"
+        if not self.separable:
+            shown = [o for o in self.options if o.shows >= NEED]
+            why = (
+                "each shows, but the other one can always stand in for it"
+                if shown
+                else "no manoeuvre shows both"
+            )
+            return f"{pair} cannot be separated by any of the {len(self.options)} manoeuvres: {why}."
+        rows = [
+            [
+                "manoeuvre",
+                f"nats in {self.options[0].seconds:.0f} s",
+                f"s for {NEED:g} nats",
+                "of the evidence",
+            ]
+        ]
+        for o in self.options[:top]:
+            long = f"{o.needed:.0f}" if o.needed <= LONGEST else "over an hour"
+            needed = "one run" if o.needed <= o.seconds else long
+            rows.append([o.name, f"{o.nats:.1f}", needed, f"{100 * o.share:.0f} %"])
+        best = self.options[0]
+        once = best.needed <= best.seconds
+        times = np.ceil(best.needed / best.seconds)
+        long = f"once ({best.seconds:.0f} s)" if once else f"for {best.needed:.0f} s, {times:.0f} times"
+        lines = [
+            f"To tell {pair} apart, drive: {best.name}, {long}. {NEED:g} nats are enough.",
+            "",
+            text_table(rows, right=(1, 2, 3)),
+        ]
+        if best.share < RIVAL_SHARE:
+            lines.append(
+                f"The difference is only {100 * best.share:.0f} % of what either of them shows; 'tselab gap' asks for "
+                f"{100 * RIVAL_SHARE:.0f} %, because the forms of a real car are not known better: it will not exclude either."
+            )
+        return "\n".join(lines)
+
+
+def plan(
+    separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
+) -> Plan:
+    """Every manoeuvre of the library for two effects, "A,B"."""
+    first, second = pair(separate)
+    config = Config.exact(read_vehicle(vehicle_path).values)
+    candidates = library(config)
+
+    def one(candidate: Candidate) -> Option:
+        say(candidate.name)
+        return worth(candidate, config, first, second)
+
+    with ThreadPoolExecutor(max(1, jobs)) as pool:
+        options = [o for o in pool.map(one, candidates) if o is not None]
+    return Plan(first.id, second.id, sorted(options, key=lambda o: (-o.nats / o.seconds, o.name)))
+
+
+def pair(separate: str) -> tuple[Effect, Effect]:
+    known = catalogue()
+    ids = [x.strip() for x in separate.split(",") if x.strip()]
+    for i in ids:
+        if i not in known:
+            raise UserError(f"option --separate: there is no effect '{i}'{meant(i, known)}")
+    if len(ids) != 2 or ids[0] == ids[1]:
+        raise UserError(
+            f"option --separate: {separate!r} is not two effects, for instance relaxation,steering_lag"
+        )
+    return known[ids[0]], known[ids[1]]
+
+
+def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
+    """Nats of the worse direction, and of the weaker effect against stiffness alone."""
+    problem = Problem(prepared(candidate, config), config)
+    both, shows, shares = [], [], []
+    for hidden, other in ((first, second), (second, first)):
+        problem.measure(typical(problem, hidden))
+        if nats(problem, problem.residuals({})) < NOTHING:  # nothing to fit: it is not excited
+            shows.append(0.0)
+            both.append(0.0)
+            continue
+        plain = fit(problem, STIFFNESS, {}, tolerance=EXACT)
+        shows.append(nats(problem, plain.residuals))
+        shapes = [replace(p, low=p.typical_low, high=p.typical_high) for p in other.shapes]
+        parameters = [*STIFFNESS, *problem.strengths(other), *shapes]
+        with_it = fit(problem, parameters, plain.values | typical(problem, other), MOST_STEPS, EXACT)
+        left = min(nats(problem, with_it.residuals), shows[-1])
+        both.append(left if left > SAME * shows[-1] else 0.0)
+        shares.append(both[-1] / max(shows[-1], 1e-9))
+    return Option(candidate.name, candidate.seconds, min(both), min(shows), min(shares, default=0.0))
+
+
+def nats(problem: Problem, residuals: np.ndarray) -> float:
+    """Expected for the true model against one that leaves this of a log without noise, when there is noise."""
+    total = 0.0
+    for c in np.unique(problem.rows.channel):
+        mine = problem.rows.channel == c
+        n = int(mine.sum())
+        total += 0.5 * n * np.log1p(float(residuals[mine] @ residuals[mine]) / n)
+    return total
+
+
+def typical(problem: Problem, e: Effect) -> dict[Key, float]:
+    """An effect at its typical size; a road goes up and down every WAVE metres."""
+    if e.id in PROFILES:
+        p = e.strengths[0]
+        amplitude = np.sqrt(2.0) * p.scale
+        return {
+            k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT / WAVE))
+            for k in problem.strengths(e)
+        }
+    values = {p.name: p.default for p in e.shapes}
+    return values | {
+        p.name: float(np.clip(p.default + (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths
+    }

@@ -1,0 +1,112 @@
+"""DIR/report.html of the gap workflow: one file that needs nothing else, readable offline; the verdict first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tse.estimation.verdict import NAMES
+from tse.gaps.catalogue import catalogue
+from tse.gaps.fit import Change
+from tse.gaps.run import pictures
+from tse.gaps.run.workflow import Result
+from tse.identify.data import CHANNELS
+from tse.library.core import STIFFNESS, library
+from tse.report.plots import CHANNEL_UNITS
+from tse.report.report import write_page
+
+HEADLINE = {
+    "none": "Nothing is missing",
+    "named": "Named",
+    "possible": "Possible",
+    "not_in_catalogue": "Not in the catalogue",
+}
+MOST_CONDITIONS = 12
+
+
+@dataclass
+class Shown:
+    """All that the report shows."""
+
+    result: Result
+    vehicle: str
+    table: pd.DataFrame
+    parts: Mapping[str, Mapping[str, Change]]
+    gain: Mapping[str, Any]
+    stiffness: Mapping[str, float]  # over the vehicle file's, as it is written
+    notes: list[str] = field(default_factory=list)
+
+
+def write_report(path: Path, shown: Shown) -> None:
+    """Write the report of a run."""
+    result = shown.result
+    claim = "" if result.naming.named else " Nothing was added: after is as before."
+    sections = [
+        ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
+         f"intervals: of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
+        ("Measured and simulated", "The simulation has the sensor biases of its log. Choose the log from the list; click "
+         "a name to hide it.", pictures.overlay(shown.table)),
+    ]  # fmt: skip
+    write_page(
+        path, "gap.html.j2", sections, filters={"percent": percent, "number": number, "by_size": by_size},
+        title=HEADLINE[result.verdict], shown=shown, result=result, naming=result.naming, catalogue=catalogue(),
+        most_conditions=MOST_CONDITIONS, gain=gain_rows(shown.gain), facts=facts(shown),
+        place=library().formula_places[result.formula.place].text if result.formula else "",
+    )  # fmt: skip
+
+
+def percent(x: float) -> str:
+    return "> 99 %" if 0.99 < x <= 1.0 else f"{100 * max(0.0, x):.0f} %"
+
+
+def number(x: float, unit: str = "", digits: int = 3) -> str:
+    """A size with its unit; of what shows at no size: never."""
+    return f"{x:.{digits}g} {'' if unit == '1' else unit}".strip() if np.isfinite(x) else "never"
+
+
+def by_size(found: Sequence[Any]) -> list[Any]:
+    """Effects by how small they show, over what is typical."""
+    return sorted(found, key=lambda d: d.smallest / d.typical)
+
+
+def gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """What the estimator gains, in rows: what, before, after."""
+
+    def row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
+        return title, say(of["before"]), say(of["after"])
+
+    rows = [
+        row("log evidence per row [nat], mean over all logs", gain["log_evidence_per_row"], "{:.3f}".format)
+    ]
+    for key in STIFFNESS:
+        rows.append(
+            row(f"{NAMES[key]}: valid", gain["valid"], lambda v, k=key: f"{100 * v[k]:.0f} % of the time")
+        )
+    for d in gain["logs"]:
+        held = " (held out)" if d["part"] == "held_out" else ""
+        rows.append(row(f"{d['log']}{held}: log evidence per row [nat]", d["evidence"], "{:.3f}".format))
+    return rows
+
+
+def facts(shown: Shown) -> list[tuple[str, str]]:
+    problem, held = shown.result.problem, shown.result.held
+    baseline = shown.result.naming.baseline.values
+    rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]
+    if held is not None:
+        rows.append(("Logs held out", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in held.logs)))
+    noise = {c: [log.noise[c] for log in problem.logs if c in log.noise] for c in CHANNELS}
+    said = [f"{c} {np.median(x):.3g} {CHANNEL_UNITS[c]}" for c, x in noise.items() if x]
+    rows.append(("Sensor noise of one row, from the logs", ", ".join(said)))
+    for key in STIFFNESS:
+        rows.append(
+            (
+                f"{NAMES[key]}, over the vehicle file's",
+                f"{baseline[key]:.3f} before, {shown.stiffness[key]:.3f} after",
+            )
+        )
+    return rows

@@ -1,0 +1,91 @@
+"""Residuals in three stages, in the units of the sensors: the car as its file says,
+what every car has calibrated, and with what is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tse.car.vehicle import Vehicle
+from tse.gaps.catalogue import Key
+from tse.gaps.problem import Problem
+from tse.identify import problem as car
+from tse.identify.data import Prepared, in_time
+from tse.identify.fit import fit
+from tse.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, prior_of
+from tse.library.core import Config
+
+# of the unknowns of a calibration those that every car has and no effect of the catalogue
+# is: biases are free anyway
+EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_inertia", *STIFFNESS)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Rms of a channel over some logs, as means over 40 ms: of the measurement about the mean
+    of each log, of the residuals in each stage, and of the noise of the sensor."""
+
+    signal: float
+    filed: float
+    calibrated: float
+    named: float
+    noise: float
+
+    @property
+    def explained(self) -> float:
+        """Share of the signal's square that the last stage explains."""
+        return 1.0 - (self.named / max(self.signal, 1e-300)) ** 2
+
+
+def calibrated(ready: Sequence[Prepared], config: Config, vehicle: Vehicle, jobs: int) -> Config:
+    """Return the car with EVERY_CAR fitted to logs as data.prepare() leaves them, on level roads."""
+    prior = prior_of(vehicle, config).only(EVERY_CAR)
+    problem = car.Problem(
+        [log for log in ready if log.stretches], config, prior, jobs, road=False, lean=False
+    )
+    return car.known_car(problem, fit(problem).search)
+
+
+def stages(
+    level: Problem, ready: Sequence[Prepared], found: Config, named: tuple[Problem, Mapping[Key, float]]
+) -> dict[str, Stage]:
+    """Return each channel of some logs.
+
+    Parameters
+    ----------
+    level
+        The logs on level roads, with the car of the file.
+    ready
+        The same as data.prepare() leaves them.
+    found
+        The car of calibrated().
+    named
+        The logs on the roads that were named, and what is named.
+    """
+    again = Problem([in_time(log, found) for log in ready], found, level.jobs)
+    left = [
+        level.unbiased(level.predict({}) - np.nan_to_num(level.measured)),
+        again.unbiased(again.predict({}) - np.nan_to_num(again.measured)),
+        named[0].unbiased(named[0].predict(named[1]) - np.nan_to_num(named[0].measured)),
+    ]
+    signal = level.unbiased(np.nan_to_num(level.measured))
+
+    def rms(x: np.ndarray) -> float:
+        return float(np.sqrt(np.mean(x**2)))
+
+    return {
+        c: Stage(rms(signal[rows]), *(rms(e[rows]) for e in left), rms(1.0 / level.weight[rows]))
+        for c, rows in level.used()
+    }
+
+
+def words(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
+    """Return a line for each channel of each part of the logs. `title`: of a part."""
+    return [
+        f"{c} of {title(part)}: {s.filed:.3g} {CHANNEL_UNIT[c]} off as the file says, {s.calibrated:.3g} calibrated, "
+        f"{s.named:.3g} with what is named; {s.noise:.2g} is noise. {100 * s.explained:.1f} % of the signal is explained."
+        for part, channels in found.items()
+        for c, s in channels.items()
+    ]

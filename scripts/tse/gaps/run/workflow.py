@@ -1,0 +1,491 @@
+"""`tselab gap`: where, name, add, show. This file runs them and says what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tse.car.formula import Formula
+from tse.car.vehicle import GRAVITY, Vehicle, fill_sensors, latency_settings, read_vehicle
+from tse.channels.agree import read_agreeing
+from tse.gaps.catalogue import Key, catalogue, of_the_car
+from tse.gaps.fit import NOISE_LIMIT, Change, Fit, compare, excess, gap
+from tse.gaps.infer import detect, remainder, where
+from tse.gaps.infer import formula_search as search
+from tse.gaps.infer import naming as name
+from tse.gaps.infer.excerpt import excerpt, is_long
+from tse.gaps.infer.formula_search import Discovery
+from tse.gaps.infer.hypotheses import NAME_AT, known_of
+from tse.gaps.infer.naming import Named
+from tse.gaps.infer.rivals import explained
+from tse.gaps.infer.roads import Roads
+from tse.gaps.infer.roads import find as find_roads
+from tse.gaps.problem import Problem
+from tse.gaps.run.stages import Stage, calibrated, stages
+from tse.identify.data import Prepared, in_time, prepare
+from tse.identify.knots import PROFILES
+from tse.library import __version__
+from tse.library.core import Config
+from tse.library.errors import UserError
+from tse.log.rows import Log, Reading
+from tse.roads.road import Road
+from tse.roads.road_match import along, on_road
+
+DOUBTFUL = "below 90 %, or look-alikes"
+EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
+LIKELY = 0.5  # probability from which an effect without a name forbids an all-clear
+FIT, HELD_OUT = "fit", "held_out"  # parts of the logs
+
+
+@dataclass
+class Found:
+    """Names, and the formula beside them."""
+
+    naming: name.Naming
+    discovery: Discovery | None = (
+        None  # a formula for what the names leave; None: nothing is left, or nobody asked
+    )
+    rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
+    read: list[tuple[str, Log]] = field(default_factory=list)  # part, log
+    roads: Roads | None = None  # under the fitted logs
+
+    @property
+    def most_laps(self) -> int:
+        """How many fitted logs are on the road that most of them are on."""
+        laps = self.roads.laps if self.roads is not None else None
+        return max(map(laps.count, range(len(laps.path)))) if laps is not None else 1
+
+    @property
+    def formula(self) -> Formula | None:
+        """The one that is proposed."""
+        return self.discovery.formula if self.discovery else None
+
+    @property
+    def final(self) -> Fit:
+        """Names and the formula, fitted."""
+        return self.discovery.fit if self.discovery and self.discovery.fit else self.naming.final
+
+    @property
+    def after(self) -> dict[Key, float]:
+        """The same as what a simulation takes."""
+        return dict(self.final.values) | (self.formula.settings() if self.formula else {})
+
+
+@dataclass(kw_only=True)
+class Result(Found):
+    """Everything that a run found."""
+
+    verdict: str  # none, named, possible, not_in_catalogue
+    exit_code: int
+    words: list[str]
+    problem: Problem  # what was fitted, on the roads that were found
+    level: Problem  # the same on level roads
+    stages: dict[str, dict[str, Stage]]  # of each part: its channels in their units
+    conditions: list[where.Condition]
+    entries: list[where.Entry]
+    remainders: list[remainder.Remainder]
+    elsewhere: list[remainder.Remainder]  # of the held-out logs, more than noise
+    fit_before: dict[str, float]
+    fit_after: dict[str, float]
+    held_out: dict[str, Change]
+    undetectable: list[detect.Detectable]
+    detectable: list[detect.Detectable]
+    notes: list[str] = field(default_factory=list)
+    held: Problem | None = None  # what was not, on the roads of the fitted logs where it is on one
+    held_level: Problem | None = None  # the same on level roads
+
+    def as_json(self) -> dict[str, Any]:
+        """DIR/verdict.json."""
+        return {
+            "verdict": self.verdict,
+            "effects": [_as_json(n) for n in self.naming.named if not n.message],
+            "sensors": sensors(self.problem, self.naming),
+            "possible": self.naming.possible,
+            "sets": self.naming.sets,
+            "formula": self._formula_as_json(),
+            "rivals": self.rivals,
+            "where": [asdict(c) | {"entry_point": self._entry(c.channel)} for c in self.conditions],
+            "entry_points": [asdict(e) for e in self.entries],
+            "gap": {
+                "fit": {"before": self.fit_before, "after": self.fit_after},
+                "held_out": {
+                    w: {k: getattr(c, of) for k, c in self.held_out.items()}
+                    for w, of in (("before", "before"), ("after", "after"), ("change_ci95", "ci95"))
+                },
+            },
+            "stages": {
+                part: {c: asdict(s) for c, s in channels.items()} for part, channels in self.stages.items()
+            },
+            "closed": self.naming.closed,
+            "remainder": [asdict(r) for r in self.remainders],
+            "undetectable": [asdict(d) for d in self.undetectable],
+            "words": self.words,
+            "notes": self.notes,
+            "version": __version__,
+        }
+
+    def _formula_as_json(self) -> dict[str, Any] | None:
+        if self.discovery is None:
+            return None
+        f, d, proposed = self.formula, self.discovery, None
+        if f is not None:
+            numbers = {n.name: {"value": n.value, "sd": n.sd, "unit": n.unit} for n in f.numbers}
+            proposed = {
+                "id": f.id,
+                "place": f.place,
+                "formula": f.text,
+                "numbers": numbers,
+                "share": d.share,
+                "nats": d.nats,
+            }
+        return {"proposed": proposed, "tried": d.tried}
+
+    def _entry(self, channel: str) -> str:
+        if channel == "accel_x":
+            return "longitudinal"
+        return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
+
+
+def read(
+    paths: Sequence[Path | Log],
+    vehicle: Vehicle,
+    reading: Reading | None = None,
+    notes: list[str] | None = None,
+) -> tuple[list[Log], Config]:
+    """Logs that can be read, and the settings of the vehicle with sensors filled in from the first."""
+    if not paths:
+        raise UserError("no logs to fit: at least one is needed")
+    logs = read_agreeing(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
+    fill_sensors(vehicle, logs[0])
+    return logs, Config.exact(vehicle.values)
+
+
+def run(
+    logs: Sequence[Path | Log],
+    vehicle_path: Path,
+    hold_out: Sequence[Path | Log] = (),
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+    formula: bool = False,
+    reading: Reading | None = None,
+    road: Road | None = None,
+) -> Result:
+    """Find what is missing. `road`: that all logs are on, if it is known; else laps of
+    one road are found to be that. Without held-out logs nothing is shown beyond the logs
+    that were fitted. `formula`: one is sought even when the names leave nothing; else
+    where they leave something."""
+    say("reading the logs")
+    vehicle, notes = read_vehicle(vehicle_path), []
+    reading = replace(reading or Reading(), car=vehicle)
+    fitted, config = read(logs, vehicle, reading, notes)
+    others = read_agreeing(hold_out, notes, reading)
+    if road is not None:
+        fitted, others = ([on_road(log, road, config)[0] for log in part] for part in (fitted, others))
+    ready = [prepare(log, config) for log in fitted]
+    level = Problem([in_time(log, config) for log in ready], config, jobs)
+    ready_held = [prepare(log, config) for log in others]
+    held = Problem([in_time(log, config) for log in ready_held], config, jobs) if others else None
+    said = [n for p in (level, held) if p is not None for n in p.notes]
+    if not level.logs:
+        raise UserError("; ".join(said) or "no log can be compared")
+    held = held if held is not None and held.logs else None
+    say("car and road")
+    roads = find_roads(ready, config, vehicle, jobs, say, fitted)
+    say("fitting stiffness and biases")
+    baseline = few_baseline = name.plain_car(level)
+    problem = level.of([in_time(log, config) for log in roads.logs])
+    if not closes_some(problem, level, baseline):
+        roads, problem = Roads(ready), level
+    held_level = held
+    if held is not None:
+        held = on_found(roads.profiles(), held, ready_held, others, config, notes)
+    few, few_held = problem, held
+    if is_long(problem):
+        say("which stretches say most?")
+        few = excerpt(problem, name.plain_car(problem))
+        few_baseline = name.plain_car(few.of([replace(log, road={}) for log in few.logs]))
+        notes.append(
+            f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most"
+        )
+    if held is not None and is_long(held):
+        few_held = excerpt(held, name.plain_car(held))
+    say("where do they disagree?")
+    conditions = where.conditions(level, baseline.residuals, baseline.values)
+    entries = where.entries(few, few_baseline)
+
+    naming = name.name(few, known_of(vehicle), say, few_baseline, roads.found)
+    notes += said
+    say("what is left?")
+    found = Found(naming)
+    if vehicle.formula is not None:
+        notes.append(
+            f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought"
+        )
+    elif formula or leaves_something(few_held, naming) or what_is_left(few, naming.final):
+        discovery, naming, rivals = explained(few, few_held, naming, say)
+        found = Found(naming, discovery, rivals)
+    named = {n.effect.id for n in found.naming.named}
+    seen = detect.detectable(few, found.naming.final, [e for e in catalogue().values() if e.id not in named])
+    if few is not problem:
+        say("all logs")
+        naming = name.on_all(problem, found.naming, baseline)
+        found = replace(
+            found,
+            naming=naming,
+            discovery=found.discovery and search.on_all(problem, naming.final, found.discovery),
+        )
+
+    if found.formula:  # beside it sizes are others: those that are said are those that are written
+        found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
+
+    changes: dict[str, Change] = {}
+    elsewhere: list[remainder.Remainder] = []
+    if held is not None:
+        say("held-out logs")
+        values = of_the_car(found.after)
+        after = held.residuals(values)
+        changes = compare(held, held_level.residuals(found.naming.baseline.values), after)
+        elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
+    say("as the file says, calibrated, with what is named")
+    every_car = calibrated(ready, config, vehicle, jobs)
+    in_stages = {FIT: stages(level, ready, every_car, (problem, found.after))}
+    if held is not None:
+        in_stages[HELD_OUT] = stages(held_level, ready_held, every_car, (held, of_the_car(found.after)))
+    if not found.naming.converged:
+        notes.append("the last fit has not converged: sizes may still move")
+    left = remainder.remainder(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
+    found.roads = roads
+    found.read = [(FIT, x) for x in fitted] + [(HELD_OUT, x) for x in others]
+    verdict, exit_code, words = judge(found, entries, left, elsewhere)
+    alike = {
+        i for n in found.naming.named for i in n.look_alikes
+    }  # of these the logs show one, and do not say which
+    return Result(
+        **vars(found), verdict=verdict, exit_code=exit_code, words=words, problem=problem, level=level, stages=in_stages,
+        conditions=conditions, entries=entries, remainders=left, elsewhere=elsewhere,
+        fit_before=gap(level, found.naming.baseline.residuals),
+        fit_after=gap(problem, found.final.residuals), held_out=changes,
+        undetectable=[d for d in seen if not d.visible and d.id not in alike], detectable=seen, notes=notes, held=held,
+        held_level=held_level,
+    )  # fmt: skip
+
+
+# ---- the steps of a run
+
+
+def closes_some(problem: Problem, level: Problem, baseline: Fit) -> bool:
+    """Return whether the plain car leaves less of the logs on the roads that were found than on level
+    ones."""
+    return excess(problem, name.plain_car(problem).residuals) < excess(level, baseline.residuals)
+
+
+def on_found(
+    roads: Sequence[Road],
+    held: Problem,
+    ready: list[Prepared],
+    logs: Sequence[Log],
+    config: Config,
+    notes: list[str],
+) -> Problem:
+    """Return held-out logs on the roads that were found of the fitted ones, where they are on one of them."""
+    placed = []
+    for log, one in zip(logs, ready, strict=True):
+        for road in roads:
+            try:
+                found = along(road, log, config)
+            except UserError:  # it is on another one
+                continue
+            notes.append(f"{log.path.name} is on the road of fitted logs: {found.words()}")
+            placed.append(replace(one, road={n: np.nan_to_num(getattr(found, n)) for n in ("bank", "grade")}))
+            break
+        else:
+            placed.append(one)
+    return held.of([in_time(log, config) for log in placed])
+
+
+def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
+    """Whether names that explain the fitted logs leave more than noise of those that were held out: a patchwork may."""
+    if held is None or not naming.named:
+        return False
+    return max(gap(held, held.residuals(of_the_car(naming.final.values))).values()) > NOISE_LIMIT
+
+
+def _seconds(problem: Problem) -> float:
+    return sum(log.seconds for log in problem.logs)
+
+
+def what_is_left(problem: Problem, last: Fit) -> list[remainder.Remainder]:
+    """After a fit, of channels where it is more than the sensors' own."""
+    return more_than_noise(remainder.remainder(problem, last.residuals, last.values, NOISE_LIMIT))
+
+
+def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
+    return [r for r in left if r.kind != "noise"]
+
+
+def judge(
+    found: Found,
+    entries: Sequence[where.Entry],
+    left: list[remainder.Remainder],
+    elsewhere: Sequence[remainder.Remainder] = (),
+) -> tuple[str, int, list[str]]:
+    """From what was found to verdict, exit code and words. `left`: after names and formula; `elsewhere`: the same of the held-out
+    logs."""
+    naming, formula = found.naming, found.formula
+    remains = more_than_noise(left)
+    words = [_sentence(n, found.most_laps) for n in naming.named]
+    likely = [p for p in naming.possible if p["probability"] >= LIKELY]
+    if naming.named and (naming.closes_most or not (remains or formula)) and not (formula and elsewhere):
+        verdict = "named"
+    elif remains or formula or elsewhere:
+        verdict = "not_in_catalogue"
+    else:
+        verdict = "possible" if likely else "none"
+    if naming.named and (remains or formula):
+        closed = f"{100 * naming.closed:.0f} % of the gap"
+        left_over = (
+            "no effect of the catalogue explains what is left"
+            if verdict == "named"
+            else "something else is missing that is not in the catalogue"
+        )
+        words.append(f"All names together close {closed}; {left_over}.")
+    elif verdict == "not_in_catalogue" and not (remains or formula):
+        words.append(
+            "Something is missing: the model explains the fitted logs down to the sensors' noise, and not the held-out ones."
+        )
+    elif verdict == "not_in_catalogue":
+        words.append("Something is missing, and none of the effects of the catalogue explains it.")
+    elif verdict == "none":
+        words.append(
+            "The model explains these logs down to the sensors' noise: nothing is missing that they could show."
+        )
+    if verdict in ("possible", "not_in_catalogue") and naming.possible and not formula:
+        best = naming.possible[0]
+        words.append(
+            f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}."
+        )
+    if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
+        words.append(f"It acts like a disturbance at: {entries[0].place}.")
+    words += found.discovery.words if found.discovery else []
+    words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
+    more = [
+        f"{r.channel} {r.gap:.2f} times the noise"
+        for r in elsewhere
+        if r.channel not in {x.channel for x in remains}
+    ]
+    if more:
+        words.append(f"The held-out logs are not explained: {', '.join(more)}.")
+    unsure = any(n.probability < NAME_AT for n in naming.named) or all(n.look_alikes for n in naming.named)
+    return (
+        verdict,
+        EXIT[DOUBTFUL if verdict == "possible" or (verdict == "named" and unsure) else verdict],
+        words,
+    )
+
+
+def _as_json(n: Named) -> dict[str, Any]:
+    units = {p.name: p for p in n.effect.parameters}
+    return {
+        "id": n.effect.id,
+        "probability": n.probability,
+        "parameters": {
+            units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit}
+            for k, v in n.values.items()
+        },
+        "share_of_gap_closed": n.share,
+        "evidence": n.evidence,
+        "look_alikes": n.look_alikes,
+    }
+
+
+def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
+    """How late channels are logged beyond what the vehicle file says, and a low pass that is none of the steering's: of names that
+    are no effects of the catalogue."""
+    late = [n for n in naming.named if n.message]
+    if not late:
+        return []
+    found, given = name.settings(problem, naming.final.values), problem.config
+    settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(given, k)]
+    half = _half_widths(problem, naming, settings)
+    return [
+        {"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"}
+        for k in settings
+    ] + [
+        {"id": "low_pass", "value": n.values[p.name], "ci95": list(n.ci95[p.name]), "unit": "s"}
+        for n in late
+        if n.effect.id == name.LOW_PASS
+        for p in n.effect.strengths[:1]
+    ]
+
+
+def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
+    """Of the 95 % intervals of latencies, from those of the names that they are sums of, as if these were independent: a latency of
+    the steering may be that of the IMU and its own. Linear: a delay is far from changing its sign."""
+    values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
+    step = 1e-6  # s
+    for n in naming.named:
+        for key, (low, high) in ((k, c) for k, c in n.ci95.items() if k in values):
+            more, less = (
+                name.settings(problem, dict(values) | {key: values[key] + by}) for by in (step, -step)
+            )
+            for k in settings:
+                given = getattr(problem.config, k)
+                slope = (more.get(k, given) - less.get(k, given)) / (2.0 * step)
+                squares[k] += (0.5 * slope * (high - low)) ** 2
+    return {k: float(np.sqrt(x)) for k, x in squares.items()}
+
+
+ROAD_WORDS = {"bank": "The road banks", "grade": "The road climbs and falls"}
+
+
+def _road_sentence(n: Named, laps: int) -> str:
+    """Return it of a profile: its size, on how many laps it is the same, what it closes."""
+    ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
+    degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
+    same = f", the same on {laps} laps" if laps > 1 else ""
+    if n.effect.id == "grade" and laps == 1:  # wheels give the speed: accel_x alone shows a grade
+        same = f", or accel_x wanders by {GRAVITY * size:.2g} m/s2, which one lap does not tell apart"
+    return (
+        f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees ({degrees}), rms{same} ({n.effect.id}); probability "
+        f"{_percent(n.probability)}, it closes {100 * n.share:.0f} % of the gap."
+    )
+
+
+def _sentence(n: Named, laps: int = 1) -> str:
+    if n.effect.id in PROFILES:
+        return _road_sentence(n, laps)
+    units = {p.name: p for p in n.effect.parameters}
+    sizes = ", ".join(
+        f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
+        for k, v in n.values.items()
+        if units[k].strength
+    )
+    possibly = "possibly " if n.probability < NAME_AT else ""
+    text = (
+        f"{possibly}{n.title} ({n.effect.id}): {sizes}{_of_axles(n)}; probability {_percent(n.probability)}"
+    )
+    if n.share >= 0.005:
+        text += f", it closes {100 * n.share:.0f} % of the gap."
+    elif n.alone < 1.0:  # beside a large one
+        text += f", it closes {100 * n.alone:.0f} % of what the other names leave."
+    else:
+        text += "."
+    if n.look_alikes:
+        text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
+    return text
+
+
+def _of_axles(n: Named) -> str:
+    """Return the friction of each axle, where they differ."""
+    inverse, balance = (n.values.get(f"tyre_saturation_{k}", 0.0) for k in ("inverse_friction", "balance"))
+    if not inverse or not balance:
+        return ""
+    return f", friction {1.0 / (inverse * (1.0 + balance)):.2f} in front and {1.0 / (inverse * (1.0 - balance)):.2f} in the rear"
+
+
+def _percent(p: float) -> str:
+    return "above 99 %" if p > 0.99 else f"{100 * p:.0f} %"

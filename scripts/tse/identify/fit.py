@@ -1,0 +1,345 @@
+"""Maximum a posteriori of car and road: Gauss-Newton on robust least squares.
+
+Minimize over x (car, leans, biases) and z (values of bank and grade)
+    sum over residuals e of rho(e)/sd^2
+    + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2,
+with the loss rho of Huber and the sd of one value of the channel (measure_scales). z is
+eliminated: its information is banded, and one sparse factor gives the Schur complement in
+which x is solved.
+
+A residual is noise of the sensor and error of the model. The first is new in each value. The
+second lasts MODEL_TIME and counts once in it. So the error of the model decides how sure x
+is, and hardly its value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import lsq_linear
+from scipy.sparse import csc_matrix, diags, identity
+from scipy.sparse.linalg import splu
+
+from tse.identify.problem import Problem
+
+HUBER = 4.0  # rms of the channel: a larger residual counts as its size, not its square
+MODEL_TIME = 2.0  # s: what the model lacks lasts so long
+MOST_STEPS = 40  # of a fit
+FARTHEST = 1.5  # prior sd, of one step
+NEAR = 0.9  # of the rms of every channel: a step that leaves more is near a fit
+SETTLED = 0.1  # posterior sd: a step below it ends the search,
+LITTLE = 0.1  # nats: or one that gains less
+LEAST_GAIN = 0.25  # of the gain that slopes predict: below it they are simulated anew
+HALVINGS = 6  # of a step that gains nothing
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Size of the residuals of a channel, in their unit: rms, and the sd that one value
+    counts as."""
+
+    rms: float
+    sd: float
+
+
+@dataclass
+class Fit:
+    """Where the search stands, or ended.
+
+    Attributes
+    ----------
+    x, covariance
+        Unknowns of the problem, stiffness in ln over the vehicle file's.
+    z
+        Values of bank and grade [rad].
+    search
+        x as it is searched.
+    scales
+        By channel.
+    residuals, slopes, equations
+        There: slopes by x and by z, and their normal equations.
+    steps, moved
+        Of the search, and the largest change of its last step [posterior sd].
+    level
+        Residuals on level roads.
+    """
+
+    x: np.ndarray
+    z: np.ndarray
+    covariance: np.ndarray
+    search: np.ndarray
+    scales: dict[str, Scale]
+    residuals: list[np.ndarray]
+    slopes: tuple[list[np.ndarray], list[csc_matrix]]
+    equations: Normal
+    converged: bool = False
+    steps: int = 0
+    moved: float = np.inf
+    level: list[np.ndarray] = field(default_factory=list)
+
+
+def measure_scales(
+    problem: Problem,
+    residuals: list[np.ndarray],
+    before: Mapping[str, Scale] | None = None,
+    near: bool = True,
+) -> dict[str, Scale]:
+    """Return the size of the residuals of each channel. `near`: they are of a fit; else each
+    value counts by itself.
+
+    rms^2 = noise^2 + model^2. Noise is new in every value, the error of the model once in
+    MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. It is at least UNLIKE of what
+    happens: a fit that explains its logs down to the noise has not found another car for
+    that. Of a measured velocity it is at least the error that the settings say."""
+    found: dict[str, Scale] = {}
+    for c in problem.channels:
+        mine = [g for g, (_, channel) in enumerate(problem.groups) if channel == c]
+        e = np.concatenate([residuals[g] for g in mine])
+        size = before[c].rms if before else 1.4826 * float(np.median(np.abs(e)))
+        noise = float(
+            np.sqrt(
+                np.average([problem.noise(g) ** 2 for g in mine], weights=[len(residuals[g]) for g in mine])
+            )
+        )
+        rms = float(np.sqrt(np.mean(np.minimum(np.abs(e), HUBER * max(size, noise)) ** 2)))
+        rms = max(rms, float(np.hypot(noise, problem.lasting_error(c))), 1e-9)
+        share = min(1.0, (noise / rms) ** 2) if near else 1.0
+        values = max(1.0, MODEL_TIME / problem.step(mine[0]))
+        found[c] = Scale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
+    return found
+
+
+def cost(
+    problem: Problem, scales: Mapping[str, Scale], x: np.ndarray, z: np.ndarray, residuals: list[np.ndarray]
+) -> float:
+    """Return what the search makes small, with the scales as they are."""
+    away = x - problem.mean
+    total = 0.5 * float(away @ problem.information @ away) + 0.5 * float(z @ z) / problem.knot_sd**2
+    for e, (_, c) in zip(residuals, problem.groups, strict=True):
+        end = HUBER * scales[c].rms
+        a = np.abs(e)
+        total += float(np.where(a <= end, 0.5 * a * a, end * (a - 0.5 * end)).sum()) / scales[c].sd ** 2
+    return total
+
+
+@dataclass
+class Normal:
+    """Normal equations about a point: the road eliminated (Schur complement), and what it
+    is for a step of x."""
+
+    information: np.ndarray  # of x
+    gradient: np.ndarray  # of x
+    across: np.ndarray  # of z, by x
+    own: np.ndarray  # gradient of z
+    factor: object | None
+
+    def road(self, step: np.ndarray) -> np.ndarray:
+        """Return the step of z that goes with one of x."""
+        if self.factor is None:
+            return np.zeros(0)
+        return -self.factor.solve(self.own + self.across @ step)
+
+    def worth(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
+        """Return by how many nats the logs are likelier with some values of the road than with none of them.
+
+        Savage-Dickey: the density of nothing there, in the prior over in the posterior,
+        car and other values free."""
+        if self.factor is None:
+            return 0.0
+        chosen = np.zeros((len(z), values.stop - values.start))
+        chosen[values] = np.eye(chosen.shape[1])
+        inner = self.factor.solve(chosen)
+        along = inner.T @ self.across
+        covariance = inner[values] + along @ np.linalg.solve(self.information, along.T)
+        root = np.linalg.cholesky(covariance)
+        away = np.linalg.solve(root, z[values])
+        return float(0.5 * away @ away + np.log(np.diag(root)).sum() - len(away) * np.log(prior_sd))
+
+    def road_sd(self) -> np.ndarray:
+        """Return the sd of each value of the road, car and biases free."""
+        if self.factor is None:
+            return np.zeros(0)
+        inner = self.factor.solve(np.eye(len(self.own)))
+        along = inner @ self.across
+        by_car = np.einsum("ij,ji->i", along, np.linalg.solve(self.information, along.T))
+        return np.sqrt(np.diag(inner) + by_car)
+
+
+def normal(
+    problem: Problem,
+    scales: Mapping[str, Scale],
+    x: np.ndarray,
+    z: np.ndarray,
+    residuals: list[np.ndarray],
+    tables: list[np.ndarray],
+    roads: list[csc_matrix],
+    channels: Collection[str] | None = None,
+) -> Normal:
+    """Return the normal equations of residuals with these slopes; `channels`: of some of them alone."""
+    information = problem.information.copy()
+    gradient = problem.information @ (x - problem.mean)
+    size = len(z)
+    across = np.zeros((size, len(x)))
+    own = z / problem.knot_sd**2
+    inner = identity(size, format="csc") / problem.knot_sd**2 if size else None
+    for e, j, r, (_, c) in zip(residuals, tables, roads, problem.groups, strict=True):
+        if channels is not None and c not in channels:
+            continue
+        weight = np.minimum(1.0, HUBER * scales[c].rms / np.maximum(np.abs(e), 1e-300)) / scales[c].sd ** 2
+        weighted = weight[:, None] * j
+        information += j.T @ weighted
+        gradient += weighted.T @ e
+        if size:
+            across += r.T @ weighted
+            own += r.T @ (weight * e)
+            inner = inner + r.T @ (diags(weight) @ r)
+    if not size:
+        return Normal(information, gradient, across, own, None)
+    factor = splu(inner.tocsc())
+    solved = factor.solve(np.column_stack([across, own]))
+    return Normal(
+        information - across.T @ solved[:, :-1], gradient - across.T @ solved[:, -1], across, own, factor
+    )
+
+
+def step(problem: Problem, equations: Normal, x: np.ndarray) -> np.ndarray:
+    """Return the step of x to the least of the quadratic within the bounds, FARTHEST at most."""
+    scale = 1.0 / np.sqrt(np.diag(equations.information))
+    root = cholesky(equations.information * np.outer(scale, scale))  # root' root
+    target = -solve_triangular(root, equations.gradient * scale, trans="T")
+    low = np.maximum(problem.low - x, -FARTHEST * problem.sd)
+    high = np.minimum(problem.high - x, FARTHEST * problem.sd)
+    found = scale * lsq_linear(root, target, (low / scale - 1e-12, high / scale + 1e-12), method="bvls").x
+    return np.clip(found, low, high)
+
+
+def fit(
+    problem: Problem,
+    x: np.ndarray | None = None,
+    z: np.ndarray | None = None,
+    say: Callable[[str], None] = lambda _: None,
+    most: int | None = None,
+    near: bool = False,
+    tables: list[np.ndarray] | None = None,
+) -> Fit:
+    """Search.
+
+    Parameters
+    ----------
+    problem
+        What is fitted.
+    x, z
+        Where to begin, x in the coordinates of the search; None: at the prior.
+    say
+        Called with what is done now.
+    most
+        Steps; None: MOST_STEPS.
+    near
+        It begins near a fit.
+    tables
+        Slopes by x at the start, where they are known: then the search also ends with
+        slopes that followed its steps. Only on known roads.
+
+    Notes
+    -----
+    The search begins with least squares. With the scales of residuals that are large because
+    the search has not begun, the logs would count for too little to move it. Near a fit the
+    scales are those of measure_scales().
+
+    Slopes are simulated at the start, where a step gains much less than they predict, and
+    where the search ends. Between, they follow the steps (Broyden 1965). Nearly all the cost
+    is a simulation of all logs for each of fifty unknowns.
+    """
+    x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
+    z = np.zeros(problem.knots) if z is None else z
+    residuals = problem.residuals(x, z)
+    rough = tables is not None
+    scales = measure_scales(problem, residuals, near=near)
+    tables, roads = tables if rough else problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+    # the road first, the car as it is: else latencies and slip follow a hill
+    if len(z):
+        hills = z + normal(problem, scales, x, z, residuals, tables, roads).road(np.zeros(len(x)))
+        on_hills = problem.residuals(x, hills)
+        if cost(problem, scales, x, hills, on_hills) < cost(problem, scales, x, z, residuals):
+            z, residuals = hills, on_hills
+            scales = measure_scales(problem, residuals, scales, near)
+    exact, converged, moved, steps = True, False, np.inf, 0
+    most = MOST_STEPS if most is None else most
+    while True:
+        equations = normal(problem, scales, x, z, residuals, tables, roads)
+        if converged or steps >= most:
+            break
+        here = cost(problem, scales, x, z, residuals)
+        whole = step(problem, equations, x)
+        for halving in range(HALVINGS):
+            there = np.clip(x + whole * 0.5**halving, problem.low, problem.high)
+            by = there - x
+            along = equations.road(whole) * 0.5**halving
+            new = problem.residuals(there, z + along)
+            gain = here - cost(problem, scales, there, z + along, new)
+            if gain > 0 or not exact:
+                break
+        expected = _expected(problem, scales, x, z, residuals, tables, roads, by, along)
+        moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(equations.information)))))
+        settled = moved < SETTLED or expected < LITTLE
+        converged = near and (exact or rough) and (settled or gain <= 0)
+        if gain > 0:
+            tables = _followed(problem, tables, roads, residuals, new, by, along)
+            x, z, residuals = there, z + along, new
+            steps += 1
+            say(f"step {steps}: the largest change is {moved:.2g} sd")
+        exact = not converged and ((near and settled) or gain < LEAST_GAIN * expected)
+        if exact:
+            tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+        before, scales = scales, measure_scales(problem, residuals, scales, near)
+        near = near or (gain > 0 and all(scales[c].rms > NEAR * before[c].rms for c in scales))
+    ln = problem.ln_slope(x)
+    covariance = np.linalg.inv(equations.information) * np.outer(ln, ln)
+    return Fit(
+        problem.to_ln(x), z, covariance, x, scales, residuals, (tables, roads), equations, converged, steps, moved,
+        problem.residuals(x, np.zeros(len(z))) if len(z) else residuals,
+    )  # fmt: skip
+
+
+def _expected(
+    problem: Problem,
+    scales: Mapping[str, Scale],
+    x: np.ndarray,
+    z: np.ndarray,
+    residuals: list[np.ndarray],
+    tables: list[np.ndarray],
+    roads: list[csc_matrix],
+    by: np.ndarray,
+    along: np.ndarray,
+) -> float:
+    """Return the gain that slopes predict of a step."""
+    there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
+    return cost(problem, scales, x, z, residuals) - cost(problem, scales, x + by, z + along, there)
+
+
+def _followed(
+    problem: Problem,
+    tables: list[np.ndarray],
+    roads: list[csc_matrix],
+    before: list[np.ndarray],
+    after: list[np.ndarray],
+    by: np.ndarray,
+    along: np.ndarray,
+) -> list[np.ndarray]:
+    """Return slopes that agree with what a step did: the least change of them in units of the prior."""
+    unit = by / problem.sd**2
+    size = max(float(by @ unit), 1e-300)
+    return [
+        j + np.outer(b - a - j @ by - r @ along, unit / size)
+        for j, r, a, b in zip(tables, roads, before, after, strict=True)
+    ]
+
+
+def covariance_of(problem: Problem, fit: Fit, channels: Collection[str]) -> np.ndarray:
+    """Return the covariance of a fit by some of its channels alone, stiffness in ln."""
+    equations = normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
+    ln = problem.ln_slope(fit.search)
+    return np.linalg.inv(equations.information) * np.outer(ln, ln)

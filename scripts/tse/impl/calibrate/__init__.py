@@ -1,1 +1,0 @@
-"""`tselab calibrate`: what the car and the sensors of a log are, found from ordinary driving."""

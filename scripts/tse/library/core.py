@@ -1,0 +1,749 @@
+"""Binding of the C library. Nothing of its tables is typed here: names, ranges, units and struct layouts are read
+from the library itself (tse/describe.h)."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import math
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tse.library.errors import UserError, meant
+
+CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)  # enum tse_struct
+REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
+FORMULA_PLACE, FORMULA_OP = range(11, 13)
+STRUCTS = 13
+STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
+ALL = "; 'tselab settings' lists all"
+GRIP = "grip"  # judged as they are: grip_valid and a reason
+NOMINAL = {  # the setting that is 1 of a relative stiffness
+    "cx_front": "longitudinal_stiffness_front",
+    "cy_front": "cornering_stiffness_front",
+    "cy_rear": "cornering_stiffness_rear",
+}
+
+
+class SettingError(UserError):
+    """A setting outside its range. The text names setting, value and range."""
+
+
+class UnknownSetting(SettingError, KeyError):
+    """A setting that nobody knows. The text says which are like it."""
+
+    __str__ = Exception.__str__
+
+
+@dataclass(frozen=True)
+class Field:
+    """One row of a table of the library."""
+
+    name: str
+    kind: str  # s setting, r real, i int32, u uint32, c code, p array, o array or NULL
+    offset: int  # bytes; for codes the code
+    default: float
+    low: float
+    high: float
+    unit: str
+    text: str
+
+    @property
+    def has_range(self) -> bool:
+        return self.high >= self.low
+
+    @property
+    def is_integer(self) -> bool:
+        return self.kind in "iu"
+
+    @property
+    def range_text(self) -> str:
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        return f"{self.low:g} .. {self.high:g}{unit}" if self.has_range else "any"
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter of an effect; `setting` is its name in Config."""
+
+    effect: str
+    name: str
+    setting: str
+    unit: str
+    text: str
+    strength: bool  # 0 switches off what it scales; else a shape, without meaning while all strengths are 0
+    sign: int  # plausible sign of a strength: 1, -1, or 0 for either
+    default: float
+    low: float
+    high: float
+    typical: tuple[float, float]
+    negligible: float  # below it the effect should not be named
+    given: bool = False  # a shape that no log tells from the strength
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One row of src/tables/effects.toml."""
+
+    id: str
+    hook: str
+    title: str
+    entry_points: tuple[str, ...]
+    channels: str
+    look_alikes: tuple[str, ...]  # ids, or what else looks like it
+    estimator: str  # how an estimator that has it uses it
+    bit: int
+    parameters: tuple[EffectParameter, ...]
+
+    @property
+    def strengths(self) -> tuple[EffectParameter, ...]:
+        return tuple(p for p in self.parameters if p.strength)
+
+    @property
+    def shapes(self) -> tuple[EffectParameter, ...]:
+        return tuple(p for p in self.parameters if not p.strength)
+
+
+@dataclass(frozen=True)
+class FormulaOp:
+    """One operation of src/tables/formula.toml."""
+
+    name: str
+    code: int
+    takes: int  # operands
+    kind: str  # NUMBER, SIGNAL, PLAIN, MEMORY
+    unit: str  # of what it leaves: a unit, or same, product, quotient, root, first, rate of those of its operands
+    text: str
+
+
+class _CEffect(ctypes.Structure):
+    _fields_ = [
+        *(
+            (name, ctypes.c_char_p)
+            for name in ("id", "hook", "title", "entry", "channels", "alike", "estimator")
+        ),
+        ("bit", ctypes.c_int32),
+    ]
+
+
+class _CEffectParameter(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_char_p) for name in ("effect", "name", "setting", "unit", "text")),
+        ("strength", ctypes.c_int32),
+        ("sign", ctypes.c_int32),
+        *(
+            (name, ctypes.c_double)
+            for name in ("default", "low", "high", "typical_low", "typical_high", "negligible")
+        ),
+    ]
+
+
+class _CField(ctypes.Structure):
+    _fields_ = [
+        ("name", ctypes.c_char_p),
+        ("kind", ctypes.c_char),
+        ("offset", ctypes.c_int32),
+        ("default", ctypes.c_double),
+        ("low", ctypes.c_double),
+        ("high", ctypes.c_double),
+        ("unit", ctypes.c_char_p),
+        ("text", ctypes.c_char_p),
+    ]
+
+
+class _CBuild(ctypes.Structure):
+    _fields_ = [
+        ("version", ctypes.c_char_p),
+        ("format", ctypes.c_char_p),
+        ("capacity", ctypes.c_int32),
+        ("filter_bytes", ctypes.c_int32),
+        ("params_bytes", ctypes.c_int32),
+        ("sim_bytes", ctypes.c_int32),
+        ("learnt_bytes", ctypes.c_int32),
+        ("filter_paper_bytes", ctypes.c_int32),  # a library that knows one size only leaves it 0
+        ("fraction_bits", ctypes.c_int32),  # of a fixed-point number; 0 else
+    ]
+
+
+def library_path() -> Path:
+    """TSELAB_LIBRARY if set, else the library beside this package."""
+    if named := os.environ.get("TSELAB_LIBRARY"):
+        return Path(named)
+    suffix = {"darwin": "dylib", "win32": "dll"}.get(sys.platform, "so")
+    return Path(__file__).parent / "lib" / f"libtse.{suffix}"
+
+
+class Library:
+    """The loaded library: its functions, tables and struct layouts."""
+
+    def __init__(self, path: Path):
+        if not path.is_file():
+            raise UserError(
+                f"the tse library is not at {path}: run scripts/setup.sh, or set TSELAB_LIBRARY to the shared library"
+            )
+        try:
+            self._dll = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise UserError(f"{path}: cannot be loaded as a library: {error}") from None
+        self.path = path
+        for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
+            if hasattr(self._dll, "tse_step" + suffix):
+                self._suffix, self.real = (
+                    suffix,
+                    np.dtype(real),
+                )  # fixed point goes in and out as double: native(), from_native()
+                break
+        else:
+            raise UserError(f"{path}: is not a double, float or fixed-point build of the tse library")
+
+        build = _CBuild()
+        self.function("tse_describe_build", None)(ctypes.addressof(build))
+        self.version, self.format = build.version.decode(), build.format.decode()
+        self.capacity = build.capacity
+        self.filter_bytes, self.filter_paper_bytes = build.filter_bytes, build.filter_paper_bytes
+        self.params_bytes, self.sim_bytes, self.learnt_bytes = (
+            build.params_bytes,
+            build.sim_bytes,
+            build.learnt_bytes,
+        )
+        self.fraction_bits = build.fraction_bits
+
+        describe = self.function(
+            "tse_describe", ctypes.POINTER(_CField), [ctypes.c_int] + [ctypes.c_void_p] * 2
+        )
+        self._fields: dict[int, list[Field]] = {}
+        self._sizes: dict[int, int] = {}
+        for which in range(STRUCTS):
+            count, size = ctypes.c_int32(), ctypes.c_int32()
+            rows = describe(which, ctypes.addressof(count), ctypes.addressof(size))
+            self._sizes[which] = size.value
+            self._fields[which] = [
+                Field(
+                    f.name.decode(),
+                    f.kind.decode(),
+                    f.offset,
+                    f.default,
+                    f.low,
+                    f.high,
+                    f.unit.decode(),
+                    f.text.decode(),
+                )
+                for f in (rows[i] for i in range(count.value))
+            ]
+
+        self.effects = self._read_effects()
+        kinds = {"n": "NUMBER", "s": "SIGNAL", "p": "PLAIN", "m": "MEMORY"}
+        self.formula_places = {f.name: f for f in self.fields(FORMULA_PLACE)}
+        self.formula_ops = {
+            f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
+            for f in self.fields(FORMULA_OP)
+        }
+        names = [
+            f.name for f in self.fields(CONFIG)
+        ]  # rows of uncertainty.toml: between the vehicle's and the sensors'
+        self.uncertainties = tuple(
+            names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")]
+        )
+
+    def _read_effects(self) -> dict[str, Effect]:
+        """The catalogue of effects, in its order."""
+        count = ctypes.c_int32()
+
+        def table(name: str, row: type) -> list:
+            rows = self.function(name, ctypes.POINTER(row))(ctypes.addressof(count))
+            return [rows[i] for i in range(count.value)]
+
+        parameters = [
+            EffectParameter(
+                *(getattr(r, n).decode() for n in ("effect", "name", "setting", "unit", "text")),
+                r.strength > 0, r.sign, r.default, r.low, r.high, (r.typical_low, r.typical_high), r.negligible, r.strength < 0,
+            )
+            for r in table("tse_describe_effect_parameters", _CEffectParameter)
+        ]  # fmt: skip
+        return {
+            r.id.decode(): Effect(
+                r.id.decode(), r.hook.decode(), r.title.decode(), tuple(r.entry.decode().split(", ")), r.channels.decode(),
+                tuple(r.alike.decode().split(", ")), r.estimator.decode(), r.bit,
+                tuple(p for p in parameters if p.effect == r.id.decode()),
+            )
+            for r in table("tse_describe_effects", _CEffect)
+        }  # fmt: skip
+
+    def function(self, name: str, restype: Any = ctypes.c_int, argtypes: list | None = None) -> Any:
+        f = getattr(self._dll, name + self._suffix)
+        f.restype = restype
+        if argtypes is None:
+            argtypes = [ctypes.c_void_p] * {
+                "tse_step": 4,
+                "tse_sim_reset": 4,
+                "tse_prepare": 3,
+                "tse_sim_step": 3,
+            }.get(name, 1)
+        f.argtypes = argtypes
+        return f
+
+    def fields(self, which: int) -> list[Field]:
+        return self._fields[which]
+
+    def field(self, which: int, name: str) -> Field:
+        return next(f for f in self._fields[which] if f.name == name)
+
+    @functools.cache  # noqa: B019  (few libraries per process)
+    def dtype(self, which: int) -> np.dtype:
+        kinds = {"s": self.real, "r": self.real, "i": np.dtype(np.int32), "u": np.dtype(np.uint32)}
+        kinds["p"] = kinds["o"] = np.dtype(np.uintp)
+        rows = self._fields[which]
+        return np.dtype(
+            {
+                "names": [f.name for f in rows],
+                "formats": [kinds[f.kind] for f in rows],
+                "offsets": [f.offset for f in rows],
+                "itemsize": self._sizes[which],
+            }
+        )
+
+    def native(self, values: np.ndarray, which: int | None = None) -> np.ndarray:
+        """Numbers, or records of a struct, as the library reads them: in fixed point another array, else the same one. NaN stays
+        none; what does not fit is the largest that does. Settings go through single precision (TSE_S in tse/real.h)."""
+        if not self.fraction_bits:
+            return values
+        if which is None:
+            return _fixed(values, self.fraction_bits)
+        records = np.ascontiguousarray(values).copy()
+        words, raw = records.view(np.float64), records.view(np.int64)
+        for kind in "sr":
+            at = self._columns(which, kind)
+            numbers = words.reshape(len(records), -1)[:, at]
+            raw.reshape(len(records), -1)[:, at] = _fixed(
+                numbers.astype(np.float32).astype(float) if kind == "s" else numbers, self.fraction_bits
+            )
+        return records
+
+    def from_native(self, native: np.ndarray, values: np.ndarray, which: int | None = None) -> None:
+        """What the library has written into native(values), into `values`."""
+        if not self.fraction_bits:  # values themselves were written
+            return
+        if which is None:
+            values[:] = _plain(native, self.fraction_bits)
+            return
+        values[:] = native
+        raw = np.ascontiguousarray(native).view(np.int64).reshape(len(native), -1)
+        names = [f.name for f in self._fields[which]]
+        kinds = [f.kind for f in self._fields[which]]
+        for name, kind in zip(names, kinds, strict=True):
+            if kind in "sr":
+                numbers = _plain(raw[:, self.dtype(which).fields[name][1] // 8], self.fraction_bits)
+                values[name] = [float(str(x)) for x in numbers.astype(np.float32)] if kind == "s" else numbers
+
+    @functools.cache  # noqa: B019  (few libraries per process)
+    def _columns(self, which: int, kind: str) -> list[int]:
+        """Places of the settings or reals of a struct, in words of eight bytes."""
+        return [f.offset // 8 for f in self._fields[which] if f.kind == kind]
+
+    def codes(self, which: int) -> dict[int, Field]:
+        """STATUS or REASON: code -> row."""
+        return {f.offset: f for f in self._fields[which]}
+
+    def status(self, name: str) -> int:
+        """The code of a status by its name."""
+        return self.field(STATUS, name).offset
+
+    @property
+    def channels(self) -> list[Field]:
+        """The channels of a log row, in order."""
+        names = [f.name for f in self._fields[INPUT]]
+        return self._fields[INPUT][1 : names.index("missing")]
+
+    @property
+    def optional(self) -> list[Field]:
+        """Channels that a log row may have besides, in the order of their bits in `given` (input.toml)."""
+        names = [f.name for f in self._fields[INPUT]]
+        return self._fields[INPUT][names.index("given") + 1 :]
+
+
+NO_NUMBER = np.iinfo(np.int64).min  # of fixed point, number/fixed.h
+MOST = 2.0**60  # beyond every result
+
+
+def _fixed(values: np.ndarray, bits: int) -> np.ndarray:
+    numbers = np.asarray(values, float)
+    with np.errstate(invalid="ignore", over="ignore"):
+        scaled = np.clip(np.rint(numbers * 2.0**bits), -MOST, MOST)
+        return np.where(np.isnan(numbers), NO_NUMBER, np.nan_to_num(scaled).astype(np.int64))
+
+
+def _plain(raw: np.ndarray, bits: int) -> np.ndarray:
+    return np.where(raw == NO_NUMBER, np.nan, raw / 2.0**bits)
+
+
+@functools.lru_cache(maxsize=1)
+def library() -> Library:
+    """The library, loaded once."""
+    return Library(library_path())
+
+
+@functools.lru_cache(maxsize=1)
+def library_hash() -> str:
+    """Return the hash of the bytes of the library that this process has loaded."""
+    return hashlib.sha256(library().path.read_bytes()).hexdigest()
+
+
+class Settings:
+    """A settings struct of the library, or of another one: attributes by name, every assignment checked against its range."""
+
+    _which: int = CONFIG
+    _defaults: str = "tse_config_default"
+
+    def __init__(self, values: Mapping[str, float] | None = None, lib: Library | None = None):
+        object.__setattr__(self, "_lib", lib)
+        lib = self.lib
+        record = np.zeros(1, lib.dtype(self._which))
+        object.__setattr__(self, "_record", record)
+        self.fill(self._defaults)
+        object.__setattr__(self, "_table", {f.name: f for f in lib.fields(self._which)})
+        for name, value in (values or {}).items():
+            self.set(name, value)
+
+    @property
+    def lib(self) -> Library:
+        return self._lib or library()
+
+    @property
+    def fields(self) -> dict[str, Field]:
+        return self._table
+
+    def fill(self, function: str) -> None:
+        """Let a function of the library write the settings."""
+        native = self.lib.native(self._record, self._which)
+        self.lib.function(function, None)(native.ctypes.data)
+        self.lib.from_native(native, self._record, self._which)
+
+    @property
+    def address(self) -> int:
+        """Where the library may read them, until the next time this is asked."""
+        object.__setattr__(self, "_native", self.lib.native(self._record, self._which))
+        return self._native.ctypes.data
+
+    def __getattr__(self, name: str) -> float | int:
+        if name.startswith("_") or name not in self._table:
+            raise AttributeError(name)
+        value = self._record[name][0]
+        return value.item() if value.dtype != np.float32 else float(str(value))  # 0.01, not 0.00999999977...
+
+    def __setattr__(self, name: str, value: float) -> None:
+        self.set(name, value)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._table
+
+    def set(self, name: str, value: float, source: str = "") -> None:
+        """Set one value; `source` (file, option) starts the message if it is refused."""
+        where = f"{source}: " if source else ""
+        field = self._table.get(name)
+        if field is None:
+            raise UnknownSetting(f"{where}there is no setting '{name}'{meant(name, self._table, other=ALL)}")
+        kind = "a whole number" if field.is_integer else "a number"
+        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        if not number or not math.isfinite(value) or (field.is_integer and value != int(value)):
+            raise SettingError(f"{where}{name} = {value!r} is not {kind}; allowed: {field.range_text}")
+        if not field.low <= value <= field.high and value != field.default:
+            raise SettingError(
+                f"{where}{name} = {value:g} is outside its range {field.range_text} ({field.text})"
+            )
+        self._record[name] = value
+
+    def as_dict(self) -> dict[str, float | int]:
+        return {name: getattr(self, name) for name in self._table}
+
+    def changed(self) -> dict[str, float | int]:
+        """The settings that differ from the defaults."""
+        default = type(self)(lib=self._lib)
+        return {name: value for name, value in self.as_dict().items() if value != getattr(default, name)}
+
+
+class Config(Settings):
+    """tse_config: vehicle, sensors, filter. An ordinary car, whose mass at least is to be set."""
+
+    @classmethod
+    def exact(cls, values: Mapping[str, float] | None = None, lib: Library | None = None) -> Config:
+        """A car that is known exactly, as the simulator's, but for `values`."""
+        config = cls(lib=lib)
+        config.fill("tse_config_exact")
+        for name, value in (values or {}).items():
+            config.set(name, value)
+        return config
+
+    def complete(self) -> Config:
+        """A copy, with what the filter takes for mass, yaw inertia and stiffness that are not set."""
+        config = type(self)(self.as_dict(), lib=self._lib)
+        config.fill("tse_config_complete")
+        return config
+
+    @classmethod
+    def settings_of(cls, name: str) -> dict[str, float | int]:
+        """The settings in which a form of the filter (tse_config_paper(), ...) differs from the defaults."""
+        config = cls()
+        config.fill(f"tse_config_{name}")
+        return config.changed()
+
+
+class SimConfig(Settings):
+    """tse_sim_config: what the simulator has beyond Config."""
+
+    _which = SIM_CONFIG
+    _defaults = "tse_sim_config_default"
+
+
+def _refuse(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...]) -> None:
+    if status >= 0:
+        return
+    name = wrong.value.decode() if wrong.value else ""
+    for group in settings:
+        if name in group:
+            f, value = group.fields[name], getattr(group, name)
+            if value == f.default:
+                raise SettingError(
+                    f"{name} follows from mass, lf and lr, and is outside its range {f.range_text} ({f.text})"
+                )
+            raise SettingError(f"{name} = {value:g} is refused; allowed: {f.range_text} ({f.text})")
+    row = settings[0].lib.codes(STATUS).get(status)
+    raise SettingError(f"settings refused: {row.text if row else status}{f' ({name})' if name else ''}")
+
+
+def _memory(size: int) -> np.ndarray:
+    return np.zeros((size + 7) // 8, np.uint64)
+
+
+class LearntError(UserError):
+    """Bytes that are no learnt state for this filter; the text is the library's."""
+
+
+class Filter:
+    """One estimator, of the library that its settings are for. Starts at the first row it is given."""
+
+    def __init__(self, config: Config):
+        self.lib = lib = config.lib
+        self.config = config
+        particles = "form" in config and config.form  # the default form holds none
+        self._bytes = lib.filter_paper_bytes if particles else lib.filter_bytes
+        self._params, self._filter = _memory(lib.params_bytes), _memory(self._bytes)
+        wrong = ctypes.c_char_p()
+        status = lib.function("tse_prepare")(
+            config.address, self._params.ctypes.data, ctypes.addressof(wrong)
+        )
+        _refuse(status, wrong, (config,))
+        self._step = lib.function("tse_step")
+        self._pointers = self._params.ctypes.data, self._filter.ctypes.data
+        self.reset()
+
+    def reset(self) -> None:
+        reset = self.lib.function("tse_reset", argtypes=[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t])
+        status = reset(*self._pointers, self._bytes)
+        if status < 0:
+            raise RuntimeError(f"tse_reset refused: {self.lib.codes(STATUS)[status].text}")
+
+    def step_into(
+        self, rows: np.ndarray, outputs: np.ndarray, first: int = 0, last: int | None = None
+    ) -> None:
+        """Feed rows[first:last], write outputs[first:last]. A refused row leaves its output untouched but for `status`."""
+        last = len(rows) if last is None else last
+        step, (params, state) = self._step, self._pointers
+        given, made = self.lib.native(rows[first:last], INPUT), self.lib.native(outputs[first:last], OUTPUT)
+        u, du = given.ctypes.data, given.strides[0]
+        y, dy = made.ctypes.data, made.strides[0]
+        for i in range(last - first):
+            status = step(params, state, u + i * du, y + i * dy)
+            if status < 0:
+                made["status"][i] = status
+        self.lib.from_native(made, outputs[first:last], OUTPUT)
+
+    def step_one(self, rows: np.ndarray, outputs: np.ndarray) -> int:
+        """Feed rows[0], write outputs[0]; the status. Negative: the row is refused, and the output is as it was."""
+        return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
+
+    def over(self, rows: np.ndarray) -> np.ndarray:
+        """Feed rows, of whichever build; return the outputs."""
+        given, out = self.inputs(len(rows)), self.outputs(len(rows))
+        for name in given.dtype.names:
+            given[name] = rows[name]
+        self.step_into(given, out)
+        return out
+
+    def inputs(self, n: int) -> np.ndarray:
+        return np.zeros(n, self.lib.dtype(INPUT))
+
+    def outputs(self, n: int) -> np.ndarray:
+        out = np.zeros(n, self.lib.dtype(OUTPUT))
+        for name in out.dtype.names:
+            if out.dtype[name].kind == "f":
+                out[name] = np.nan
+        return out
+
+    def snapshot(self) -> bytes:
+        return self._filter.tobytes()[: self._bytes]
+
+    def uncertainty_sd(self) -> dict[str, np.ndarray]:
+        """Return what each setting of src/tables/uncertainty.toml adds to the sd of the three stiffnesses, relative to nominal,
+        after the last row. Empty in the form with particles."""
+        types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
+        sd: dict[str, np.ndarray] = {}
+        for k, name in enumerate(self.lib.uncertainties):
+            part_of = self.lib.function("tse_uncertainty_sd", argtypes=types)
+            out = np.zeros(3, self.lib.real)
+            made = self.lib.native(out)
+            if part_of(*self._pointers, k, made.ctypes.data) >= 0:
+                self.lib.from_native(made, out)
+                sd[name] = out.astype(float)
+        return sd
+
+    def save_learnt(self) -> bytes | None:
+        """What the filter has learnt, for the next drive; None before the first row."""
+        out = np.zeros(self.lib.learnt_bytes, np.uint8)
+        save = self.lib.function("tse_learnt_save", argtypes=[ctypes.c_void_p] * 3)
+        return out.tobytes() if save(*self._pointers, out.ctypes.data) >= 0 else None
+
+    def load_learnt(self, learnt: bytes, age: float) -> None:
+        """Start from what an earlier drive taught, `age` seconds ago. Before the first row."""
+        if not isinstance(learnt, bytes | bytearray | memoryview):
+            raise TypeError(
+                f"learnt: bytes are needed, as save_learnt() and Result.learnt give them, not {type(learnt).__name__}"
+            )
+        if math.isnan(age):
+            raise LearntError("age is NaN; allowed: 0 s or more")
+        data = np.frombuffer(learnt, np.uint8) if learnt else np.zeros(1, np.uint8)
+        types = [ctypes.c_void_p] * 3 + [ctypes.c_size_t, ctypes.c_uint32]
+        load = self.lib.function("tse_learnt_load", argtypes=types)
+        status = load(*self._pointers, data.ctypes.data, len(learnt), int(min(max(age, 0), 2**32 - 1)))
+        if status < 0:
+            wrong = ctypes.c_char_p()
+            types = [ctypes.c_void_p] * 2 + [ctypes.c_size_t, ctypes.c_void_p]
+            check = self.lib.function("tse_learnt_check", argtypes=types)
+            check(self._pointers[0], data.ctypes.data, len(learnt), ctypes.addressof(wrong))
+            detail = f" ({wrong.value.decode()})" if wrong.value else ""
+            raise LearntError(self.lib.codes(STATUS)[status].text + detail)
+
+    def restore(self, snapshot: bytes) -> None:
+        if len(snapshot) != self._bytes:
+            raise ValueError(f"a snapshot of this filter has {self._bytes} bytes, not {len(snapshot)}")
+        self._filter.view(np.uint8)[: len(snapshot)] = np.frombuffer(snapshot, np.uint8)
+
+
+class Simulator:
+    """The truth for studies."""
+
+    def __init__(self, config: Config, sim_config: SimConfig):
+        self.lib = lib = library()
+        if not lib.sim_bytes:
+            raise UserError(f"{lib.path}: this build of the library has no simulator")
+        self._sim = _memory(lib.sim_bytes)
+        wrong = ctypes.c_char_p()
+        status = lib.function("tse_sim_reset")(
+            self._sim.ctypes.data, config.address, sim_config.address, ctypes.addressof(wrong)
+        )
+        _refuse(status, wrong, (sim_config, config))
+        self._step = lib.function("tse_sim_step")
+
+    def step_into(self, inputs: np.ndarray, outputs: np.ndarray, i: int) -> None:
+        """One row: from inputs[i] to outputs[i]."""
+        given, made = (
+            self.lib.native(inputs[i : i + 1], SIM_INPUT),
+            self.lib.native(outputs[i : i + 1], SIM_OUTPUT),
+        )
+        status = self._step(self._sim.ctypes.data, given.ctypes.data, made.ctypes.data)
+        if status < 0:
+            raise UserError(f"the simulator refused row {i + 1}: {self.lib.codes(STATUS)[status].text}")
+        self.lib.from_native(made, outputs[i : i + 1], SIM_OUTPUT)
+
+    def inputs(self, n: int) -> np.ndarray:
+        return np.zeros(n, self.lib.dtype(SIM_INPUT))
+
+    def outputs(self, n: int) -> np.ndarray:
+        return np.zeros(n, self.lib.dtype(SIM_OUTPUT))
+
+
+class Replay:
+    """The model driven by a log's steering angle and wheel speeds, deterministic, with the effects that Config switches on:
+    what the other channels should read. For fits: about 0.1 us a row without effects.
+
+    `log`: arrays by the names of REPLAY_LOG, one value a row; those that may be left out may be None or set() later.
+    `outputs`: names of REPLAY_OUT."""
+
+    def __init__(self, outputs: Sequence[str] = ("accel_x", "accel_y", "yaw_rate"), **log: Any):
+        self.lib = lib = library()
+        if not lib.fields(REPLAY_LOG):
+            raise UserError(f"{lib.path}: this build of the library has no replay")
+        self.rows = len(log["dt"])
+        self._arrays: dict[str, np.ndarray] = {}
+        self._log = np.zeros(1, lib.dtype(REPLAY_LOG))
+        self._out = np.zeros(1, lib.dtype(REPLAY_OUT))
+        self._start = np.zeros(1, lib.dtype(REPLAY_START))
+        self.outputs = {name: np.zeros(self.rows, lib.real) for name in outputs}
+        self._made = {name: lib.native(array) for name, array in self.outputs.items()}
+        for name, array in self._made.items():
+            self._out[name] = array.ctypes.data
+        for name, values in log.items():
+            self.set(name, values)
+        for f in lib.fields(REPLAY_LOG):
+            if f.kind == "p" and not self._log[f.name][0]:
+                raise ValueError(f"{f.name} is needed: {f.text}")
+        self._params = _memory(lib.params_bytes)
+        self._prepare = lib.function("tse_prepare")
+        self._replay = lib.function(
+            "tse_replay", argtypes=[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32] + [ctypes.c_void_p] * 3
+        )
+        self._defaults = lib.function("tse_replay_start_default", None)
+
+    def set(self, name: str, values: Any) -> None:
+        """Give or, with None, take an array of the log: a road's profile, a disturbance."""
+        if values is None:
+            self._log[name] = 0
+            return
+        array = self.lib.native(np.ascontiguousarray(values, self.lib.real))
+        if array.shape != (self.rows,):
+            raise ValueError(f"{name} has shape {array.shape}, not ({self.rows},)")
+        self._arrays[name] = array
+        self._log[name] = array.ctypes.data
+
+    def run(self, config: Config, **start: float) -> dict[str, np.ndarray]:
+        """Run the log. `start`: values by the names of REPLAY_START. Returned: the arrays of `outputs`, which the next run
+        overwrites."""
+        wrong = ctypes.c_char_p()
+        status = self._prepare(config.address, self._params.ctypes.data, ctypes.addressof(wrong))
+        _refuse(status, wrong, (config,))
+        begin = self.lib.native(self._start, REPLAY_START)
+        self._defaults(begin.ctypes.data)
+        self.lib.from_native(begin, self._start, REPLAY_START)
+        for name, value in start.items():
+            self._start[name] = value
+        begin = self.lib.native(self._start, REPLAY_START)
+        row = ctypes.c_int32()
+        status = self._replay(
+            self._params.ctypes.data, self._log.ctypes.data, self.rows, begin.ctypes.data, self._out.ctypes.data,
+            ctypes.addressof(row),
+        )  # fmt: skip
+        if status < 0:
+            raise UserError(f"replay refused row {row.value + 1}: {self.lib.codes(STATUS)[status].text}")
+        for name, array in self.outputs.items():
+            self.lib.from_native(self._made[name], array)
+        return self.outputs
+
+
+def stiffness_si(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, sd and spread in N and N/rad of one output, by the library's own function."""
+    lib = library()
+    record = lib.native(np.array([output], lib.dtype(OUTPUT)), OUTPUT)
+    si = [np.zeros(3, lib.real) for _ in range(3)]
+    made = [lib.native(a) for a in si]
+    lib.function("tse_stiffness_si", None, [ctypes.c_void_p] * 5)(
+        config.address, record.ctypes.data, *(a.ctypes.data for a in made)
+    )
+    for native, values in zip(made, si, strict=True):
+        lib.from_native(native, values)
+    return si[0], si[1], si[2]

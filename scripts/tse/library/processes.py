@@ -1,0 +1,264 @@
+"""Work in other processes, of this machine or of a Dask cluster: the same interface, the same numbers.
+
+    for task, result in each(do, tasks, jobs, scheduler):     # as they are done
+        result()                                              # what do(task) returned, or raised
+
+`do` is a plain function of a module, a task what pickle takes."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import multiprocessing
+import os
+import queue
+import signal
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import connection
+from typing import Any, TypeAlias
+
+from tse.library.errors import UserError
+
+CONNECT = 10  # s, for an answer of a scheduler
+WORKERS = 3  # s, for the first worker: those that start with the scheduler come a moment later
+Do: TypeAlias = Callable[[Any], Any]
+Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task, and what gives or raises its result
+
+
+class Died(RuntimeError):
+    """The process that worked on a task is gone."""
+
+    def __init__(self, more: str = ""):
+        super().__init__("the process that worked on it died, probably for want of memory" + more)
+
+
+class Workers:
+    """Takes tasks (submit), and gives them back as they are done (next). Left with an error, it waits for nothing."""
+
+    submit: Callable[[Any], None]
+    next: Callable[[], Finished]
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, kind: Any, *error: object) -> None:
+        """Nothing is to be ended."""
+
+
+def each(do: Do, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None) -> Iterator[Finished]:
+    """Yield each task when it is done: of this process one after the other, of several in the order of their ends."""
+    if tasks:
+        few = Here(do) if jobs == 1 else Local(do, min(jobs, len(tasks)))
+        with few if scheduler is None else Cluster(do, scheduler) as workers:
+            for task in tasks:
+                workers.submit(task)
+            for _ in tasks:
+                yield workers.next()
+
+
+class Here(Workers):
+    """This process: a task is done when its result is asked for."""
+
+    def __init__(self, do: Do):
+        self._do = do
+        self._tasks: deque[Any] = deque()
+
+    def submit(self, task: Any) -> None:
+        self._tasks.append(task)
+
+    def next(self) -> Finished:
+        task = self._tasks.popleft()
+        return task, functools.partial(self._do, task)
+
+
+class Local(Workers):
+    """Processes of this machine."""
+
+    def __init__(self, do: Do, jobs: int):
+        self._do, self._jobs = do, jobs
+        self._running: dict[Future[Any], Any] = {}
+        self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        self._suspects: deque[Any] = (
+            deque()
+        )  # were worked on when a process died: each alone, to see which it was
+        self._pool = self._start(jobs)
+
+    @staticmethod
+    def _start(jobs: int) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
+
+    def submit(self, task: Any) -> None:
+        with without_interrupts():  # it may start a process
+            try:
+                future = self._pool.submit(self._do, task)
+            except BrokenProcessPool:
+                self._suspects.append(task)
+                return
+            self._running[future] = task
+            future.add_done_callback(self._done.put)
+
+    def next(self) -> Finished:
+        while not self._suspects:
+            future = (
+                self._done.get()
+            )  # not wait(): Ctrl-C within that leaves futures locked, and the pool never ends
+            task = self._running.pop(future)
+            if not isinstance(future.exception(), BrokenProcessPool):
+                return task, future.result
+            self._suspects += [task, *self._running.values()]
+            self._running.clear()
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._done = queue.SimpleQueue()
+            self._pool = self._start(self._jobs)
+        task = self._suspects.popleft()
+        with self._start(1) as alone:
+            with without_interrupts():
+                future = alone.submit(self._do, task)
+            return task, _dead if isinstance(future.exception(), BrokenProcessPool) else future.result
+
+    def __exit__(self, kind: Any, *error: object) -> None:
+        if kind is not None:
+            for process in multiprocessing.active_children():
+                process.terminate()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _dead(more: str = "") -> Any:
+    raise Died(more)
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent is killed would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            connection.wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class Cluster(Workers):
+    """A Dask cluster, whose workers see files under the same paths. A worker that dies costs its task once more, elsewhere.
+    `check`: looks at the cluster before the first task."""
+
+    def __init__(
+        self, do: Do, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
+    ):
+        self._do, self._client = do, dask(scheduler)
+        check(self._client, scheduler)
+        import distributed
+
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a worker that died, which is borne
+        self._finished: Any = distributed.as_completed([], loop=self._client.loop)
+        self._tasks: dict[str, Any] = {}
+        self._futures: dict[str, Any] = {}
+
+    def submit(self, task: Any) -> None:
+        future = self._client.submit(self._do, task, pure=False)
+        self._tasks[future.key], self._futures[future.key] = task, future
+        self._finished.add(future)
+
+    def next(self) -> Finished:
+        import dask
+        import distributed
+
+        future = next(self._finished)
+        task, _ = self._tasks.pop(future.key), self._futures.pop(future.key)
+        if isinstance(future.exception(), distributed.KilledWorker):
+            deaths = int(dask.config.get("distributed.scheduler.allowed-failures")) + 1
+            return task, functools.partial(_dead, f" (it has ended {deaths} workers of the cluster)")
+        return task, future.result
+
+    def __exit__(self, kind: Any, *error: object) -> None:
+        with contextlib.suppress(Exception):  # a cluster that is gone has nothing to cancel
+            self._client.cancel(list(self._futures.values()))
+        self._client.close()
+
+
+def dask(scheduler: str) -> Any:
+    """A client of the cluster at this address."""
+    try:
+        import distributed
+    except ImportError:
+        raise UserError("option --scheduler needs Dask: pip install 'tse[cluster]'") from None
+    try:
+        if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
+            socket.create_connection(distributed.comm.get_address_host_port(scheduler), CONNECT).close()
+        return distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None
+
+
+def check_workers(client: Any, scheduler: str) -> None:
+    """There are workers, and they compute what this process would: else the run would wait for ever, or give other numbers."""
+
+    def theirs() -> tuple[
+        str, str
+    ]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in
+        import hashlib
+        from pathlib import Path
+
+        try:
+            from tse import library
+        except ImportError:
+            return "none", ""
+        code = hashlib.sha256()
+        for path in sorted(Path(str(library.__file__)).parents[1].rglob("*.py")):
+            code.update(path.read_bytes())
+        return library.__version__, code.hexdigest()
+
+    end = time.monotonic() + WORKERS
+    while not (found := client.run(theirs)):
+        if time.monotonic() > end:
+            raise UserError(f"option --scheduler: the Dask cluster at {scheduler} has no workers")
+        time.sleep(0.2)
+    mine = theirs()
+    for worker, (version, code) in sorted(found.items()):
+        if (version, code) != mine:
+            what = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}.get(
+                version, f"tselab {version}"
+            )
+            raise UserError(
+                f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has {what}, this is tselab {mine[0]}"
+            )
+
+
+@contextlib.contextmanager
+def killed_as_interrupted() -> Iterator[None]:
+    """A plain kill ends as Ctrl-C does: the workers go, too."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Ctrl-C goes to all processes of a terminal; what it means is decided by the first. Processes that are started in
+    here take no notice of it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,1 @@
+"""Rows of a log: channels, checks, clocks, units, and the noise of sensors."""

@@ -1,0 +1,104 @@
+"""Clocks of logs: duplicates, late entries, jumps. Nothing is refused: what can be put right is, and said."""
+
+import numpy as np
+
+LATE_ROWS, LATE_TIME = (
+    8,
+    0.5,
+)  # an entry that is out of order belongs before so many, and so many seconds, at most: a buffer's
+LONGEST_GAP = 3600.0  # s: the library's limit; a clock that jumps further was set
+BRIDGED = 60.0  # s: what is left of such a jump: longer than any state of a car lasts
+
+
+def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """A time that increases: the times that are kept, which entries those are, and what was done.
+
+    An entry without a time is dropped. Of entries that share a time the last is kept, unless that would be most of them: then the
+    clock is too coarse, and they are spread over its ticks. Single entries that come late are put where they belong by dropping
+    them. A clock that goes back and on from there was set or has wrapped: the rest follows one usual step later. A jump ahead
+    by more than LONGEST_GAP becomes a gap of BRIDGED. `together`: entries may share a time, as messages of a bus do.
+    """
+    notes: list[str] = []
+    keep = np.isfinite(time)
+    if len(time) > 1 and keep.all():  # as nearly all are: no copies
+        step = np.diff(time)
+        if (step.min() > 0 or (together and step.min() == 0)) and step.max() <= LONGEST_GAP:
+            return time, keep, notes
+    if not keep.all():
+        notes.append(f"{(~keep).sum()} entries without a time are left out")
+    at = np.flatnonzero(keep)
+    t = time[at].astype(float)
+    if len(t) < 2:
+        return t, keep, notes
+    step = np.diff(t)
+    if ((step > 0) | (together & (step == 0))).all() and step.max() <= LONGEST_GAP:
+        return t, keep, notes
+    ahead = step[step > 0]
+    usual = float(np.median(ahead)) if len(ahead) else 0.01
+    t, late, sets = _unwind(t, usual)
+    if sets:
+        first = sets[0]
+        notes.append(
+            f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} (first by {first[1]:.3g} s at {first[0]:.3f} s): "
+            "what follows is bridged, one usual step later"
+        )
+    if late.any():
+        notes.append(f"{late.sum()} entries are out of order: left out")
+    at, t = at[~late], t[~late]
+    same = np.append(np.diff(t) == 0, False)
+    if same.any() and not together:
+        if same.mean() > 0.2:
+            t = _spread(t)
+            notes.append(
+                f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): they are spread over its ticks"
+            )
+        else:
+            notes.append(
+                f"{same.sum()} entries have the time of the next one (first at {t[same.argmax()]:.3f} s): left out"
+            )
+            at, t = at[~same], t[~same]
+    jump = np.diff(t)
+    far = jump > LONGEST_GAP
+    if far.any():
+        i = int(far.argmax())
+        notes.append(
+            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, a gap of {BRIDGED:g} s is left"
+        )
+        t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED, 0.0)))
+    kept = np.zeros(len(time), bool)
+    kept[at] = True
+    return t, kept, notes
+
+
+def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
+    """Times that never fall, entries that are late, and where the clock was set back: when, by how much."""
+    late, added = np.zeros(len(t), bool), np.zeros(len(t))
+    sets: list[tuple[float, float]] = []
+    falls = np.append(np.flatnonzero(np.diff(t) < 0) + 1, len(t))
+    highest, shift = float(t[0]), 0.0  # what is added from here on
+    i = 0
+    while i < len(t):
+        if t[i] + shift >= highest:
+            i = int(falls[np.searchsorted(falls, i, side="right")])
+            highest = float(t[i - 1]) + shift
+            continue
+        back = highest - float(t[i]) - shift
+        again = np.flatnonzero(t[i + 1 : i + 1 + LATE_ROWS] + shift > highest)
+        if back <= LATE_TIME and len(again) and again[0] < LATE_ROWS // 2:
+            late[i] = True
+        else:
+            sets.append((highest, back))
+            added[i] = back + usual
+            shift += added[i]
+            highest = float(t[i]) + shift
+        i += 1
+    return t + np.cumsum(added), late, sets
+
+
+def _spread(t: np.ndarray) -> np.ndarray:
+    """Entries that share a tick, spread evenly up to the next one."""
+    ticks, first, count = np.unique(t, return_index=True, return_counts=True)
+    following = np.append(ticks[1:], ticks[-1] + (np.median(np.diff(ticks)) if len(ticks) > 1 else 0.01))
+    length = np.minimum(following - ticks, 2 * np.median(following - ticks))
+    place = np.arange(len(t)) - np.repeat(first, count)
+    return np.repeat(ticks, count) + place * np.repeat(length / count, count)

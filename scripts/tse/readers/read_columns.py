@@ -1,0 +1,111 @@
+"""Parquet and Feather by pyarrow."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tse.library.errors import UserError
+from tse.readers.recording import How, Recording, check_rows, need
+from tse.readers.table import Column, recording_of
+
+
+def read(path: Path, how: How) -> Recording:
+    """All columns that are numbers or times; a struct's fields by their path."""
+    pa = need("pyarrow", "all", str(path))
+    with open(path, "rb") as file:
+        parquet = file.read(4) == b"PAR1"
+    try:
+        schema, rows, read_column = (_parquet if parquet else _feather)(path)
+        check_rows(path, "the table", rows)
+        if not rows:
+            raise UserError(f"{path}: has columns but no rows")
+        columns = [_column(pa, field, steps, rows, read_column) for field, steps in _leaves(pa, schema)]
+        found = recording_of(path, "Parquet" if parquet else "Feather", columns, how)
+        pa.default_memory_pool().release_unused()
+    except (UserError, MemoryError):
+        raise
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise UserError(f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}") from None
+    if found.channels and not np.isfinite(next(iter(found)).time).any():
+        raise UserError(f"{path}: the time is empty")
+    return found
+
+
+Read = Callable[[int], Any]  # a column of the file by its place
+
+
+def _parquet(path: Path) -> tuple[Any, int, Read]:
+    """Schema, rows, and who reads a column."""
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+    alone = len(set(schema.names)) == len(schema.names) and not any(
+        "." in n for n in schema.names
+    )  # a name says which
+
+    def column(place: int) -> Any:
+        with pq.ParquetFile(path) as file:
+            if alone:
+                return file.read([schema.names[place]], use_threads=False).column(0)
+            return file.read(use_threads=False).column(place)
+
+    return schema, rows, column
+
+
+def _feather(path: Path) -> tuple[Any, int, Read]:
+    import pyarrow as pa
+    import pyarrow.feather as feather
+
+    with open(path, "rb") as file:
+        first = file.read(4) == b"FEA1"
+    if first:  # the format of 2016
+        table = feather.read_table(path)
+        return table.schema, table.num_rows, table.column
+    with pa.OSFile(str(path)) as source, pa.ipc.open_file(source) as file:
+        schema = file.schema
+        rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
+
+    def column(place: int) -> Any:
+        options = pa.ipc.IpcReadOptions(included_fields=[place], use_threads=False)
+        with pa.OSFile(str(path)) as source, pa.ipc.open_file(source, options=options) as file:
+            return file.read_all().column(0)
+
+    return schema, rows, column
+
+
+def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
+    """Fields that are no structs, with their path in names, and as places."""
+
+    def walk(field: Any, at: tuple[int, ...]) -> Iterator[tuple[Any, tuple[int, ...]]]:
+        if not pa.types.is_struct(field.type):
+            yield field, at
+            return
+        for i in range(field.type.num_fields):
+            part = field.type.field(i)
+            yield from walk(part.with_name(f"{field.name}.{part.name}"), (*at, i))
+
+    for place, field in enumerate(schema):
+        yield from walk(field, (place,))
+
+
+def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: Read) -> Column:
+    meta = {
+        k.decode(errors="replace").lower(): v.decode(errors="replace")
+        for k, v in (field.metadata or {}).items()
+    }
+    kind = pa.types
+
+    def values() -> pd.Series:
+        column = read(steps[0])
+        for place in steps[1:]:
+            column = pa.table([column], ["struct"]).flatten().column(place)
+        return (column.cast(field.type.value_type) if kind.is_dictionary(field.type) else column).to_pandas()
+
+    dates = kind.is_timestamp(field.type) or kind.is_duration(field.type)
+    return Column(
+        field.name, values, meta.get("unit", meta.get("units", "")), meta.get("description", ""), rows, dates
+    )

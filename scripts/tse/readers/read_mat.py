@@ -1,0 +1,259 @@
+"""MATLAB files: version 5 by scipy, 7.3 (and plain HDF5) by h5py."""
+
+import functools
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tse.library.errors import UserError
+from tse.log.units import factor, kind
+from tse.readers.recording import Channel, How, Recording, check_rows, listed, need
+from tse.readers.table import TIME_WORDS, Column, recording_of, unit_at_end, with_unit, words
+
+MOST_AT_ONCE = 1 << 25  # bytes of a file of version 5 that is read as a whole, and not variable by variable
+WIDEST = 16  # columns of a matrix that are channels of their own
+SHORTEST = 2
+COMPRESSED = 15  # miCOMPRESSED: type of an element of a file of version 5 that zlib packed
+LARGEST = 1 << 30  # bytes of its variable: thirty hours of a signal at 1 kHz
+
+
+@dataclass(frozen=True)
+class Later:
+    """A vector that is read when it is needed."""
+
+    rows: int
+    read: Callable[[], np.ndarray]
+
+    def __len__(self) -> int:
+        return self.rows
+
+
+def read(path: Path, how: How) -> Recording:
+    """Vectors and columns of matrices, of structs by their path; times are found beside them."""
+    with open(path, "rb") as file:
+        head = file.read(128)
+    opaque: list[str] = []
+    hdf = b"HDF" in head[:8] or head.startswith(b"MATLAB 7.3")
+    leaves = list(_version73(path, opaque) if hdf else _version5(path, opaque))
+    units = {
+        name.rpartition(".")[0]: v
+        for name, v in leaves
+        if isinstance(v, str) and name.rpartition(".")[2].lower() in ("unit", "units")
+    }
+    vectors = {name: v for name, v in leaves if isinstance(v, np.ndarray | Later)}
+    if not vectors:
+        more = f" ({listed(opaque)} are MATLAB objects: save them as structs or a matrix)" if opaque else ""
+        raise UserError(f"{path}: has no vectors of numbers{more}")
+    notes = [f"MATLAB objects are not read, save them as structs: {listed(opaque)}"] if opaque else []
+    times = {name: v for name, v in vectors.items() if _is_time(name, v, units)}
+    if how.time is not None:
+        if how.time not in vectors:
+            raise UserError(f"{path}: [log] time: there is no {how.time!r}; it has {listed(vectors)}")
+        times = {how.time: vectors[how.time]}
+    if not times and len({len(v) for v in vectors.values()}) == 1:
+        columns = [Column(n, v.read if isinstance(v, Later) else v, rows=len(v)) for n, v in vectors.items()]
+        return recording_of(path, "MAT", columns, how, notes)  # in words of a table
+    clocks: dict[str, np.ndarray] = {}
+    channels: dict[str, Channel] = {}
+    for name, v in vectors.items():
+        if name in times:
+            continue
+        own = _nearest(name, len(v), times)
+        if own is None:
+            continue
+        if own not in clocks:
+            clocks[own] = _seconds(path, own, _read(times[own]), units.get(own, ""), how, notes)
+        plain, unit = with_unit(_tidy(name))
+        if how.wanted and not how.wanted(plain):
+            continue
+        unit = unit or units.get(name, "") or units.get(name.rpartition(".")[0], "") or unit_at_end(plain)
+        channels[plain] = Channel(plain, clocks[own], _read(v), unit if kind(unit) != "time" else "")
+    if not channels:
+        raise UserError(
+            f"{path}: no vector has a time of its length; vectors: {listed(f'{n} ({len(v)})' for n, v in vectors.items())}. Say "
+            'which is the time in signals.toml: [log] time = "NAME"'
+        )
+    return Recording(path, "MAT", channels, notes)
+
+
+def _read(v: np.ndarray | Later) -> np.ndarray:
+    return v.read() if isinstance(v, Later) else v
+
+
+def _tidy(name: str) -> str:
+    """wheel.signals.values is wheel; speed.Data is speed."""
+    parts = name.split(".")
+    while len(parts) > 1 and parts[-1].lower() in ("values", "value", "data", "signals", "samples", "y"):
+        parts.pop()
+    return ".".join(parts)
+
+
+def _is_time(name: str, v: np.ndarray | Later, units: dict[str, str]) -> bool:
+    w = words(name.rpartition(".")[2])
+    if not ((w and w[-1] in TIME_WORDS) or (w and w[0] in TIME_WORDS) or kind(units.get(name, "")) == "time"):
+        return False
+    v = _read(v)
+    step = np.diff(v)
+    return bool(np.isfinite(v).any() and (step >= 0).mean() > 0.9 and (step > 0).any())
+
+
+def _nearest(name: str, length: int, times: Mapping[str, np.ndarray | Later]) -> str | None:
+    """The time of that length that stands nearest in the tree."""
+    fits = [t for t, v in times.items() if len(v) == length]
+    path = name.split(".")
+
+    def near(t: str) -> int:
+        other = t.split(".")
+        same = 0
+        while same < min(len(path), len(other)) and path[same] == other[same]:
+            same += 1
+        return len(path) + len(other) - 2 * same
+
+    return min(fits, key=near) if fits else None
+
+
+def _seconds(path: Path, name: str, v: np.ndarray, unit: str, how: How, notes: list[str]) -> np.ndarray:
+    unit = how.time_unit or unit
+    if unit and (per := factor(unit, "s")) is not None:
+        return v * per
+    return (
+        next(
+            iter(
+                recording_of(path, "MAT", [Column(name, v), Column("x", v)], How(time=with_unit(name)[0]), [])
+            )
+        ).time
+        if len(v)
+        else v
+    )
+
+
+def _version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
+    import scipy.io
+
+    arguments: dict[str, Any] = {"squeeze_me": True, "struct_as_record": False}
+    try:
+        one_by_one = _unpacked(path) > MOST_AT_ONCE
+        for only in [[name] for name, _, _ in scipy.io.whosmat(path)] if one_by_one else [None]:
+            for name, value in scipy.io.loadmat(path, variable_names=only, **arguments).items():
+                if not name.startswith("__"):
+                    yield from _walk(name, value, opaque)
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:  # a damaged file: whatever its parser stumbles over
+        raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
+
+
+def _unpacked(path: Path) -> int:
+    """Bytes of all variables of a file of version 5, which scipy unpacks whole; as their headers say, more is not read of any."""
+    total = 0
+    with open(path, "rb") as file:
+        head = file.read(128)
+        order = ">" if head[126:128] == b"MI" else "<"
+        while len(tag := file.read(8)) == 8:
+            kind_, size = struct.unpack(order + "II", tag)
+            after = file.tell() + size
+            if kind_ == COMPRESSED:
+                inner = zlib.decompressobj().decompress(file.read(min(size, 4096)), 8)
+                size = struct.unpack(order + "II", inner)[1] if len(inner) == 8 else size
+            if size > LARGEST:
+                raise UserError(
+                    f"{path}: a variable has {size / 2**30:.1f} GB, it says; of MAT files of version 5, whose variables are read "
+                    "whole, up to 1 GB are: save it with -v7.3"
+                )
+            total += size
+            file.seek(after)
+    return total
+
+
+def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[tuple[str, Any]]:
+    if hasattr(value, "_fieldnames"):
+        if depth < 8:
+            for f in value._fieldnames:
+                yield from _walk(f"{name}.{f}", getattr(value, f), opaque, depth + 1)
+    elif type(value).__name__ == "MatlabOpaque" or "Opaque" in type(value).__name__:
+        opaque.append(name)
+    elif isinstance(value, str):
+        yield name, value
+    elif isinstance(value, np.ndarray):
+        if value.dtype == object:
+            for i, part in enumerate(value.ravel()[:200]):
+                yield from _walk(f"{name}.{i + 1}", part, opaque, depth + 1)
+        else:
+            yield from _vectors(name, value)
+
+
+def _vectors(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
+    if value.dtype.kind not in "biuf":
+        return
+    value = np.squeeze(value)
+    if value.ndim == 1 and len(value) >= SHORTEST:
+        yield name, value.astype(float)
+    elif value.ndim == 2:
+        value = value if value.shape[0] >= value.shape[1] else value.T
+        if value.shape[1] <= WIDEST:
+            for i in range(value.shape[1]):
+                yield f"{name}.{i + 1}", value[:, i].astype(float)
+
+
+def _version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
+    h5py = need("h5py", "mat", str(path))
+    try:
+        with h5py.File(path, "r") as file:
+            yield from _walk_hdf(file, "", opaque, h5py)
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:  # a damaged file: whatever its library stumbles over
+        raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
+
+
+def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tuple[str, Any]]:
+    for key, item in group.items():
+        name = f"{at}.{key}" if at else key
+        if key.startswith("#"):
+            continue
+        kind_ = item.attrs.get("MATLAB_class", b"")
+        kind_ = kind_.decode() if isinstance(kind_, bytes) else str(kind_)
+        if item.attrs.get("MATLAB_object_decode") is not None:
+            opaque.append(name)
+        elif isinstance(item, h5py.Group):
+            yield from _walk_hdf(item, name, opaque, h5py)
+        elif kind_ == "char":
+            yield name, "".join(chr(c) for c in np.asarray(item).ravel() if c)
+        elif item.dtype.kind in "biuf":
+            check_rows(Path(item.file.filename), name, int(np.prod(item.shape, dtype=float)))
+            yield from _vectors_of(name, item, h5py)
+            unit = item.attrs.get("unit", item.attrs.get("units"))
+            if unit is not None:
+                yield f"{name}.unit", unit.decode() if isinstance(unit, bytes) else str(unit)
+
+
+def _vectors_of(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
+    """As _vectors(), of a dataset whose columns are read when they are needed."""
+    long = [axis for axis, n in enumerate(item.shape) if n > 1]
+    if not 1 <= len(long) <= 2:
+        yield from _vectors(name, np.asarray(item))
+        return
+    along = max(long, key=lambda axis: item.shape[axis])  # of two that are as long the first
+    across = next((axis for axis in long if axis != along), None)
+    count = 1 if across is None else item.shape[across]
+    file, at, place = (
+        item.file.filename,
+        item.name,
+        [slice(None) if axis == along else 0 for axis in range(len(item.shape))],
+    )
+
+    def column(k: int) -> np.ndarray:
+        with h5py.File(file, "r") as again:
+            mine = tuple(k if axis == across else p for axis, p in enumerate(place))
+            return np.asarray(again[at][mine], float)
+
+    for k in range(count if count <= WIDEST else 0):
+        yield (
+            name if across is None else f"{name}.{k + 1}",
+            Later(item.shape[along], functools.partial(column, k)),
+        )

@@ -1,0 +1,92 @@
+"""MCAP: ROS 1 and 2 messages, JSON and protobuf, by the schemas in the file."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from tse.library.errors import UserError
+from tse.readers.recording import Collector, How, Recording, listed, need
+
+
+def read(path: Path, how: How) -> Recording:
+    """Fields of all messages by topic and path."""
+    mcap = need("mcap.reader", "ros", str(path))
+    collect, notes = Collector(path, how.wanted), []
+    decoders: dict[int, Any] = {}
+    strange: dict[str, str] = {}
+    count = 0
+    try:
+        with open(path, "rb") as file:
+            for schema, channel, message in _messages(mcap, file, notes):
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(
+                        path, channel.message_encoding, schema, strange, channel.topic
+                    )
+                decoder = decoders[channel.id]
+                if decoder is not None:
+                    collect.add(
+                        channel.topic,
+                        1e-9 * message.log_time,
+                        decoder(message.data),
+                        schema.name if schema else "",
+                    )
+                    count += 1
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:  # damage shows in many ways
+        if not count:
+            raise UserError(
+                f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}"
+            ) from None
+        notes.append(
+            f"the file is damaged after {count} messages ({type(error).__name__} {str(error)[:60]}): what is before is used"
+        )
+    if strange and not count:
+        raise UserError(
+            f"{path}: its messages cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}; ROS 1, ROS 2, JSON, "
+            f"protobuf can"
+        )
+    if strange:
+        notes.append(f"topics that cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}")
+    return Recording(path, "MCAP", collect.channels(), notes)
+
+
+MAGIC = b"\x89MCAP0\r\n"
+
+
+def _messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
+    """All messages. A file whose end is missing has no index: it is read from the front, chunk by chunk."""
+    file.seek(0, 2)
+    file.seek(max(file.tell() - len(MAGIC), 0))
+    whole = file.read() == MAGIC
+    file.seek(0)
+    if whole:
+        yield from mcap.make_reader(file).iter_messages()
+    else:
+        notes.append("the end of the file is missing: what is before is used")
+        yield from mcap.NonSeekingReader(file).iter_messages(log_time_order=False)
+
+
+def _decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], topic: str) -> Any:
+    if encoding == "json":
+        return json.loads
+    factory = {
+        "cdr": ("mcap_ros2.decoder", "ros"),
+        "ros1": ("mcap_ros1.decoder", "ros"),
+        "protobuf": ("mcap_protobuf.decoder", "ros"),
+    }
+    if encoding not in factory:
+        strange[topic] = f"encoding {encoding!r}"
+        return None
+    module = need(*factory[encoding], str(path))
+    found = module.DecoderFactory().decoder_for(encoding, schema)
+    if found is None:
+        strange[topic] = f"schema {schema.encoding if schema else 'none'}"
+    return _of_protobuf(found) if encoding == "protobuf" and found else found
+
+
+def _of_protobuf(decoder: Any) -> Any:
+    from google.protobuf.json_format import MessageToDict
+
+    return lambda data: MessageToDict(decoder(data), preserving_proto_field_name=True)

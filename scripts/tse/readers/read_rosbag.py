@@ -1,0 +1,156 @@
+"""ROS 1 bags and the folders of ROS 2 bags by rosbags."""
+
+import bz2
+import io
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from tse.library.errors import UserError
+from tse.readers.recording import Collector, How, Recording, listed, need
+
+CHUNK, CONNECTION, MESSAGE, HEADER = 5, 7, 2, 3  # op of a record of a ROS 1 bag
+LARGEST = 1 << 30  # bytes of a record or of a chunk; rosbag's own chunks are of 0.8 MB
+DAMAGE = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
+
+
+def _is_closed(path: Path) -> bool:
+    """Has a ROS 1 bag an index? Its first record says where, and 0 while it is written; where the end is cut off, it is behind."""
+    try:
+        with open(path, "rb") as file:
+            file.readline()
+            op, fields, _ = _record(file)
+        return op != HEADER or 0 < struct.unpack("<Q", fields[b"index_pos"])[0] < path.stat().st_size
+    except DAMAGE:
+        return True
+
+
+def _record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
+    """One record: op, fields of its header, data. EOFError: the file ends before it does."""
+
+    def part() -> bytes:
+        head = file.read(4)
+        size = struct.unpack("<I", head)[0] if len(head) == 4 else -1
+        data = file.read(size) if 0 <= size <= LARGEST else b""
+        if len(data) != size:
+            raise EOFError
+        return data
+
+    fields, data = _fields(part()), part()
+    return fields[b"op"][0], fields, data
+
+
+def _unpacked(compression: bytes, data: bytes) -> bytes:
+    if compression == b"none":
+        return data
+    if compression == b"bz2":
+        work = bz2.BZ2Decompressor()
+        plain = work.decompress(data, LARGEST)
+    else:
+        plain = need("lz4.frame", "ros", "the bag").decompress(data)
+    if len(plain) >= LARGEST:
+        raise ValueError("a chunk is larger than 1 GB")
+    return plain
+
+
+def _from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
+    """Messages of a ROS 1 bag without an index, up to the last whole chunk: topic, time s, message, its type."""
+    store = typesys.get_typestore(typesys.Stores.EMPTY)
+    known: dict[int, tuple[str, str]] = {}
+    with open(path, "rb") as file:
+        file.readline()
+        while True:
+            try:
+                op, fields, data = _record(file)
+                if op != CHUNK:
+                    continue
+                inner = io.BytesIO(_unpacked(fields[b"compression"], data))
+            except DAMAGE:
+                return
+            while inner.tell() < len(inner.getbuffer()):
+                try:
+                    op, fields, data = _record(inner)
+                except DAMAGE:
+                    break
+                if op == CONNECTION:
+                    number, said = struct.unpack("<I", fields[b"conn"])[0], _fields(data)
+                    kind = said[b"type"].decode().replace("/", "/msg/")
+                    if number not in known:
+                        store.register(typesys.get_types_from_msg(said[b"message_definition"].decode(), kind))
+                        known[number] = fields[b"topic"].decode(), kind
+                elif op == MESSAGE:
+                    topic, kind = known.get(struct.unpack("<I", fields[b"conn"])[0], ("", ""))
+                    seconds, rest = struct.unpack("<II", fields[b"time"])
+                    if topic:
+                        yield topic, seconds + 1e-9 * rest, store.deserialize_ros1(data, kind), kind
+
+
+def _fields(data: bytes) -> dict[bytes, bytes]:
+    found, at = {}, 0
+    while at < len(data):
+        size = struct.unpack_from("<I", data, at)[0]
+        name, _, value = data[at + 4 : at + 4 + size].partition(b"=")
+        found[name] = value
+        at += 4 + size
+    return found
+
+
+def read(path: Path, how: How) -> Recording:
+    """Fields of all messages by topic and path."""
+    highlevel = need("rosbags.highlevel", "ros", str(path))
+    typesys = need("rosbags.typesys", "ros", str(path))
+    bag = path
+    if path.is_file() and path.suffix.lower() != ".bag":
+        bag = path.parent
+        if not (bag / "metadata.yaml").exists():
+            with open(path, "rb") as file:
+                frames = b"arbitration_id" in file.read(
+                    1 << 16
+                )  # a column of the table that python-can writes
+            if frames:
+                raise UserError(
+                    f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: write them as BLF: "
+                    f"python -m can.logconvert {path.name} {path.stem}.blf"
+                )
+            raise UserError(
+                f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
+            )
+    collect, notes = Collector(path, how.wanted), []
+    count = 0
+    strange: dict[str, str] = {}
+    try:
+        if bag.is_file() and not _is_closed(bag):
+            notes.append("the bag was not closed, or its end is missing: what is before is used")
+            for topic, time, message, kind in _from_front(bag, typesys):
+                collect.add(topic, time, message, kind)
+                count += 1
+            if count:
+                return Recording(path, "ROS bag", collect.channels(), notes)
+        store = typesys.get_typestore(typesys.Stores.LATEST)
+        with highlevel.AnyReader([bag], default_typestore=store) as reader:
+            for connection, time, raw in reader.messages():
+                if connection.topic in strange:
+                    continue
+                try:
+                    message = reader.deserialize(raw, connection.msgtype)
+                except KeyError as error:
+                    strange[connection.topic] = str(error)
+                    continue
+                collect.add(connection.topic, 1e-9 * time, message, connection.msgtype)
+                count += 1
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:  # damage shows in many ways
+        if not count:
+            raise UserError(
+                f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}"
+            ) from None
+        notes.append(f"the bag is damaged after {count} messages ({str(error)[:60]}): what is before is used")
+    if strange:
+        notes.append(f"topics whose message types the bag does not define: {listed(strange)}")
+    if not count:
+        raise UserError(
+            f"{path}: has no message that can be read{f' (types unknown: {listed(strange.values())})' if strange else ''}"
+        )
+    return Recording(path, "ROS bag", collect.channels(), notes)

@@ -1,0 +1,172 @@
+"""Readers, one per family of formats: a path in, a Recording out. Which: by what the file begins with, then by its suffix."""
+
+import gzip
+import importlib
+import tempfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from tse.library.errors import NoFile, UserError
+from tse.readers.bus_text import kind_of
+from tse.readers.databases import SUFFIXES as DATABASES
+from tse.readers.recording import How, Recording, in_room, in_time
+
+# module, its suffixes, what a file of it begins with
+READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
+    "mdf": ((".mf4", ".mdf", ".dat", ".mf3"), (b"MDF     ", b"UnFinMF ")),
+    "can": ((".blf", ".asc", ".trc", ".log", ".can"), (b"LOGG",)),
+    "mcap": ((".mcap",), (b"\x89MCAP0\r\n",)),
+    "rosbag": ((".bag", ".db3"), (b"#ROSBAG", b"SQLite format 3\0")),
+    "columns": ((".parquet", ".pq", ".feather", ".arrow", ".ipc"), (b"PAR1", b"ARROW1", b"FEA1")),
+    "mat": ((".mat", ".h5", ".hdf5"), (b"MATLAB 5.0", b"MATLAB 7.3", b"\x89HDF")),
+    "openpilot": ((".rlog", ".qlog", ".bz2", ".zst"), ()),
+    "vbo": ((".vbo",), ()),
+    "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
+}
+OTHERS = {  # what people have, that nobody reads here, and what to do
+    ".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV", ".ods": "save the sheet as CSV", ".zip": "unpack it first",
+    ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it first",
+    ".pcap": "record the bus as BLF, ASC or MF4", ".pcapng": "record the bus as BLF, ASC or MF4",
+    ".dbc": "this is the database, not the log: name it with --database",
+    ".arxml": "this is the database, not the log: name it with --database", ".a2l": "this describes an ECU, it is not a log",
+    ".toml": "a log is needed here", ".pkl": "save the table as Parquet", ".pickle": "save the table as Parquet",
+    ".npz": "save the arrays as MAT or Parquet", ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV",
+    ".d97": "export it as MF4", ".ld": "export it as CSV or MAT",
+    ".json": "save the table as Parquet or CSV",
+}  # fmt: skip
+HEAD = 1 << 14  # bytes from which a format is recognised
+FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
+
+
+def reader_of(path: Path) -> str:
+    """Name of the module that reads it. UserError: nobody does."""
+    if path.is_dir():
+        if (path / "metadata.yaml").exists():
+            return "rosbag"
+        raise UserError(f"{path}: is a directory, not a log (a ROS 2 bag's has a metadata.yaml)")
+    if path.exists() and not path.is_file():  # a pipe or a device may never end
+        raise UserError(f"{path}: is no file; a log is read more than once, so write it to a file first")
+    try:
+        with open(path, "rb") as file:
+            head = file.read(HEAD)
+    except FileNotFoundError:
+        raise NoFile(f"{path}: no such file") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    if not head.strip():
+        raise UserError(f"{path}: is empty")
+    for name, (_, beginnings) in READERS.items():
+        if head.startswith(beginnings):
+            return name
+    suffix = path.suffix.lower()
+    if kind_of(head, suffix):
+        return "can"
+    if suffix in OTHERS:
+        raise UserError(f"{path}: cannot be read as it is: {OTHERS[suffix]}; read are {FORMATS}")
+    text = b"\0" not in head[:256] or head.startswith((b"\xff\xfe", b"\xfe\xff"))
+    found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
+    if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
+        raise UserError(
+            f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; read are {FORMATS}"
+        )
+    if found == "can" and suffix in (".log", ".can") and text:
+        return "text"  # .log is the end of many a name
+    if found in ("can", "openpilot", "vbo"):
+        return found
+    if text:
+        return "text"
+    raise UserError(f"{path}: is a binary file of no format that is known here; read are {FORMATS}")
+
+
+GZIP = b"\x1f\x8b"
+LEAST_UNPACKED, MOST_UNPACKED = 64 << 20, 40  # bytes that any packed log may have; and times its own size
+
+
+@contextmanager
+def unpacked(path: Path) -> Iterator[Path]:
+    """Give a log that is packed by gzip as a file that is not, for as long as the block lasts.
+
+    Parameters
+    ----------
+    path : Path
+        drive.csv.gz, or any file.
+
+    Yields
+    ------
+    Path
+        The unpacked file, whose name has no .gz. The file itself where it is not packed.
+
+    Raises
+    ------
+    UserError
+        It is damaged, or unpacks to far more than a log does.
+    """
+    try:
+        with open(path, "rb") as file:
+            packed = path.is_file() and file.read(2) == GZIP
+    except OSError:
+        packed = False  # who reads it says so
+    if not packed:
+        yield path
+        return
+    name = path.name[:-3] if path.suffix.lower() == ".gz" else path.name
+    room = max(LEAST_UNPACKED, MOST_UNPACKED * path.stat().st_size)
+    with tempfile.TemporaryDirectory(prefix="tselab-") as folder:
+        plain = Path(folder) / (name or "log")
+        try:
+            with gzip.open(path, "rb") as source, open(plain, "wb") as target:
+                while part := source.read(1 << 20):
+                    if target.tell() + len(part) > room:
+                        raise UserError(
+                            f"{path}: unpacks to more than {room >> 20:,} MB, {MOST_UNPACKED} times its size: "
+                            "unpack it first, if it is a log"
+                        )
+                    target.write(part)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise UserError(f"{path}: is damaged or cut off: {error}; unpack it first") from None
+        except OSError as error:
+            raise UserError(f"{path}: cannot be unpacked: {error.strerror or error}") from None
+        yield plain
+
+
+def read_recording(path: Path, how: How | None = None) -> Recording:
+    """A log as it is in its file. UserError: it cannot be read; the text says what helps."""
+    path = Path(path)
+    with in_time(path), unpacked(path) as plain:
+        if plain == path:
+            return _read_plain(path, how)
+        how = how or How()
+        beside = how.databases or tuple(
+            sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASES)
+        )
+        try:
+            found = _read_plain(plain, replace(how, databases=beside))
+        except UserError as error:
+            raise UserError(str(error).replace(str(plain), str(path))) from None
+        return replace(found, path=path)
+
+
+def _read_plain(path: Path, how: How | None) -> Recording:
+    module = importlib.import_module(f"tse.readers.read_{reader_of(path)}")
+    try:
+        with in_room(path):
+            found: Recording = module.read(path, how or How())
+    except UserError:
+        raise
+    except MemoryError:
+        raise UserError(
+            f"{path}: takes more memory to read than there is: it is damaged, made to fill the machine, or very long: "
+            "cut it into drives"
+        ) from None
+    except Exception as error:  # what a reader did not expect: damage, nearly always
+        said = f"{type(error).__name__}: {str(error)[:120]}"
+        raise UserError(
+            f"{path}: cannot be read ({said}): it is damaged, or of a form that nobody has met; if another program reads it, it is "
+            "worth a report"
+        ) from error
+    if not any(len(c) for c in found) and (how is None or how.wanted is None):
+        raise UserError(f"{path}: has no channel with numbers in it")
+    return found.since_start()

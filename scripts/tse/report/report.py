@@ -1,0 +1,113 @@
+"""The report: one HTML file that needs nothing else, readable offline."""
+
+import base64
+import gzip
+import json
+import pkgutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import orjson
+from markupsafe import Markup
+
+from tse.car.vehicle import Vehicle
+from tse.estimation import regimes
+from tse.estimation.answer import beside, held
+from tse.estimation.estimate import Estimate
+from tse.estimation.verdict import Finding, findings
+from tse.library import __version__
+from tse.library.core import Config, library
+from tse.library.files import atomic
+from tse.log.rows import Log
+from tse.report import plots
+from tse.report.results import run_facts
+
+MOST_CARDS = 6  # stretches of road that have cards; the table has all
+MOST_EVENTS = 200  # in the table
+LEVEL = 4  # of compression; 9 takes three times as long for 3 %
+
+
+def write_report(
+    path: Path,
+    est: Estimate,
+    log: Log,
+    vehicle: Vehicle,
+    config: Config,
+    notes: list[str],
+    data: plots.Data | None = None,
+    contradictions: Sequence[str] = (),
+    judged: tuple[list[regimes.Change], list[Finding]] | None = None,
+) -> None:
+    """Write the report of a run. `contradictions`: see verdict.findings. `data`, `judged`: what was drawn of it on the way, and its
+    changes and findings; else they are made from the table of `est`."""
+    if data is None:
+        data = plots.Data(log)
+        data.add(est.table)
+    if judged is None:
+        changes = regimes.changes(est.table)
+        judged = changes, findings(est.table, config, changes, contradictions, est.uncertainty_sd)
+    (changes, found), spells = judged, regimes.spells(est.table)
+    sections = [
+        ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
+         "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),
+        ("States", "Estimates against the reference columns of the log, where there are any.",
+         plots.states_figure(data, config.form == 0 and config.grip_sd > 0)),
+        ("Inputs and measurements", "The log as it was read; references are off until their legend entry is clicked.",
+         plots.inputs_figure(data)),
+        ("Health of the filter", "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",
+         plots.health_figure(data)),
+        ("Other reference columns", "Columns of the log that start with ref_ and match no estimate.", plots.others_figure(data)),
+    ]  # fmt: skip
+    write_page(path, "report.html.j2", sections, title=log.path.name, vehicle=vehicle, findings=found, spread=config.form != 0,
+               most=MOST_CARDS, events=events(changes, spells), facts=run_facts(est, log, vehicle, config, data.stride),
+               changed=[(config.fields[name], value) for name, value in config.changed().items()],
+               notes=notes, filters={"held": held, "beside": beside})  # fmt: skip
+
+
+def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
+    """Write a page that needs nothing else. `sections`: title, text and figure, of plots.py or of plotly; without the figure none.
+    `words`: what else the template asks for; `filters` among them are those that it pipes through."""
+    shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
+    figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
+    heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("tse.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= words.pop("filters", {})
+    page = environment.get_template(template).render(
+        sections=[
+            {"id": f"plot{i}", "title": title, "text": text, "height": height}
+            for i, ((title, text, _), height) in enumerate(zip(shown, heights, strict=True))
+        ],
+        figures=packed(orjson.dumps(figures, option=orjson.OPT_SERIALIZE_NUMPY)),
+        plotly=packed(pkgutil.get_data("plotly", "package_data/plotly.min.js") or b"") if shown else "",
+        library=library(),
+        version=__version__,
+        **words,
+    )
+    with atomic(path) as file:
+        file.write(page)
+
+
+def events(
+    changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]
+) -> list[tuple[str, str, str, str]]:
+    """What happened, in order of time: when, what, probability, what it did."""
+    rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, c.effect) for c in changes]
+    rows += [(s.start, f"{s.start:.2f} .. {s.end:.2f} s", s.name, s.probability, "") for s in spells]
+    likeliest = sorted(rows, key=lambda r: -r[3])[:MOST_EVENTS]
+    return [(when, what, regimes.percent(p), effect) for _, when, what, p, effect in sorted(likeliest)]
+
+
+def packed(text: str | bytes) -> Markup:
+    """Compressed and in letters that need no escaping."""
+    data = text.encode() if isinstance(text, str) else text
+    return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())
+
+
+def figures_of(page: str) -> list[dict]:
+    """The figures inside a report, unpacked: for tests and for readers with a script."""
+    packed = page.split('id="figures">', 1)[1].split("<", 1)[0]
+    return json.loads(gzip.decompress(base64.b64decode(packed)))

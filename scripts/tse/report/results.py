@@ -1,0 +1,204 @@
+"""What a run found, for programs: rows of a table, a JSON document, an exit code that says how much can be used."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+
+from tse.car.config import filter_text
+from tse.car.vehicle import Vehicle, latency_settings
+from tse.estimation import regimes
+from tse.estimation.estimate import Estimate
+from tse.estimation.verdict import Finding, Quantity, Verdict
+from tse.library import __version__
+from tse.library.core import Config, library
+from tse.library.errors import UserError
+from tse.library.files import atomic, check_writable, is_parquet
+from tse.log.rows import Log
+
+USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; 2 is bad input
+CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}
+LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # of a verdict
+KILO = 1000.0  # verdicts are in kN
+COLUMNS: dict[str, str] = {  # of the table of an estimate, a row per stretch of road and stiffness: pandas' type
+    "log": "string", "stretch": "Int64", "start": "Float64", "end": "Float64", "stiffness": "string", "value": "Float64",
+    "sd": "Float64", "low": "Float64", "high": "Float64", "smoothed": "Float64", "smoothed_sd": "Float64",
+    "smoothed_low": "Float64", "smoothed_high": "Float64", "smoothed_reason": "string",
+    "spread": "Float64", "nominal": "Float64", "valid": "Float64",
+    "usable": "string", "reason": "string", "change": "string", "change_probability": "Float64", "ratio": "Float64",
+    "ratio_sd": "Float64", "warnings": "string", "text": "string",
+}  # fmt: skip
+
+
+def exit_code(found: Sequence[Finding]) -> int:
+    """Usable: every stiffness is, on some stretch; nothing: none has a value on any."""
+    best: dict[str, str] = {}
+    for v in (v for f in found for v in f.verdicts):
+        best[v.key] = min(best.get(v.key, v.level), v.level, key=list(LEVELS).index)
+    levels = set(best.values()) or {"none"}
+    return USABLE if levels == {"good"} else NOTHING if levels == {"none"} else IN_PART
+
+
+def rows(
+    log: Path,
+    est: Estimate,
+    found: Sequence[Finding],
+    changes: Sequence[regimes.Change],
+    warnings: Sequence[str],
+) -> list[dict[str, Any]]:
+    """The table of an estimate: a dict per row, with COLUMNS. A change stands at the stretch that it began."""
+    time = regimes.spoken_of(est.table)
+    whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
+    table = []
+    for number, f in enumerate(found, 1):
+        start, end = (f.stretch.start, f.stretch.end) if f.stretch else whole
+        began = next((c for c in changes if number > 1 and abs(c.time - start) < 1e-9), None)
+        for v in f.verdicts:
+            ratio, sd = began.ratio.get(v.key, (np.nan, np.nan)) if began else (np.nan, np.nan)
+            table.append(
+                {"log": str(log), "stretch": number, "start": start, "end": end, **_of_verdict(v),
+                 "change": began.what if began else None, "change_probability": began.probability if began else np.nan,
+                 "ratio": ratio, "ratio_sd": sd, "warnings": "\n".join(warnings) or None, "text": v.text}
+            )  # fmt: skip
+    return table
+
+
+def _of_verdict(v: Verdict) -> dict[str, Any]:
+    """In N and N/rad."""
+    return {
+        "stiffness": v.key, "value": KILO * v.value, "sd": KILO * v.band / 1.96, "low": KILO * v.low, "high": KILO * v.high,
+        "smoothed": KILO * v.smoothed, "smoothed_sd": KILO * v.smoothed_band / 1.96,
+        "smoothed_low": KILO * (v.smoothed - v.smoothed_band), "smoothed_high": KILO * (v.smoothed + v.smoothed_band),
+        "smoothed_reason": v.smoothed_reason or None, "spread": v.spread,
+        "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
+        "reason": (v.reason or None) if v.level != "good" else None,  # of a stiffness that is usable there is none
+    }  # fmt: skip
+
+
+def _of_quantity(q: Quantity) -> dict[str, Any]:
+    """Grip, sideslip: in its unit."""
+    return {"value": q.value, "sd": q.band / 1.96, "low": q.value - q.band, "high": q.value + q.band, "unit": q.unit,
+            "time": q.time, "valid": q.valid, "reason": q.reason or None, "text": q.line()}  # fmt: skip
+
+
+def document(
+    log: Path, est: Estimate, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
+) -> dict[str, Any]:
+    """An estimate as JSON. `said`: what else there is to say: vehicle, notes, files."""
+    changes, spells = regimes.changes(est.table), regimes.spells(est.table)
+    time = est.table["time"]
+    keys, per = ("stretch", "start", "end"), len(found[0].verdicts)
+    table = [
+        {k: x for k, x in r.items() if k not in ("log", "warnings")}
+        for r in rows(log, est, found, changes, ())
+    ]
+    return {
+        "tselab": __version__,
+        "library": library().version,
+        "log": str(log),
+        **said,
+        "rows": len(est),
+        "seconds": float(time.iloc[-1] - time.iloc[0]) if len(est) else 0.0,
+        "usable": CODES[exit_code(found)],
+        "exit_code": exit_code(found),
+        "settings": dict(config.changed()),
+        "stretches": [
+            {
+                **{k: part[0][k] for k in keys},
+                "stiffness": {r["stiffness"]: _without(r, (*keys, "stiffness")) for r in part},
+                **{q.key: _of_quantity(q) for q in f.others},
+            }
+            for f, part in zip(found, (table[i : i + per] for i in range(0, len(table), per)), strict=True)
+        ],
+        "changes": [vars(c) | {"what": c.what} for c in changes],
+        "spells": [vars(s) for s in spells],
+    }
+
+
+def _without(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
+    return {k: x for k, x in row.items() if k not in keys}
+
+
+def say_json(data: Any) -> None:
+    """On standard output; what is not finite is null."""
+    click.echo(json.dumps(plain(data), indent=1, allow_nan=False, ensure_ascii=False))
+
+
+def plain(x: Any) -> Any:
+    """As JSON has it."""
+    if isinstance(x, Mapping):
+        return {str(k): plain(v) for k, v in x.items()}
+    if isinstance(x, (list, tuple, set)):
+        return [plain(v) for v in x]
+    if isinstance(x, np.generic):
+        return plain(x.item())
+    if isinstance(x, float):
+        return x if np.isfinite(x) else None
+    return str(x) if isinstance(x, Path) else x
+
+
+# ---- tables
+
+
+def check_table(path: Path | None) -> None:
+    """Refuse early a table that could not be written."""
+    if path is None:
+        return
+    if not is_parquet(path) and path.suffix.lower() != ".csv":
+        raise UserError(f"option --table: {path}: a table is written as .parquet or .csv, by its name")
+    check_writable(path)
+
+
+def as_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
+    """Rows with these columns, of these types, in this order."""
+    return pd.DataFrame([plain(r) for r in table], columns=list(columns)).astype(dict(columns))
+
+
+def write_rows(
+    path: Path, table: Sequence[Mapping[str, Any]], columns: Mapping[str, str] | None = None
+) -> None:
+    """Rows as Parquet or CSV, by the name. `columns`: their order and types; else those of the first row."""
+    frame = as_frame(table, columns) if columns else pd.DataFrame([plain(r) for r in table])
+    with atomic(path, "wb") as file:
+        if is_parquet(path):
+            frame.to_parquet(file, index=False)
+        else:
+            file.write(frame.to_csv(index=False, lineterminator="\n").encode())
+
+
+# ---- what a run was, in a few lines for the terminal and the report
+
+
+def run_facts(
+    est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride: int = 1
+) -> list[tuple[str, str]]:
+    """The run in a few lines: name and value."""
+    span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
+    every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
+    every += f" (means of {log.averaged} rows)" if log.averaged > 1 else ""
+    facts = [
+        ("Log", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
+        ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
+        ("Filter", filter_text(config)),
+    ]
+    late = {
+        channel: 1000 * getattr(config, name)
+        for channel, name in latency_settings().items()
+        if getattr(config, name)
+    }
+    if late:
+        said = ", ".join(f"{channel} {ms:.3g} ms" for channel, ms in late.items())
+        age = 1000 * float(est.table["estimate_age"].min()) if len(est) else 0.0
+        facts.append(("Latency", f"{said} behind yaw_rate; estimates are of {age:.3g} ms before the row"))
+    if est.interrupted:
+        facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
+    recovered = est.statuses.get(library().status("TSE_W_RECOVERED"), 0)
+    if recovered:
+        facts.append(("Recoveries", f"{recovered} (what was believed was given up)"))
+    if stride > 1:
+        facts.append(("Plots", f"the least and the greatest of every {stride} rows"))
+    return facts

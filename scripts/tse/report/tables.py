@@ -1,0 +1,163 @@
+"""The library's tables as text for people."""
+
+from collections.abc import Iterable
+
+from tse.car.vehicle import (
+    REQUIRED,
+    latency_settings,
+    sensor_settings,
+    uncertainty_settings,
+    unknown_car,
+    vehicle_settings,
+)
+from tse.estimation.estimate import est_columns, est_fields
+from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Config, Field, library
+
+
+def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
+    """Columns padded to their widest cell; those in `right` are right-aligned."""
+    rows = [list(r) for r in rows]
+    widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
+    lines = []
+    for r in rows:
+        cells = (
+            c.rjust(w) if i in right else c.ljust(w) for i, (c, w) in enumerate(zip(r, widths, strict=True))
+        )
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
+    """Lines of a table of Markdown; all but the first `left` columns are numbers."""
+    lines = ["|" + "|".join(f" {c} " if c else " " for c in cells) + "|" for cells in (head, *rows)]
+    columns = len(list(head))
+    return [lines[0], "|" + "---|" * left + "---:|" * (columns - left), *lines[1:]]
+
+
+def settings_table(which: int = CONFIG) -> str:
+    """All settings: name, default, range, unit, meaning."""
+    rows = [["setting", "default", "range", "unit", "meaning"]]
+    rows += [
+        [f.name, f"{f.default:.6g}", f"{f.low:g} .. {f.high:g}", f.unit, f.text]
+        for f in library().fields(which)
+    ]
+    return text_table(rows, right=(1,))
+
+
+def log_columns() -> list[list[str]]:
+    """Name, unit, range and meaning of each column of a log."""
+    rows = [["time", "s", "increasing", "time of the row"]]
+    return rows + [[f.name, f.unit, f"{f.low:g} .. {f.high:g}", f.text] for f in library().channels]
+
+
+def log_columns_table() -> str:
+    return text_table(log_columns())
+
+
+def estimate_columns() -> list[list[str]]:
+    """Name, unit and meaning of each column of EST.csv after time."""
+    rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in (*STIFFNESS, GRIP)}
+    for f in est_fields():
+        rows[f.name] = [f.name, _si(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
+    return [rows[name] for name in est_columns() if name != "time"]
+
+
+def est_columns_table() -> str:
+    return text_table(estimate_columns())
+
+
+def codes_table() -> str:
+    lines = [f"{code:3d}  {f.text}" for code, f in sorted(library().codes(STATUS).items()) if code >= 0]
+    reasons = [f"{f.name}: {f.text}" for f in library().fields(REASON)]
+    return "status\n" + "\n".join(lines) + "\n\nreason\n  " + "\n  ".join(reasons)
+
+
+def sim_settings_table() -> str:
+    return settings_table(SIM_CONFIG)
+
+
+def example_vehicle() -> str:
+    """A commented vehicle file to edit: what a file must say, with the built-in car's values; the rest commented out. Who knows no
+    more of a car than its measures must not say more: sensors and stiffness that are another car's, or a car that is known exactly,
+    make an estimate sure of what is wrong."""
+    car = Config.exact()
+    fields = car.fields
+    required = [n for n in vehicle_settings() if n in REQUIRED]
+    others = [n for n in vehicle_settings() if n not in REQUIRED]
+    lines = [
+        "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size car's.",
+        'name = "my car"',
+        *(_toml_line(fields[name], getattr(car, name)) for name in required),
+        "",
+        "# All below is optional: take the # away where you know it. What is left out is that of an ordinary car of its mass and",
+        "# axles, and the run says so.",
+        f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
+        '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other axle rolls freely',
+        "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
+        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in others),
+        "",
+        "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. 0: known exactly.",
+        "# [uncertainty]",
+        *(f"# {_toml_line(fields[name], unknown_car()[name])}" for name in uncertainty_settings()),
+        "",
+        "# Noise and bias of the sensors. Left out: of ordinary ones at first, then found while driving.",
+        "# [sensors]",
+        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in sensor_settings()),
+        "",
+        "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
+        "# [latency]",
+        *(
+            f"# {_toml_line(fields[name], getattr(car, name), key)}"
+            for key, name in latency_settings().items()
+        ),
+        *_EFFECTS,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def simulated_vehicle() -> str:
+    """The car of `tselab simulate`, known exactly: for logs whose truth is known, and for nothing else."""
+    car = Config.exact()
+    fields = car.fields
+    lines = [
+        "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is 'tselab vehicle --example'.",
+        "# SI units; stiffness per axle (both wheels).",
+        'name = "mid-size car"',
+        f"wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
+        'driven_axle = "front"  # front, rear or both; used by tselab simulate',
+        "",
+        *(_toml_line(fields[name], getattr(car, name)) for name in vehicle_settings()),
+        "",
+        "# How uncertain that is: sd of each, 0 for what is known exactly, as here.",
+        "[uncertainty]",
+        *(_toml_line(fields[name], getattr(car, name)) for name in uncertainty_settings()),
+        "",
+        "[sensors]",
+        *(_toml_line(fields[name], getattr(car, name)) for name in sensor_settings()),
+        "",
+        "[latency]",
+        *(_toml_line(fields[name], getattr(car, name), key) for key, name in latency_settings().items()),
+        *_EFFECTS,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+_EFFECTS = (
+    "",
+    "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
+    "# src/tables/effects.toml ('tselab settings' has them as <id>_<parameter>). Left out: none.",
+    "# [effects.body_roll]",
+    "# gain = 0.008  # rad s2/m",
+)
+
+
+def _toml_line(f: Field, value: float, key: str = "") -> str:
+    about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text  # a file leaves out what is not known
+    return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
+
+
+def _si(f: Field) -> str:
+    """Unit in EST.csv, where stiffness is absolute."""
+    if f.name.startswith("cx_") and f.unit == "1":
+        return "N"
+    return "N/rad" if f.name.startswith("cy_") and f.unit == "1" else f.unit

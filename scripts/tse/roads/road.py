@@ -1,0 +1,347 @@
+"""The profile of a road, bank and grade over distance, and its file road.csv.
+
+A row of road.csv is a place of the road; an empty cell is not known. Columns, SI units:
+
+distance    m, along the road, increasing
+bank        rad, left side high > 0, -0.35 .. 0.35
+grade       rad, uphill > 0, -0.35 .. 0.35
+bank_sd     rad, standard deviation of bank, 0 .. 0.35
+grade_sd    rad, standard deviation of grade
+x, y        m, path in a level frame of the road, any origin; both or none
+latitude, longitude   deg, of the same path; both or none
+curvature   1/m, of the path, to the left > 0; without it that of x, y
+closed      1: a circuit, of which the last row is the first one again; 0: an open road
+
+distance, bank or grade, and a path or the curvature are needed. `road_match.py` finds a
+log on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tse.library.errors import NoFile, UserError
+from tse.library.files import atomic, check_regular
+
+Array = npt.NDArray[np.float64]
+
+LARGEST_ROAD = 1 << 30  # bytes of a road file: 10 000 km in steps of a metre
+STEEPEST = 0.35  # rad: range of bank_angle and grade_angle
+PROFILE = ("bank", "grade", "bank_sd", "grade_sd")
+RANGES = {  # of each column: unit, lowest, highest
+    "distance": ("m", -1e7, 1e7),
+    "bank": ("rad", -STEEPEST, STEEPEST),
+    "grade": ("rad", -STEEPEST, STEEPEST),
+    "bank_sd": ("rad", 0.0, STEEPEST),
+    "grade_sd": ("rad", 0.0, STEEPEST),
+    "x": ("m", -1e7, 1e7),
+    "y": ("m", -1e7, 1e7),
+    "latitude": ("deg", -90.0, 90.0),
+    "longitude": ("deg", -180.0, 180.0),
+    "curvature": ("1/m", -1.0, 1.0),
+    "closed": ("1", 0.0, 1.0),
+}
+PAIRS = (("x", "y"), ("latitude", "longitude"))
+EARTH_RADIUS = 6371008.8  # m, mean
+SLOPE = 5.0  # m: over which slopes of a profile are taken; less than the 40 m between knots
+SMOOTH = 7.5  # m: sd of the window of curvatures; half the way in which a car turns into a bend
+
+
+@dataclass(frozen=True)
+class Road:
+    """The profile of a road, over n places.
+
+    Parameters
+    ----------
+    distance
+        (n,) m, increasing; of a circuit the last is one round after the first.
+    bank, grade
+        (n,) rad, left side high and uphill > 0; NaN: not known.
+    bank_sd, grade_sd
+        (n,) rad; NaN: not known.
+    x, y
+        (n,) m, path in a level frame; None: not known.
+    latitude, longitude
+        (n,) deg, of that path; None: not known.
+    curvature
+        (n,) 1/m, to the left > 0; None: that of x, y, or of latitude, longitude.
+    is_closed
+        True: a circuit.
+    path
+        The file, for messages.
+
+    Raises
+    ------
+    UserError
+        A value outside its range, a distance that does not increase, a column of another
+        length, no way to find a place.
+    """
+
+    distance: Array
+    bank: Array
+    grade: Array
+    bank_sd: Array
+    grade_sd: Array
+    x: Array | None = None
+    y: Array | None = None
+    latitude: Array | None = None
+    longitude: Array | None = None
+    curvature: Array | None = None
+    is_closed: bool = False
+    path: Path = field(default=Path("road"))
+
+    def __post_init__(self) -> None:
+        columns = {
+            n: np.asarray(c, float) for n in RANGES if n != "closed" and (c := getattr(self, n)) is not None
+        }
+        for name, values in columns.items():
+            object.__setattr__(self, name, values)
+        check_columns(self.path, columns, np.arange(len(self.distance)), "row")
+        if self.x is None and self.latitude is not None:
+            x, y = to_local(self.latitude, self.longitude, self.origin)
+            object.__setattr__(self, "x", x)
+            object.__setattr__(self, "y", y)
+        if self.curvature is None:
+            if self.x is None:
+                raise UserError(
+                    f"{self.path}: column curvature, or x and y, or latitude and longitude are needed"
+                )
+            object.__setattr__(self, "curvature", curvature_of(self.distance, self.x, self.y))
+
+    def __len__(self) -> int:
+        return len(self.distance)
+
+    @property
+    def length(self) -> float:
+        """m, from the first place to the last; of a circuit one round."""
+        return float(self.distance[-1] - self.distance[0])
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """(latitude, longitude) deg of the first place: origin of local coordinates."""
+        return float(self.latitude[0]), float(self.longitude[0])
+
+    def at(self, name: str, distance: Array) -> Array:
+        """Interpolate a column linearly.
+
+        Parameters
+        ----------
+        name
+            bank, grade, bank_sd, grade_sd, curvature, x or y.
+        distance
+            (m,) m along the road; of a circuit in any round; NaN: not on the road.
+
+        Returns
+        -------
+        (m,) values; NaN where the place is not on the road or the value not known.
+        """
+        s = np.asarray(distance, float)
+        if self.is_closed:
+            s = self.distance[0] + np.mod(s - self.distance[0], self.length)
+        value = np.interp(s, self.distance, getattr(self, name), left=np.nan, right=np.nan)
+        return np.where(np.isfinite(s), value, np.nan)
+
+    def slope(self, name: str, distance: Array) -> Array:
+        """Return by how much a column changes along the road, per m; parameters as those of at()."""
+        return (self.at(name, distance) - self.at(name, distance - SLOPE)) / SLOPE
+
+    def with_profile(
+        self, distance: Array, bank: Array | None = None, grade: Array | None = None,
+        bank_sd: Array | None = None, grade_sd: Array | None = None,
+    ) -> Road:  # fmt: skip
+        """Return this path with another profile, linear between knots.
+
+        Parameters
+        ----------
+        distance
+            (k,) m, increasing: the knots, along this road.
+        bank, grade, bank_sd, grade_sd
+            (k,) rad; None: not known. Beyond the first and last knot of an open road the
+            profile is not known.
+        """
+        period = self.length if self.is_closed else None
+        made = {}
+        for name, knots in zip(PROFILE, (bank, grade, bank_sd, grade_sd), strict=True):
+            if knots is None:
+                made[name] = np.full(len(self), np.nan)
+            elif period:
+                made[name] = np.interp(self.distance, distance, knots, period=period)
+            else:
+                made[name] = np.interp(self.distance, distance, knots, left=np.nan, right=np.nan)
+        return replace(self, **made)
+
+
+def make_road(
+    distance: Array, *, x: Array | None = None, y: Array | None = None, latitude: Array | None = None,
+    longitude: Array | None = None, curvature: Array | None = None, is_closed: bool = False,
+) -> Road:  # fmt: skip
+    """Return a road whose path is known and whose profile is not; parameters as those of
+    Road."""
+    unknown = np.full(len(distance), np.nan)
+    return Road(distance, unknown, unknown, unknown, unknown, x, y, latitude, longitude, curvature, is_closed)
+
+
+def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
+    """Return east and north, m, of places near the origin (latitude, longitude), all in
+    deg.
+
+    Equirectangular: within 10 km of the origin it is 5 m off at 60 deg of latitude, the
+    same for all laps."""
+    east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
+    north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
+    return east, north
+
+
+def curvature_of(distance: Array, x: Array, y: Array) -> Array:
+    """Return the curvature of a path, 1/m, to the left > 0: change of the heading from
+    piece to piece.
+
+    Parameters
+    ----------
+    distance, x, y
+        (n,) m.
+    """
+    if len(distance) < 3:
+        return np.zeros(len(distance))
+    heading = np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
+    middle = 0.5 * (distance[1:] + distance[:-1])
+    turn = np.diff(heading) / np.diff(middle)
+    return np.asarray(np.interp(distance, distance[1:-1], turn))
+
+
+def read_road(path: Path) -> Road:
+    """Read road.csv.
+
+    Raises
+    ------
+    NoFile
+        The file is not there.
+    UserError
+        It is no such table; the text names file, line, column and the allowed range.
+    """
+    import pandas as pd
+
+    path = Path(path)
+    try:
+        check_regular(path, LARGEST_ROAD, "a road file")
+        table = pd.read_csv(
+            path, header=None, skipinitialspace=True, dtype=str, keep_default_na=False, encoding="utf-8-sig"
+        )
+    except FileNotFoundError:
+        raise NoFile(f"{path}: no such file") from None
+    except (OSError, ValueError, pd.errors.ParserError) as error:
+        raise UserError(
+            f"{path}: is no table of a road: {getattr(error, 'strerror', None) or error}"
+        ) from None
+    header = [c.strip() for c in table.iloc[0]]
+    twice = [c for c in RANGES if header.count(c) > 1]
+    if twice:
+        raise UserError(f"{path}: column {twice[0]} stands twice in the header (line 1)")
+    table = table.iloc[1:]
+    line = np.arange(2, len(table) + 2)
+    columns = {n: _numbers(path, n, table[header.index(n)], line) for n in RANGES if n in header}
+    if "distance" not in columns:
+        raise UserError(
+            f"{path}: column distance is missing in the header (line 1); known: {', '.join(RANGES)}"
+        )
+    if "bank" not in columns and "grade" not in columns:
+        raise UserError(f"{path}: column bank or grade is needed; found: {', '.join(header)[:200]}")
+    check_columns(path, columns, line, "line")
+    closed = columns.pop("closed", np.zeros(1))
+    if np.unique(closed).size > 1:
+        raise UserError(f"{path}: column closed: the same in every row is needed, 0 or 1")
+    for name in PROFILE:
+        columns.setdefault(name, np.full(len(table), np.nan))
+    return Road(**columns, is_closed=bool(closed[0]), path=path)
+
+
+def _numbers(path: Path, name: str, cells: object, line: Array) -> Array:
+    """Return a column as numbers, NaN where a cell is empty. UserError: one is no
+    number."""
+    values = np.full(len(line), np.nan)
+    for i, cell in enumerate(cells):
+        text = cell.strip()
+        try:
+            values[i] = float(text) if text else np.nan
+        except ValueError:
+            raise UserError(
+                f"{path}: line {line[i]}, column {name}: {text[:40]!r} is not a number; allowed: {_allowed(name)}, or empty"
+            ) from None
+    return values
+
+
+def _allowed(name: str) -> str:
+    unit, low, high = RANGES[name]
+    return f"{low:g} .. {high:g}{'' if unit == '1' else f' {unit}'}"
+
+
+def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str) -> None:
+    """Refuse columns of a road that cannot be.
+
+    Raises
+    ------
+    UserError
+        The text names path, `place` (line or row), column and the allowed range.
+    """
+    distance = columns["distance"]
+    if len(distance) < 2:
+        raise UserError(f"{path}: has {len(distance)} rows; a road needs two or more")
+    for name, values in columns.items():
+        if np.shape(values) != np.shape(distance):
+            raise UserError(
+                f"{path}: column {name} has {np.size(values)} values, distance has {len(distance)}"
+            )
+        _, low, high = RANGES[name]
+        with np.errstate(invalid="ignore"):
+            bad = np.isinf(values) | (values < low) | (values > high)
+        if bad.any():
+            i = int(bad.argmax())
+            raise UserError(
+                f"{path}: {place} {line[i]}, column {name}: {values[i]:g} is outside the allowed range {_allowed(name)}"
+            )
+    for name in [n for n in ("distance", "x", "y", "latitude", "longitude", "curvature") if n in columns]:
+        empty = np.isnan(columns[name])
+        if empty.any():
+            raise UserError(
+                f"{path}: {place} {line[empty.argmax()]}, column {name}: is empty; allowed: {_allowed(name)}"
+            )
+    back = np.diff(distance) <= 0
+    if back.any():
+        i = int(back.argmax()) + 1
+        raise UserError(
+            f"{path}: {place} {line[i]}, column distance: {distance[i]:g} m is not beyond the row before, {distance[i - 1]:g} m; "
+            f"distance must increase"
+        )
+    for a, b in PAIRS:
+        if (a in columns) != (b in columns):
+            raise UserError(
+                f"{path}: column {b if a in columns else a} is missing: {a} and {b} are needed, or neither"
+            )
+
+
+def write_road(road: Road, path: Path) -> None:
+    """Write road.csv, completely or not at all. Distances to 1 mm, angles to 1e-6 rad,
+    degrees to 1e-9.
+
+    Raises
+    ------
+    UserError
+        The file cannot be written.
+    """
+    digits = {"distance": 3, "x": 3, "y": 3, "latitude": 9, "longitude": 9}
+    names = [n for n in RANGES if n == "closed" or getattr(road, n) is not None]
+    columns = [np.full(len(road), int(road.is_closed)) if n == "closed" else getattr(road, n) for n in names]
+    texts = [
+        [_cell(x, 0 if n == "closed" else digits.get(n, 6)) for x in c]
+        for n, c in zip(names, columns, strict=True)
+    ]
+    with atomic(Path(path)) as file:
+        file.write(",".join(names) + "\n")
+        file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
+
+
+def _cell(x: float, digits: int) -> str:
+    return "" if np.isnan(x) else f"{x:.{digits}f}"

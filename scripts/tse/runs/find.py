@@ -1,0 +1,249 @@
+"""Which logs there are, of which car each is, and when it was driven."""
+
+import fnmatch
+import glob
+import importlib
+import io
+import re
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+import pandas as pd
+
+from tse.library.errors import NoFile, UserError, meant
+from tse.library.files import check_regular, real
+from tse.readers.readers import READERS
+
+# Of what a reader takes these are too common for other things to be taken for logs in a folder; named one by one they are.
+UNSURE = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
+SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - UNSURE
+RESULTS = (".est.csv", ".est.parquet")  # what tselab estimate leaves
+LARGEST_TABLE = 256 << 20  # bytes
+TABLE_COLUMNS = ("log", "vehicle", "car", "signals")
+OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")
+DATE = re.compile(
+    r"(?<!\d)(20\d\d|19\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
+    r"(?:[-_.T ]{0,3}([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d))?)?(?!\d)"
+)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One log. `start`: s since 1970, of `start_from`: the log itself, its name, or the time of the file."""
+
+    car: str
+    log: Path
+    vehicle: Path | None = None
+    signals: Path | None = None
+    start: float = 0.0
+    start_from: str = "file"
+    error: str = ""  # why it cannot be run
+
+
+def drives(
+    words: Sequence[str], vehicle: Path | None, table: Path | None, car: str | None, out: Path
+) -> list[Drive]:
+    """All logs, car by car in order of time. `words`: files, folders, patterns; `table`: which car each is, else all have
+    `vehicle` and a folder of logs is a car, or all are of the one `car`."""
+    logs = _logs(words, out, table)
+    found = _of_table(logs, table) if table is not None else _of_folders(logs, vehicle, car)
+    timed = [replace(d, start=s, start_from=f) for d in found for s, f in (started(d.log),)]
+    return sorted(timed, key=lambda d: (d.car, d.start, str(d.log)))
+
+
+# ---- logs
+
+
+def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
+    """Every log once, with the folder that names its car. UserError: a word that stands for none."""
+    found: dict[Path, tuple[Path, Path]] = {}
+    not_logs = {real(out), *([real(table)] if table is not None else [])}
+    for word in words:
+        path = Path(word)
+        if path.is_dir() and not _is_bag(path):
+            inside = list(_below(path, not_logs))
+            if not inside:
+                raise UserError(
+                    f"{path}: no log is in this folder; files with these endings are: {' '.join(sorted(SUFFIXES))}"
+                )
+            mine = [(p, path / p.relative_to(path).parts[0] if p.parent != path else path) for p in inside]
+        elif path.exists():
+            mine = [(path, path.parent)]
+        else:
+            mine = [
+                (p, p.parent)
+                for p in map(Path, sorted(glob.glob(word, recursive=True)))
+                if p.is_file() or _is_bag(p)
+            ]
+            if not mine:
+                raise NoFile(f"{word}: no such file or folder, and no file has a name of this pattern")
+        for p, folder in mine:
+            found.setdefault(real(p), (p, real(folder)))
+    return list(found.values())
+
+
+def _is_bag(path: Path) -> bool:
+    return path.is_dir() and (path / "metadata.yaml").is_file()
+
+
+def _below(folder: Path, not_logs: set[Path]) -> Iterator[Path]:
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or real(path) in not_logs:
+            continue
+        if path.is_dir() and not _is_bag(path):
+            yield from _below(path, not_logs)
+        elif _is_bag(path) or _looks_like_one(path.name.lower()):
+            yield path
+
+
+def _looks_like_one(name: str) -> bool:
+    plain = name.removesuffix(".gz")
+    return name.endswith(OPENPILOT) or (Path(plain).suffix in SUFFIXES and not plain.endswith(RESULTS))
+
+
+# ---- cars
+
+
+def _of_folders(logs: Sequence[tuple[Path, Path]], vehicle: Path | None, car: str | None) -> list[Drive]:
+    folders = sorted({folder for _, folder in logs})
+    names = {f: car or _name(f, folders) for f in folders}
+    return [Drive(names[folder], path, vehicle) for path, folder in logs]
+
+
+def _name(folder: Path, others: Sequence[Path]) -> str:
+    """As much of its path as tells it from the others."""
+    for parts in range(1, len(folder.parts) + 1):
+        name = "/".join(folder.parts[-parts:])
+        if sum("/".join(o.parts[-parts:]) == name for o in others) == 1:
+            return name
+    return str(folder)
+
+
+def _of_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
+    """The first row whose pattern is that of a log says its car."""
+    rows = _read_table(table)
+    base = real(table).parent
+    vehicles = sorted({real(base / r["vehicle"]).with_suffix("") for r in rows})
+    found = []
+    for path, _ in logs:
+        row = next((r for r in rows if _fits(real(path), base, r["log"])), None)
+        if row is None:
+            found.append(Drive("", path, error=f"{path}: no row of {table.name} is for this log"))
+            continue
+        vehicle = real(base / row["vehicle"])
+        name = row["car"] or _name(vehicle.with_suffix(""), vehicles)
+        found.append(Drive(name, path, vehicle, base / row["signals"] if row["signals"] else None))
+    return found
+
+
+def _fits(path: Path, base: Path, pattern: str) -> bool:
+    """Is it that file, in that folder, or of that pattern? Patterns are relative to the table."""
+    return base / pattern in (path, *path.parents) or fnmatch.fnmatch(
+        str(path), str(Path(glob.escape(str(base))) / pattern)
+    )
+
+
+def _read_table(table: Path) -> list[dict[str, str]]:
+    check_regular(table, LARGEST_TABLE, "a table of vehicles")
+    try:
+        with open(table, encoding="utf-8-sig") as file:
+            lines = [
+                line for line in file if line.strip() and not line.startswith("#")
+            ]  # a name may have one, too
+        head = lines[0] if lines else ""
+        separator = ";" if ";" in head and "," not in head else ","
+        read = pd.read_csv(
+            io.StringIO("".join(lines)),
+            dtype=str,
+            keep_default_na=False,
+            skipinitialspace=True,
+            sep=separator,
+        )
+    except FileNotFoundError:
+        raise NoFile(f"{table}: no such file (option --vehicles)") from None
+    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise UserError(f"{table}: cannot be read as a CSV: {str(error).strip()[:150]}") from None
+    read.columns = [str(c).strip() for c in read.columns]
+    if lacks := [c for c in TABLE_COLUMNS[:2] if c not in read]:
+        raise UserError(
+            f"{table}: column {' and '.join(lacks)} is missing; columns: log (a file, a folder or a pattern like cars/7/*.mf4), "
+            "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
+        )
+    for column in (c for c in read if c not in TABLE_COLUMNS):
+        hint = meant(str(column), TABLE_COLUMNS, 1)
+        raise UserError(f"{table}: column {column} is not known{hint}; columns: {', '.join(TABLE_COLUMNS)}")
+    rows = [{c: str(r.get(c, "")).strip() for c in TABLE_COLUMNS} for r in read.to_dict("records")]
+    of: dict[str, str] = {}
+    for line, row in enumerate(rows, 2):
+        if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
+            before = of[row["car"]]
+            raise UserError(
+                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file"
+            )
+    for line, row in enumerate(rows, 2):
+        for column in TABLE_COLUMNS[:2]:
+            if not row[column]:
+                raise UserError(f"{table}: line {line}, column {column}: is empty")
+        for column in ("vehicle", "signals"):
+            if row[column] and not (real(table).parent / row[column]).is_file():
+                raise NoFile(f"{table}: line {line}, column {column}: {row[column]}: no such file")
+    return rows
+
+
+# ---- time
+
+
+def started(path: Path) -> tuple[float, str]:
+    """When a drive began, s since 1970, and what says so: the log, its name, or the time of the file."""
+    for source, of in (("log", _of_log), ("name", _of_name)):
+        try:
+            when = of(path)
+        except (OSError, ValueError, struct.error):
+            when = None
+        if when is not None and when > 0:
+            return when, source
+    try:
+        return path.stat().st_mtime, "file"
+    except OSError:
+        return 0.0, "file"
+
+
+def _of_name(path: Path) -> float | None:
+    """A date, perhaps with a time, in the name of the file, else of its folder."""
+    for name in (path.stem, path.parent.name):
+        if m := DATE.search(name):
+            year, month, day, hour, minute, second = (int(x or 0) for x in m.groups())
+            return datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc).timestamp()
+    return None
+
+
+def _of_log(path: Path) -> float | None:
+    """What the head of the file says, where that is known without reading the rest."""
+    if not path.is_file():
+        return None
+    with open(path, "rb") as file:
+        head = file.read(512)
+    if head.startswith(b"MDF     4") and head[64:68] == b"##HD":
+        return struct.unpack_from("<Q", head, 136)[0] * 1e-9
+    if head.startswith(b"MDF     3") and head[64:66] == b"HD":
+        text = head[82:100].decode("latin-1")
+        return datetime.strptime(text, "%d:%m:%Y%H:%M:%S").replace(tzinfo=timezone.utc).timestamp()
+    if head.startswith(b"LOGG"):
+        year, month, _, day, hour, minute, second, milli = struct.unpack_from("<8H", head, 40)
+        return datetime(year, month, day, hour, minute, second, 1000 * milli, tzinfo=timezone.utc).timestamp()
+    if head.startswith(b"\x89MCAP0"):
+        return _of_mcap(path)
+    return None
+
+
+def _of_mcap(path: Path) -> float | None:
+    try:
+        reader = importlib.import_module("mcap.reader")
+        with open(path, "rb") as file:
+            summary = reader.make_reader(file).get_summary()
+    except Exception:  # damaged, or no library: the name will do
+        return None
+    return 1e-9 * summary.statistics.message_start_time if summary and summary.statistics else None

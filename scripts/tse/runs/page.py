@@ -1,0 +1,186 @@
+"""The overview of a fleet: one HTML file that links to the report of each log."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tse.estimation.answer import WHERE, why_not
+from tse.estimation.verdict import NAMES
+from tse.library.core import STIFFNESS
+from tse.report.plots import BLUE, GREEN, ORANGE, Figure
+from tse.report.report import write_page
+from tse.report.results import CODES, KILO
+from tse.runs.keep import TABLE, Done
+from tse.runs.run import each
+
+COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
+CORNERING = ("cy_front", "cy_rear")
+PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
+MOST_TRENDS = 12  # cars whose trend is drawn: the softest
+MOST_LOGS = 2000  # that the page lists; the table has all
+
+
+@dataclass(frozen=True)
+class Last:
+    """What is known of a stiffness of a car now, of the last stretch that tells it."""
+
+    value: float  # N/rad, or N
+    band: float  # 95 %
+    of_nominal: float  # value over what its vehicle file, or its calibration, says
+    when: pd.Timestamp
+
+    @property
+    def shown(self) -> str:
+        """In thousands, with its 95 % interval."""
+        return f"{self.value / KILO:.0f} ± {max(self.band / KILO, 0.5):.0f}"
+
+
+@dataclass(frozen=True)
+class Car:
+    """A car and its drives."""
+
+    name: str
+    done: list[Done]
+    last: dict[str, Last]  # by stiffness, those that are known
+    why: dict[str, str]  # of the others why they are not, in a few words
+
+    @property
+    def softest(self) -> str:
+        """Which axle is the softest in bends; of a car of which no bend tells, along; "" of one of which nothing is known."""
+        known = [k for k in CORNERING if k in self.last] or list(self.last)
+        return min(known, key=lambda k: self.last[k].value, default="")
+
+    @property
+    def place(self) -> tuple[bool, bool, float]:
+        """By what cars are ranked: N/rad of the softest axle; those that tell less stand behind."""
+        return (
+            not self.softest,
+            self.softest not in CORNERING,
+            self.last[self.softest].value if self.softest else np.inf,
+        )
+
+    @property
+    def reason(self) -> str:
+        """Why it stands where it does."""
+        if not self.softest:
+            return (
+                "nothing is known: " + "; ".join(dict.fromkeys(self.why.values()))
+                if self.why
+                else "no log was read"
+            )
+        unit = "kN/rad" if self.softest in CORNERING else "kN"
+        return f"{WHERE[self.softest]} {self.last[self.softest].shown} {unit}"
+
+    @property
+    def errors(self) -> int:
+        return sum(bool(d.outcome.error) for d in self.done)
+
+    @property
+    def hours(self) -> float:
+        return sum(d.outcome.seconds for d in self.done) / 3600
+
+
+def cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
+    """All cars, the softest first."""
+    known = table[table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
+    last = known.groupby(["car", "stiffness"], sort=False).tail(1)
+    of: dict[str, dict[str, Last]] = {}
+    for r in last.itertuples():
+        when = r.start_time + pd.Timedelta(seconds=float(r.end))
+        of.setdefault(r.car, {})[r.stiffness] = Last(r.value, 1.96 * r.sd, r.value / r.nominal, when)
+    why: dict[str, dict[str, str]] = {}
+    for r in table[table["stiffness"].notna()].groupby(["car", "stiffness"], sort=False).tail(1).itertuples():
+        if r.stiffness not in of.get(r.car, {}):
+            why.setdefault(r.car, {})[r.stiffness] = why_not(
+                r.stiffness, r.reason if isinstance(r.reason, str) else ""
+            )
+    found = (Car(name, mine, of.get(name, {}), why.get(name, {})) for name, mine in each(done))
+    return sorted(found, key=lambda c: (c.place, c.name))
+
+
+def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> None:
+    """Write the page."""
+    all_cars = cars(done, table)
+    sections = []
+    if any(c.last for c in all_cars):
+        text = "The last estimate of each car with its 95 % interval; the softest first."
+        sections.append(("Cars", text, distribution(all_cars)))
+    drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MOST_TRENDS]
+    for c in drawn:
+        sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness.", trend(c, table)))
+    codes = [d.outcome.code if not d.outcome.error else None for d in done]
+    write_page(path, "fleet.html.j2", sections, title=title, cars=all_cars, errors=[d for d in done if d.outcome.error],
+               counts={word: codes.count(code) for code, word in CODES.items()},
+               done=done, most=MOST_LOGS, usable=CODES, names=NAMES, table=TABLE,
+               moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
+               said=_said(table))  # fmt: skip
+
+
+def _said(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
+    """By log: changes of the road, warnings."""
+    found: dict[str, dict[str, list[Any]]] = {}
+    for r in table[table["change"].notna() | table["warnings"].notna()].itertuples():
+        mine = found.setdefault(r.log, {"changes": [], "warnings": []})
+        if isinstance(r.change, str) and (text := f"{r.change} at {r.start:.0f} s") not in mine["changes"]:
+            mine["changes"].append(text)
+        if isinstance(r.warnings, str):
+            mine["warnings"] = r.warnings.split("\n")
+    return found
+
+
+def distribution(all_cars: Sequence[Car]) -> Figure:
+    """The last of every car beside each other."""
+    figure = Figure(PANELS, [260, 180])
+    for key in STIFFNESS:
+        mine = [(c.name, c.last[key]) for c in all_cars if key in c.last]
+        _points(
+            figure,
+            key,
+            [n for n, _ in mine],
+            [v.value / KILO for _, v in mine],
+            [v.band / KILO for _, v in mine],
+        )
+    order = {"type": "category", "categoryorder": "array", "categoryarray": [c.name for c in all_cars]}
+    for axis in ("xaxis", "xaxis2"):
+        figure.layout[axis] |= order
+    figure.layout["xaxis2"] |= {"title": {"text": "car"}}
+    figure.layout["hovermode"] = "closest"
+    return figure
+
+
+def trend(car: Car, table: pd.DataFrame) -> Figure:
+    """All stretches of a car over time."""
+    figure = Figure(PANELS, [220, 160])
+    mine = table[
+        (table["car"] == car.name) & table["usable"].isin(["yes", "in part"]) & table["value"].notna()
+    ]
+    for key in STIFFNESS:
+        t = mine[mine["stiffness"] == key]
+        when = t["start_time"] + pd.to_timedelta(t["end"].astype(float), unit="s")
+        stamps = when.dt.strftime("%Y-%m-%dT%H:%M:%S").tolist()
+        value, band = t["value"] / KILO, 1.96 * t["sd"] / KILO
+        _points(
+            figure, key, stamps, value.astype(float).tolist(), band.astype(float).tolist(), "lines+markers"
+        )
+    for axis in ("xaxis", "xaxis2"):
+        figure.layout[axis] |= {"type": "date"}
+    figure.layout["xaxis2"] |= {"title": {"text": "UTC"}}
+    figure.layout["hovermode"] = "closest"
+    return figure
+
+
+def _points(
+    figure: Figure,
+    key: str,
+    x: Sequence[Any],
+    y: Sequence[float],
+    band: Sequence[float],
+    mode: str = "markers",
+) -> None:
+    row = 1 if key in CORNERING else 2
+    figure.add(row, x=list(x), y=list(y), mode=mode, name=NAMES[key], marker={"color": COLOURS[key], "size": 7},
+               line={"color": COLOURS[key], "width": 1}, error_y={"type": "data", "array": list(band), "thickness": 1})  # fmt: skip

@@ -1,0 +1,175 @@
+"""All logs of a fleet: several cars at once, the drives of one car one after the other, for each starts from what the one before
+taught. In processes of this machine or on a Dask cluster; the numbers are the same."""
+
+import contextlib
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from tse.library.errors import Interrupted
+from tse.library.files import real
+from tse.library.processes import Cluster, Died, Here, Local, Workers, check_workers, killed_as_interrupted
+from tse.log.rows import Reading
+from tse.runs.find import Drive
+from tse.runs.keep import Done, Store
+from tse.runs.work import Outcome, Task, code_of, work
+
+TOGETHER = 4  # logs of a car on which it is calibrated, at most
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is the same for all logs."""
+
+    reading: Reading
+    config: Path | None = None
+    average: float | None = None
+    form: str = "default"
+    settings: dict[str, float] = field(default_factory=dict)
+    learn: bool = True  # each drive starts from what the one of the same car before it taught
+    reports: bool = True
+    estimates: bool = False
+    calibrate: bool = True  # a car that nobody has calibrated, on its first logs
+
+
+def run(
+    drives: Sequence[Drive],
+    plan: Plan,
+    store: Store,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: bool = False,
+) -> list[Done]:
+    """Run what is not done yet; all logs, in the order of `drives`. `jobs`: processes; 0: this one."""
+    done: dict[Drive, Done] = {}
+    chains = [_Chain(c, plan, store) for c in _chains(drives, plan.learn)]
+    with tqdm(
+        total=len(drives), unit="log", disable=not progress, file=sys.stderr, leave=False, desc="fleet"
+    ) as bar:
+
+        def keep(one: Done) -> None:
+            done[one.drive] = one
+            bar.update()
+            bar.set_postfix_str(one.drive.log.name[-40:])
+
+        try:
+            with killed_as_interrupted(), contextlib.ExitStack() as stack:
+                workers: Workers | None = None
+                waiting = deque(chains)
+                running: dict[Path, _Chain] = {}
+                while waiting or running:
+                    while waiting:
+                        chain = waiting.popleft()
+                        task = chain.next(keep)
+                        if task is None:
+                            continue
+                        if workers is None:  # nobody is started where all is done
+                            workers = stack.enter_context(_workers(min(jobs, len(chains)), scheduler))
+                        running[task.log] = chain
+                        workers.submit(task)
+                    if running and workers is not None:
+                        task, result = workers.next()
+                        chain = running.pop(task.log)
+                        keep(chain.take(task, outcome_of(task, result)))
+                        waiting.append(chain)
+        except KeyboardInterrupt:
+            kept = f"{store.out} keeps the {len(done)} of {len(drives)} logs that are done"
+            raise Interrupted(f"stopped; {kept}, the same command goes on from there") from None
+    return [done[d] for d in drives]
+
+
+def _workers(jobs: int, scheduler: str | None) -> Workers:
+    if scheduler is not None:
+        return Cluster(work, scheduler, check_workers)
+    return Local(work, jobs) if jobs else Here(work)
+
+
+def outcome_of(task: Task, result: Callable[[], Outcome]) -> Outcome:
+    """What became of a log, also where its process died."""
+    try:
+        return result()
+    except Died as error:
+        return Outcome(error=f"{task.log}: {error}: cut the log, or run it where there is more")
+
+
+def _chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
+    """What must be done in order: the drives of a car."""
+    if not learn:
+        return [[d] for d in drives]
+    cars: dict[str, list[Drive]] = {}
+    for d in drives:
+        cars.setdefault(d.car, []).append(d)
+    return sorted(cars.values(), key=len, reverse=True)  # the longest first, or it is waited for at the end
+
+
+class _Chain:
+    """The drives of a car, and what the last of them taught."""
+
+    def __init__(self, drives: Sequence[Drive], plan: Plan, store: Store):
+        self.drives, self.plan, self.store = deque(drives), plan, store
+        self.calibrated: dict[Path, Path] = {}  # vehicle file: the one that was made of it
+        self.learnt: bytes | None = None
+        self.end = 0.0  # of the drive that taught it, s since 1970
+
+    def next(self, keep: Any) -> Task | None:
+        """The next log that has to be run; what is done already is kept on the way. None: that was the last."""
+        while self.drives:
+            drive = self.drives[0]
+            if drive.error or drive.vehicle is None:
+                self.drives.popleft()
+                keep(Done(drive, Outcome(error=drive.error or f"{drive.log}: no vehicle file")))
+                continue
+            task = self.task(drive)
+            kept = self.store.load(drive, task)
+            if kept is None:
+                return task
+            self.drives.popleft()
+            self._learn(drive, kept.outcome)
+            keep(kept)
+        return None
+
+    def task(self, drive: Drive) -> Task:
+        reading, plan = self.plan.reading, self.plan
+        vehicle = self.calibrated.get(drive.vehicle, drive.vehicle) if drive.vehicle else None
+        mine = (
+            [d for d in self.drives if d.vehicle == drive.vehicle and not d.error][1:TOGETHER]
+            if plan.learn
+            else []
+        )
+        return Task(
+            log=_whole(drive.log), vehicle=_whole(vehicle), signals=_whole(drive.signals or reading.signals),
+            rate=reading.rate, strict=reading.strict, databases=tuple(_whole(p) for p in reading.databases),
+            config=_whole(plan.config), average=plan.average, form=plan.form, settings=plan.settings, learnt=self.learnt,
+            age=max(0.0, drive.start - self.end) if self.learnt is not None else 0.0, report=plan.reports,
+            estimates=self.store.estimates(drive) if plan.estimates else None, code=code_of(),
+            calibrate=plan.calibrate and vehicle == drive.vehicle,
+            others=tuple((_whole(d.log), _whole(d.signals or reading.signals)) for d in mine) if vehicle == drive.vehicle else (),
+        )  # fmt: skip
+
+    def take(self, task: Task, outcome: Outcome) -> Done:
+        drive = self.drives.popleft()
+        outcome.error = outcome.error.replace(str(task.log), str(drive.log))
+        self._learn(drive, outcome)
+        return self.store.save(drive, task, outcome)
+
+    def _learn(self, drive: Drive, outcome: Outcome) -> None:
+        if self.plan.learn and outcome.calibrated and drive.vehicle:
+            self.calibrated[drive.vehicle] = self.store.calibrated(drive, outcome.calibrated)
+        if self.plan.learn and outcome.learnt is not None:
+            self.learnt, self.end = outcome.learnt, drive.start + outcome.seconds
+
+
+def _whole(path: Path | None) -> Any:
+    """Whoever works on it may stand elsewhere."""
+    return real(path) if path is not None else None
+
+
+def each(done: Sequence[Done]) -> Iterator[tuple[str, list[Done]]]:
+    """Car by car, in order of time."""
+    for car in dict.fromkeys(d.drive.car for d in done):
+        yield car, [d for d in done if d.drive.car == car]

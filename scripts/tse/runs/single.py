@@ -1,0 +1,259 @@
+"""One log: from files and options to vehicle, log and settings; then one run of the estimator, as `tselab estimate` makes it and
+`tselab fleet` with each of many."""
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tse.calibration.own import STOPPED, Own, calibrated, of_class, uncalibrated
+from tse.car.config import check_effect, make_config
+from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
+from tse.channels.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
+from tse.channels.log import read_log
+from tse.estimation import regimes
+from tse.estimation.estimate import Estimate, Learnt, estimate_to
+from tse.estimation.regimes import Change
+from tse.estimation.verdict import (
+    Finding,
+    contradictions,
+    findings,
+    implausible,
+    late_steering,
+    of_uncertainty,
+    remarks,
+)
+from tse.library.core import Config
+from tse.library.errors import UserError
+from tse.log.rows import Log, Reading, liveliest, sampling_notes, steering_notes
+from tse.log.rows import average as average_log
+from tse.roads.road import Road
+
+
+@dataclass
+class Prepared:
+    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other; so are `doubts`: in what
+    they perhaps do, if the rows say so, too. `own`: what a calibration on the log itself has found."""
+
+    vehicle: Vehicle
+    log: Log
+    config: Config
+    notes: list[str]
+    warnings: list[str]
+    doubts: list[str] = field(default_factory=list)
+    own: Own | None = None
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """That a car which nobody has calibrated is calibrated on the log itself. `others`: more logs of the same car; `goes_on`:
+    Ctrl-C ends the calibration alone, and the estimate is that of an ordinary car."""
+
+    say: Callable[[str], None] = lambda _: None
+    others: Sequence[Log] = ()
+    goes_on: bool = False
+
+
+def prepare(
+    log_path: Path,
+    vehicle_path: Path,
+    config_path: Path | None,
+    average: float | None,
+    options: Mapping[str, Any],
+    form: str,
+    settings: Mapping[str, float],
+    reading: Reading | None = None,
+    calibrate: Calibrate | None = None,
+    road: Road | None = None,
+) -> Prepared:
+    """Read and check everything that a run of the estimator over a log needs."""
+    vehicle = read_vehicle(vehicle_path)
+    reading = replace(reading or Reading(), car=vehicle)
+    log = read_log(log_path, reading=reading)
+    strict = reading.strict
+    return assemble(
+        vehicle,
+        log,
+        config_path,
+        average,
+        options,
+        form,
+        settings,
+        strict=strict,
+        calibrate=calibrate,
+        road=road,
+    )
+
+
+def assemble(
+    vehicle: Vehicle,
+    log: Log,
+    config_path: Path | None,
+    average: float | None,
+    options: Mapping[str, Any],
+    form: str,
+    settings: Mapping[str, float],
+    source: str = "option --set",
+    strict: bool = False,
+    calibrate: Calibrate | None = None,
+    road: Road | None = None,
+) -> Prepared:
+    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
+    what else is a warning; `calibrate`: what is done with a car that nobody has
+    calibrated; `road`: whose bank and grade the filter is given."""
+    stated, logged = deepcopy(vehicle), log
+    if average is not None:
+        log = average_log(log, average)
+    level = log
+    if road is not None:
+        if form != "default":
+            raise UserError(f"{road.path}: only the default filter uses a road, not form {form}")
+        from tse.roads.road_match import on_road  # scipy: for those who have a road
+
+        log, profile = on_road(log, road, Config.exact(vehicle.values))
+    lively = liveliest(log, MOST_ROWS)
+    if form == "default":
+        average_sensors(vehicle, lively)  # the rest the filter finds while driving
+    else:
+        fill_sensors(vehicle, lively)
+    config, notes = make_config(vehicle, log, config_path, options, form)
+    if road is not None and np.isfinite(profile.sd) and config.road_sd == config.fields["road_sd"].default:
+        config.set("road_sd", min(profile.sd, config.fields["road_sd"].high))
+    for key, value in settings.items():
+        config.set(key, value, source=source)
+    check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
+    said = check_car(lively, vehicle, config)
+    if strict and said:
+        raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
+    if calibrate is not None and form == "default" and uncalibrated(stated):
+        if said:
+            found = of_class(f"its channels {'' if sure(said) else PERHAPS}contradict each other")
+        else:
+            try:
+                found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
+            except KeyboardInterrupt:
+                if not calibrate.goes_on:
+                    raise
+                found = of_class(STOPPED)
+        made = assemble(
+            found.vehicle(stated),
+            level,
+            config_path,
+            None,
+            options,
+            form,
+            settings,
+            source,
+            strict,
+            road=road,
+        )
+        if wrong := found.found.get("wrong"):
+            made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
+            made.doubts.append(made.notes[0])
+        return replace(made, own=found)
+    late = [] if said or form != "default" else late_across(lively, config)
+    if strict and late:
+        raise UserError(f"{log.path}: option --strict: {late[0]}")
+    notes = [
+        *said,
+        *late,
+        *stood(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
+        *log.notes,
+        *sampling_notes(log, config.max_gap),
+        *steering_notes(log, config.max_steer),
+        *notes,
+        *vehicle.notes,
+    ]
+    warnings = [*sure(said), *late, *vehicle.wrong]
+    return Prepared(vehicle, log, config, notes, warnings, [w for w in said if w not in warnings])
+
+
+# ---- the run
+
+
+@dataclass
+class Run:
+    """A run, and what it found. `notes` are those of the preparation, too; `reported`: the report is written."""
+
+    estimate: Estimate
+    changes: list[Change]
+    findings: list[Finding]
+    notes: list[str]
+    reported: bool
+
+
+def run(
+    prepared: Prepared,
+    out: Path | None,
+    report: Path | None,
+    learnt: Learnt | None = None,
+    progress: bool = False,
+) -> Run:
+    """Estimate, and write what is asked for: the estimates to `out`, the report."""
+
+    def once() -> tuple[Estimate, Any]:
+        drawn = None
+        if report is not None:
+            from tse.report.plots import Data
+
+            drawn = Data(prepared.log)
+        watch = [drawn.add] if drawn else []
+        contradicted = bool(prepared.warnings)
+        return estimate_to(out, prepared.log, prepared.config, progress, learnt, watch, contradicted), drawn
+
+    est, drawn = once()
+    if contradicts(prepared, est.table) and not est.interrupted:
+        est, drawn = once()
+    notes = notes_of(prepared, est)
+    changes = regimes.changes(est.table)
+    found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
+    if report is not None and len(est):
+        from tse.report.report import write_report
+
+        write_report(
+            report,
+            est,
+            prepared.log,
+            prepared.vehicle,
+            prepared.config,
+            notes,
+            drawn,
+            judged=(changes, found),
+        )
+    return Run(est, changes, found, notes, report is not None and len(est) > 0)
+
+
+def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
+    """Return whether the rows speak against a log of which the preparation had nothing to say; it is among the warnings then."""
+    late = late_steering(table, prepared.config)
+    said = (
+        "" if prepared.warnings else implausible(table) or (f"check steer_angle: {late[0]}" if late else "")
+    )
+    if said and prepared.doubts:
+        prepared.warnings += prepared.doubts
+        prepared.doubts = []
+    elif said:
+        prepared.warnings.append(said)
+        prepared.notes.insert(0, said)
+    return bool(said)
+
+
+def notes_of(prepared: Prepared, est: Estimate) -> list[str]:
+    """Return what is to be said of a run: of its preparation, of rows that were refused, of the estimates."""
+    notes = list(prepared.notes)
+    refused = sum(rows for status, rows in est.statuses.items() if status < 0)
+    if refused:
+        notes.append(
+            f"{refused} rows were refused by the library; their estimates are empty, the status says why"
+        )
+    return [
+        *notes,
+        *remarks(est.table),
+        *(contradictions(est.table) if not prepared.warnings else []),
+        *(late_steering(est.table, prepared.config) if not prepared.warnings else []),
+        *of_uncertainty(est.table, prepared.config, est.uncertainty_sd),
+    ]

@@ -1,0 +1,135 @@
+"""One log of a fleet: what a process, here or elsewhere, takes, does and returns."""
+
+import tempfile
+import traceback
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from tse.calibration.own import uncalibrated
+from tse.car.vehicle import read_vehicle
+from tse.channels.agree import read_agreeing
+from tse.estimation.estimate import Learnt
+from tse.library import __version__
+from tse.library.core import Filter, library_hash
+from tse.library.errors import UserError
+from tse.log.rows import Log, Reading
+from tse.report import results
+from tse.runs import single
+from tse.runs.single import Calibrate, prepare
+
+
+class Mismatch(UserError):
+    """This process has another tselab or library than the one that asks: all numbers would be in doubt."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One log, and all that is needed to run it. `learnt`: what the drive before it taught, `age` s before."""
+
+    log: Path
+    vehicle: Path
+    signals: Path | None
+    rate: float | None
+    strict: bool
+    databases: tuple[Path, ...]
+    config: Path | None
+    average: float | None
+    form: str
+    settings: Mapping[str, float]
+    learnt: bytes | None
+    age: float
+    report: bool
+    estimates: Path | None
+    calibrate: bool  # a car that nobody has calibrated, on this log and on `others`, each with its signals
+    others: tuple[tuple[Path, Path | None], ...]
+    code: tuple[str, str]  # code_of() of who asks
+
+
+@dataclass
+class Outcome:
+    """What became of it."""
+
+    error: str = ""
+    rows: list[dict[str, Any]] = field(default_factory=list)  # results.COLUMNS
+    learnt: bytes | None = None
+    report: bytes | None = None
+    seconds: float = 0.0  # that the log lasts
+    code: int = 4  # results.exit_code()
+    notes: list[str] = field(default_factory=list)
+    calibrated: str = ""  # the vehicle file that this log has made
+
+
+def code_of() -> tuple[str, str]:
+    """tselab and the library of this process."""
+
+    return __version__, library_hash()
+
+
+def work(task: Task) -> Outcome:
+    """Run one log. A log that cannot be used is an outcome, not an error."""
+    if code_of() != task.code:
+        raise Mismatch(f"a worker has tselab {code_of()[0]}, library {code_of()[1][:8]}; asked is {task.code[0]}, "
+                       f"{task.code[1][:8]}: install the same on all")  # fmt: skip
+    try:
+        return _work(task)
+    except UserError as error:
+        return Outcome(error=str(error))
+    except MemoryError:
+        return Outcome(
+            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there is more"
+        )
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return Outcome(
+            error=f"{task.log}: internal error: {type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno}); "
+            "a fault of tselab, please report it"
+        )
+
+
+def _work(task: Task) -> Outcome:
+
+    reading = Reading(task.signals, task.rate, task.strict, task.databases)
+    itself, of_others = None, list[str]()
+    if task.calibrate and uncalibrated(car := read_vehicle(task.vehicle)):
+        others: list[Log] = []
+        for log, signals in task.others:
+            with suppress(UserError):
+                others += read_agreeing([log], of_others, replace(reading, signals=signals, car=car))
+        itself = Calibrate(others=others)
+    prepared = prepare(
+        task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself
+    )
+    made = prepared.own.text if prepared.own else ""
+    before = task.learnt if not made else None  # what was learnt of a car of the class is not of this one
+    learnt = Learnt(Path("the drive before"), before, task.age, True) if before is not None else None
+    if learnt is not None:
+        try:
+            learnt.load(Filter(prepared.config))
+        except UserError as error:
+            prepared.notes.append(f"what the drive before taught is not used: {error}")
+            learnt = None
+    with tempfile.TemporaryDirectory() as scratch:
+        report = Path(scratch) / "report.html" if task.report else None
+        ran = single.run(prepared, task.estimates, report, learnt)
+        page = report.read_bytes() if report is not None and ran.reported else None
+    time = ran.estimate.table["time"]
+    return Outcome(
+        rows=results.rows(
+            task.log,
+            ran.estimate,
+            ran.findings,
+            ran.changes,
+            [*prepared.warnings, *prepared.doubts, *prepared.log.warnings],
+        ),
+        learnt=None
+        if prepared.warnings
+        else ran.estimate.learnt,  # what contradicts itself teaches the next drive nothing
+        report=page,
+        seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
+        code=results.exit_code(ran.findings),
+        notes=[*prepared.vehicle.found, *of_others, *ran.notes],
+        calibrated=made,
+    )

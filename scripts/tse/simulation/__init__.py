@@ -1,0 +1,1 @@
+"""Simulate manoeuvres, and the car of a file along a log."""

@@ -1,0 +1,196 @@
+"""Manoeuvres for the simulator: what the driver does, as histories on the sample grid.
+
+A manoeuvre gives steering and either torques (open loop, as in the paper) or a target speed, which a proportional driver
+then follows with drive and brake torque (simulate.py).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tse.library.core import Config
+from tse.library.errors import UserError
+
+
+@dataclass
+class Maneuver:
+    """Histories on the sample grid. Torques in Nm per axle; `target_speed` (m/s) asks for a closed speed loop."""
+
+    time: np.ndarray
+    speed: float  # start, m/s
+    steer_angle: np.ndarray
+    wheel_torque_front: np.ndarray
+    wheel_torque_rear: np.ndarray
+    road_level: np.ndarray
+    target_speed: np.ndarray | None = None
+    brake_torque_front: np.ndarray | None = None
+    brake_torque_rear: np.ndarray | None = None
+    road_friction: np.ndarray | None = None  # 0: that of the simulator's settings
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A manoeuvre's entry in the list: defaults and what its amplitude means."""
+
+    name: str
+    duration: float  # s
+    speed: float  # m/s
+    amplitude: float
+    amplitude_text: str
+    text: str
+    build: Callable[[np.ndarray, float, float, Config, np.random.Generator], dict]
+
+
+def square(t: np.ndarray, period: float) -> np.ndarray:
+    """+1 in the first half of each period, -1 in the second."""
+    return np.where((t / period + 1e-9) % 1.0 < 0.5, 1.0, -1.0)
+
+
+def _square_waves(
+    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
+) -> dict:
+    return {"steer_angle": amplitude * square(t, 4.0), "wheel_torque_front": 700.0 * square(t, 5.0)}
+
+
+def _double_lane_change(
+    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
+) -> dict:
+    """Cycles of 12 s: accelerate 3 s, one lane to the left and back in 6 s, brake 2 s, roll 1 s. The braking takes back the
+    speed gained."""
+    cycle = t % 12.0
+    steer = np.zeros_like(t)
+    for start, sign in (
+        (3.0, 1.0),
+        (6.0, -1.0),
+    ):  # a full sine turns the car and straightens it one lane further
+        s = (cycle - start) / 2.5
+        inside = (s >= 0) & (s < 1)
+        steer[inside] += sign * amplitude * np.sin(2 * np.pi * s[inside])
+    drive = np.select([cycle < 3.0, (cycle >= 9.0) & (cycle < 11.0)], [1.2, -1.75], 0.0)  # m/s2
+    return {"steer_angle": steer, "wheel_torque_front": drive * config.mass * config.wheel_radius_front}
+
+
+def _step_steer(
+    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
+) -> dict:
+    return {
+        "steer_angle": amplitude * np.clip((t - 1.0) / 0.2, 0.0, 1.0),
+        "target_speed": np.full_like(t, speed),
+    }
+
+
+def _sine_sweep(
+    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
+) -> dict:
+    low, high = 0.2, 3.0
+    rate = np.log(high / low) / max(t[-1], 1e-9)
+    phase = 2 * np.pi * low * np.expm1(rate * t) / rate
+    return {"steer_angle": amplitude * np.sin(phase), "target_speed": np.full_like(t, speed)}
+
+
+def understeer_gradient(config: Config) -> float:
+    """K of delta = (L + K v^2) / R, in rad s2/m, of the nominal car."""
+    c = config
+    wheelbase = c.lf + c.lr
+    return c.mass / wheelbase * (c.lr / c.cornering_stiffness_front - c.lf / c.cornering_stiffness_rear)
+
+
+def _constant_radius(
+    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
+) -> dict:
+    radius = amplitude
+    top = max(speed, np.sqrt(4.0 * radius))  # up to 4 m/s2
+    target = speed + (top - speed) * np.clip(t / max(t[-1], 1e-9), 0.0, 1.0)
+    steer = (config.lf + config.lr + understeer_gradient(config) * target**2) / radius
+    return {"steer_angle": steer * np.clip(t / 2.0, 0.0, 1.0), "target_speed": target}
+
+
+def _straight(
+    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
+) -> dict:
+    step = t[1] - t[0] if len(t) > 1 else 0.01
+    return {
+        "steer_angle": amplitude * _coloured(rng, len(t), step, 0.8),
+        "target_speed": speed + 0.5 * _coloured(rng, len(t), step, 8.0),
+    }
+
+
+def _stop_and_go(
+    t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
+) -> dict:
+    """Cycles of 20 s: 6 s up to 12 m/s, 4 s cruise with a gentle bend, 5 s down to standstill, 5 s wait."""
+    cycle = t % 20.0
+    top = 12.0
+    target = np.interp(cycle, [0, 6, 10, 15, 20], [0, top, top, 0, 0])
+    bend = np.clip(np.sin(np.pi * (cycle - 5.0) / 6.0), 0.0, None) * ((cycle > 5) & (cycle < 11))
+    return {
+        "steer_angle": amplitude * bend * np.where((t // 20.0) % 2 == 0, 1.0, -1.0),
+        "target_speed": target,
+    }
+
+
+def _coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
+    """Noise of sd 1 and correlation time `memory`, smooth enough for a driver's hand."""
+    from scipy.signal import lfilter
+
+    a = np.exp(-step / memory)
+    x = lfilter([1 - a], [1, -a], rng.standard_normal(n + int(10 * memory / step)))
+    b = np.exp(-step / (0.3 * memory))
+    x = lfilter([1 - b], [1, -b], x)[-n:]
+    return x / (x.std() or 1.0)
+
+
+LONGEST = 36000.0  # s: of a drive
+
+KINDS = {
+    k.name: k
+    for k in (
+        Kind("square-waves", 40.0, 20.0, 0.02, "steering, rad",
+             "steering square wave of 4 s, front torque square wave of 700 Nm and 5 s (paper IV-A)", _square_waves),
+        Kind("double-lane-change", 48.0, 18.0, 0.03, "steering, rad",
+             "accelerate, double lane change, brake; repeated every 12 s (after paper IV-B)", _double_lane_change),
+        Kind("step-steer", 10.0, 20.0, 0.02, "steering, rad",
+             "steering step after 1 s at constant speed", _step_steer),
+        Kind("sine-sweep", 40.0, 20.0, 0.02, "steering, rad",
+             "steering sine from 0.2 to 3 Hz at constant speed", _sine_sweep),
+        Kind("constant-radius", 60.0, 8.0, 60.0, "radius, m",
+             "speed rises slowly up to 4 m/s2 on a circle, steering follows the nominal understeer", _constant_radius),
+        Kind("straight", 120.0, 30.0, 0.001, "sd of the steering, rad",
+             "straight highway with small random steering and speed corrections", _straight),
+        Kind("stop-and-go", 80.0, 0.0, 0.03, "steering, rad",
+             "accelerate, bend, brake to standstill, wait; repeated every 20 s", _stop_and_go),
+    )
+}  # fmt: skip
+
+
+def build(
+    name: str,
+    config: Config,
+    *,
+    sample_time: float,
+    duration: float | None = None,
+    speed: float | None = None,
+    amplitude: float | None = None,
+    road: list[tuple[float, float]] | None = None,
+    seed: int = 1,
+) -> Maneuver:
+    """A manoeuvre of the list. `road`: (time, level) from when on all stiffness is multiplied by level."""
+    if name not in KINDS:
+        raise UserError(f"there is no manoeuvre '{name}'; known: {', '.join(KINDS)}")
+    kind = KINDS[name]
+    duration = kind.duration if duration is None else duration
+    speed = kind.speed if speed is None else speed
+    n = round(duration / sample_time) + 1
+    t = np.round(np.arange(n) * sample_time, 9)
+    histories = kind.build(
+        t, speed, kind.amplitude if amplitude is None else amplitude, config, np.random.default_rng(seed)
+    )
+    level = np.ones(n)
+    for start, value in sorted(road or []):
+        level[t >= start - 1e-9] = value
+    zero = np.zeros(n)
+    return Maneuver(time=t, speed=speed, steer_angle=histories["steer_angle"],
+                    wheel_torque_front=histories.get("wheel_torque_front", zero),
+                    wheel_torque_rear=histories.get("wheel_torque_rear", zero), road_level=level,
+                    target_speed=histories.get("target_speed"))  # fmt: skip

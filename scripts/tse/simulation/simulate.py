@@ -1,0 +1,148 @@
+"""Driving a manoeuvre in the simulator: a log as a car would write it, and the truth."""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tse.library.core import NOMINAL, SIM_OUTPUT, STIFFNESS, Config, SimConfig, Simulator, library
+from tse.log.rows import ROAD, columns
+from tse.roads.road import Road
+from tse.simulation.maneuvers import Maneuver
+
+SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
+BRAKE_FRONT = 0.6  # share of the braking done by the front axle
+HOLD_TORQUE = 300.0  # Nm, brake at standstill
+POSITIONS = {  # of a road, as columns of a log
+    "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
+    "local": {"ref_east": "x", "ref_north": "y"},
+}
+HISTORIES = (
+    "steer_angle",
+    "wheel_torque_front",
+    "wheel_torque_rear",
+    "brake_torque_front",
+    "brake_torque_rear",
+    "road_level",
+)
+
+
+@dataclass
+class Simulation:
+    """LOG.csv and TRUTH.csv as tables."""
+
+    log: pd.DataFrame
+    truth: pd.DataFrame
+
+
+def simulate(
+    maneuver: Maneuver,
+    config: Config,
+    sim_config: SimConfig,
+    driven_axle: str = "front",
+    progress: bool = False,
+    road: Road | None = None,
+) -> Simulation:
+    """Drive the manoeuvre; the log and the truth as they are written to files. On a road
+    the log has positions: those of the road at the distance that the car has travelled,
+    whatever it steers."""
+    inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
+    log, truth = _log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config)
+    if road is not None:
+        s = travelled(inputs, outputs)
+        names = POSITIONS["global" if road.latitude is not None else "local"]
+        places = {
+            name: road.at(column, road.distance[0] + s)
+            for name, column in names.items()
+            if road.x is not None
+        }
+        log = log.assign(**places)
+        truth = truth.assign(true_distance=s, true_bank=inputs["bank"], true_grade=inputs["grade"])
+    return Simulation(log, truth)
+
+
+def travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+    """Return the distance that the car has travelled, m, (n,)."""
+    return np.concatenate([[0.0], np.cumsum(outputs["true_vel_x"][:-1] * inputs["dt"][1:])])
+
+
+def drive(
+    maneuver: Maneuver,
+    config: Config,
+    sim_config: SimConfig,
+    driven_axle: str = "front",
+    progress: bool = False,
+    road: Road | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Drive the manoeuvre; inputs and outputs of the simulator. `road`: whose bank and
+    grade lie under the car, by the distance that it has travelled; level where they are
+    not known, and beyond its end."""
+    sim_config.speed = maneuver.speed
+    simulator = Simulator(config, sim_config)
+    n = len(maneuver.time)
+    inputs, outputs = simulator.inputs(n), simulator.outputs(n)
+    inputs["dt"] = np.diff(maneuver.time, prepend=maneuver.time[0] - config.sample_time)
+    for name in (*HISTORIES, "road_friction"):
+        if (history := getattr(maneuver, name)) is not None:
+            inputs[name] = history
+    at = float(road.distance[0]) if road is not None else 0.0
+    front = {"front": 1.0, "rear": 0.0, "both": 0.5}[driven_axle]
+    for i in tqdm(range(n), unit="row", disable=not progress, file=sys.stderr, leave=False, desc="simulate"):
+        if maneuver.target_speed is not None:
+            now = outputs["true_vel_x"][i - 1] if i else maneuver.speed
+            _follow_speed(inputs, i, maneuver, float(now), config, front)
+        if road is not None:
+            at += float(outputs["true_vel_x"][i - 1] * inputs["dt"][i]) if i else 0.0
+            for name in ROAD:
+                inputs[name][i] = np.nan_to_num(road.at(name, np.array([at]))[0])
+        simulator.step_into(inputs, outputs, i)
+    return inputs, outputs
+
+
+def _follow_speed(
+    inputs: np.ndarray, i: int, maneuver: Maneuver, now: float, config: Config, front: float
+) -> None:
+    """A driver who follows the target speed with drive and brake torque."""
+    target = maneuver.target_speed
+    ahead = min(i + 1, len(target) - 1)
+    rate = (target[ahead] - target[i]) / (maneuver.time[ahead] - maneuver.time[i]) if ahead > i else 0.0
+    force = config.mass * float(np.clip(rate + SPEED_GAIN * (target[i] - now), -6.0, 4.0))
+    drive, brake = max(force, 0.0), max(-force, 0.0)
+    hold = HOLD_TORQUE if target[i] < 0.05 and now < 0.5 else 0.0
+    inputs["wheel_torque_front"][i] = drive * front * config.wheel_radius_front
+    inputs["wheel_torque_rear"][i] = drive * (1 - front) * config.wheel_radius_rear
+    inputs["brake_torque_front"][i] = brake * BRAKE_FRONT * config.wheel_radius_front + hold
+    inputs["brake_torque_rear"][i] = brake * (1 - BRAKE_FRONT) * config.wheel_radius_rear + hold
+
+
+def _log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
+    return pd.DataFrame({"time": time, **{name: outputs[name] for name in columns()[1:]}})
+
+
+def _truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
+    """All outputs of the simulator, stiffness in N and N/rad, and the torques that were applied."""
+    log_columns = set(columns())
+    table = {"time": maneuver.time}
+    for f in library().fields(SIM_OUTPUT):
+        if f.name in log_columns:
+            continue
+        stiffness = next((s for s in STIFFNESS if f.name.endswith(s)), None)
+        table[f.name] = outputs[f.name] * (getattr(config, NOMINAL[stiffness]) if stiffness else 1.0)
+    for name in HISTORIES[1:]:
+        table[name] = inputs[name]
+    return pd.DataFrame(table)
+
+
+REFERENCES = {
+    "ref_vel_x": "true_vel_x",
+    "ref_vel_y": "true_vel_y",
+    "ref_yaw_rate": "true_yaw_rate",
+    **{f"ref_{s}": f"true_{s}" for s in STIFFNESS},
+}
+
+
+def with_references(simulation: Simulation) -> pd.DataFrame:
+    """The log with the truth in ref_ columns, which the report draws."""
+    return simulation.log.assign(**{ref: simulation.truth[true] for ref, true in REFERENCES.items()})

@@ -1,0 +1,1 @@
+"""Estimate while driving: drive.py reads the bus, runs the filter and records; page.py shows."""

@@ -1,0 +1,788 @@
+"""The filter while driving: frames of a bus in, estimates out, everything recorded. What goes wrong on the bus is a sentence, and
+it goes on."""
+
+from __future__ import annotations
+
+import gc
+import re
+import shutil
+import tempfile
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pandas as pd
+
+from tse.car.config import set_sampling
+from tse.car.vehicle import Vehicle
+from tse.channels.agree import check_car, sure
+from tse.channels.look import Proposal
+from tse.channels.proposal import headline, propose, toml_text
+from tse.channels.signals import Signals, read_signals
+from tse.channels.stream import Stream
+from tse.estimation import regimes
+from tse.estimation.estimate import (
+    SUMMARY,
+    Estimate,
+    Learnt,
+    block_of,
+    contradict,
+    csv_header,
+    csv_rows,
+    single,
+)
+from tse.estimation.regimes import Change
+from tse.estimation.verdict import Finding, Verdict, findings, implausible
+from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Filter, library
+from tse.library.errors import UserError
+from tse.library.files import make_directory
+from tse.log.rows import checked, give_optional, liveliest
+from tse.log.units import factor
+from tse.readers.bus_text import Frame
+from tse.readers.read_can import Bus
+from tse.readers.recording import How, Recording, listed, need
+
+TICK = 0.002  # s between two looks at what has come
+QUIET = 1.0  # s without a frame, or without a value of a channel, after which it is said
+REOPENED = 1.0  # s between two attempts to open a bus that failed
+FOREIGN = 2.0  # s of frames of which none is known, after which it is said
+SAID_AGAIN = 10.0  # s between two sentences about error frames
+FIRST_CHECK, CHECKED = (
+    10.0,
+    20.0,
+)  # s of rows until it is looked whether channels agree; s between two such looks
+MOST_CHECKED = 60_000  # rows that are looked at: ten minutes at 100 Hz
+LISTENED, MOST_LISTENED = 20.0, 600.0  # s of frames from which signals are proposed; s of them that are kept
+PIECE = 0.2  # s of frames that are taken at a time
+WRITTEN = 1.0  # s between two writes of rows
+HAPPENED, SETTLED = 20.0, 0.5  # s that are looked at for what happened; s old that it must be
+MOST_KEPT = 1 << 19  # rows whose summary is kept: of a longer drive every second, fourth ...
+BUS_OFF, RESTARTED = 0x40, 0x100  # bits of an error frame of SocketCAN
+
+Say = Callable[[str], None]
+
+
+# ---- The bus
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """A frame, and when it came, s of the machine's clock."""
+
+    frame: Frame
+    at: float
+
+
+class Reader(threading.Thread):
+    """Reads a bus, and opens it again where it fails.
+
+    Parameters
+    ----------
+    open_bus : callable
+        Returns a bus of python-can.
+    say : callable
+        Takes a sentence.
+    record : callable
+        Takes each message of python-can.
+    """
+
+    def __init__(self, open_bus: Callable[[], Any], say: Say, record: Callable[[Any], None]):
+        super().__init__(daemon=True, name="bus")
+        self._open, self._say, self._record = open_bus, say, record
+        self._bus = open_bus()  # the first time it may fail: then nothing was begun
+        self._came: deque[Arrived] = deque()
+        self._there, self._ended = threading.Event(), threading.Event()
+        self.count = 0
+        self.errors = 0
+
+    def take(self, timeout: float) -> list[Arrived]:
+        """Return what has come since the last time; wait for it as long as that, s."""
+        self._there.wait(timeout)
+        self._there.clear()
+        found = []
+        while self._came:
+            found.append(self._came.popleft())
+        return found
+
+    def stop(self) -> None:
+        """End reading."""
+        self._ended.set()
+        if self.is_alive():
+            self.join(2.0)
+        if self._bus is not None:
+            self._bus.shutdown()
+
+    def run(self) -> None:
+        """Read until it is stopped."""
+        said_errors = -SAID_AGAIN
+        while not self._ended.is_set():
+            try:
+                if self._bus is None:
+                    self._bus = self._open()
+                    self._say("the bus is open again")
+                message = self._bus.recv(0.2)
+            except Exception as error:  # of drivers of many makers
+                self._fail(error)
+                continue
+            if message is None:
+                continue
+            if message.is_error_frame:
+                self.errors += 1
+                if message.arbitration_id & BUS_OFF and not message.arbitration_id & RESTARTED:
+                    self._say(
+                        "the bus is off: the controller has left it after too many errors; it goes on when it is back"
+                    )
+                elif time.monotonic() - said_errors > SAID_AGAIN:
+                    said_errors = time.monotonic()
+                    self._say(
+                        f"{self.errors} error frame{'s' if self.errors > 1 else ''} on the bus so far: bit rate or wiring"
+                    )
+                continue
+            if message.is_remote_frame:
+                continue
+            self.count += 1
+            self._record(message)
+            bus = str(message.channel or 0)
+            frame = Frame(
+                message.timestamp, message.arbitration_id, message.is_extended_id, bus, bytes(message.data)
+            )
+            self._came.append(Arrived(frame, time.monotonic()))
+            self._there.set()
+
+    def _fail(self, error: Exception) -> None:
+        if self._bus is not None and not self._ended.is_set():
+            self._say(
+                f"the bus failed ({str(error)[:120] or type(error).__name__}): it is opened again each second"
+            )
+        try:
+            if self._bus is not None:
+                self._bus.shutdown()
+        except Exception:  # it has failed already, and that was said
+            pass
+        self._bus = None
+        self._ended.wait(REOPENED)
+
+
+def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
+    """Return what opens a bus of python-can. UserError, when it is called: what its maker says."""
+    can = need("can", "can", f"live, interface {interface}")
+
+    def opened() -> Any:
+        try:
+            return can.Bus(interface=interface, channel=channel, **more)
+        except Exception as error:  # of drivers of many makers
+            raise UserError(
+                f"interface {interface}, channel {channel}: cannot be opened: {str(error)[:200] or type(error).__name__}"
+            ) from None
+
+    return opened
+
+
+# ---- What is recorded
+
+
+class Record:
+    """A folder with the drive: frames as they came, rows as the filter had them, estimates, and what was said.
+
+    A disk that takes no more is a sentence; the filter goes on. Without a folder nothing is kept."""
+
+    def __init__(self, folder: Path | None, say: Say):
+        self._own = tempfile.TemporaryDirectory(prefix="tselab-") if folder is None else None
+        self.folder = Path(self._own.name) if self._own is not None else Path(str(folder))
+        if folder is not None:
+            make_directory(folder)
+            if any(folder.iterdir()):
+                raise UserError(f"{folder}: is not empty; a drive needs a folder of its own")
+        self._say = say
+        self._frames: Any = None
+        self._files: dict[str, IO[bytes]] = {}
+        self._lock = threading.Lock()
+        self._failed = folder is None
+
+    def frame(self, message: Any) -> None:
+        """Keep a message of python-can."""
+        if self._frames is None and not self._failed:
+            can = need("can", "can", "live")
+            self._guarded(lambda: setattr(self, "_frames", can.BLFWriter(str(self.folder / "frames.blf"))))
+        if self._frames is not None and not self._failed:
+            self._guarded(lambda: self._frames.on_message_received(message))
+
+    def write(self, name: str, data: bytes) -> None:
+        """Append to a file of the folder."""
+
+        def append() -> None:
+            with self._lock:
+                if name not in self._files:
+                    self._files[name] = open(self.folder / name, "ab")  # noqa: SIM115 - it stays open as long as the drive
+                self._files[name].write(data)
+                self._files[name].flush()
+
+        if not self._failed:
+            self._guarded(append)
+
+    def _guarded(self, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except OSError as error:
+            self._failed = True
+            self._say(
+                f"{self.folder}: cannot be written ({error.strerror or error}): it goes on, and nothing more is recorded"
+            )
+
+    def close(self) -> None:
+        """Close all files."""
+        if self._frames is not None:
+            self._guarded(self._frames.stop)
+        for file in self._files.values():
+            file.close()
+        if self._own is not None:
+            self._own.cleanup()
+
+
+# ---- The drive
+
+
+@dataclass
+class Drive:
+    """What is known so far, for who shows it."""
+
+    rows: int = 0
+    frames: int = 0
+    first: float = 0.0  # s, of the first row
+    time: float = 0.0  # s, of the last row
+    delay: float = 0.0  # s from a frame to the estimate with it: the longest of the last second
+    delays: list[float] = field(default_factory=list)  # of all rows that did not wait for signals to be found
+    statuses: Counter[int] = field(default_factory=Counter)
+    contradicted: list[str] = field(default_factory=list)
+
+
+class Live:
+    """The filter on a bus.
+
+    Parameters
+    ----------
+    open_bus : callable
+        Returns a bus of python-can (bus_opener()).
+    databases : sequence of Path
+        What its frames mean.
+    vehicle : Vehicle
+        The car.
+    config : Config
+        Settings of the filter.
+    signals : Signals or None
+        Which signal is which channel; None: they are proposed from what comes.
+    folder : Path or None
+        Where the drive is recorded; None: nowhere.
+    learnt : Learnt, optional
+        What an earlier drive taught.
+    rate : float, optional
+        Of the rows, Hz.
+    say : callable
+        Takes a sentence about what just happened.
+    """
+
+    def __init__(
+        self,
+        open_bus: Callable[[], Any],
+        databases: Sequence[Path],
+        vehicle: Vehicle,
+        config: Config,
+        signals: Signals | None,
+        folder: Path | None,
+        learnt: Learnt | None = None,
+        rate: float | None = None,
+        say: Say = lambda _: None,
+    ):
+        self.vehicle, self.config, self.databases = vehicle, config, tuple(databases)
+        self._tell, self._signals, self._rate, self._learnt = say, signals, rate, learnt
+        self._plain = config.as_dict()
+        self.said: list[tuple[float, str]] = []
+        self.drive = Drive()
+        self._bus: Bus | None = None
+        self.stream: Stream | None = None
+        self._notes_of_bus: list[str] = []
+        if signals is not None:
+            self.stream = Stream(self.databases, signals, vehicle, rate)
+        else:
+            self._bus = Bus(Path("the bus"), self.databases, How())
+        if learnt is not None:
+            learnt.load(Filter(config))  # what is wrong with it is said before anything begins
+        self.filter: Filter | None = None
+        self._valid = dict.fromkeys(STIFFNESS, 0)  # rows in which it was
+        self.reader = Reader(open_bus, self.say, lambda message: self.record.frame(message))
+        try:
+            self.record = Record(folder, self.say)
+        except BaseException:
+            self.reader.stop()
+            raise
+        self._copy_inputs()
+        self._proposing: threading.Thread | None = None
+        self._proposed: Signals | None = None
+        self._listened: list[Arrived] = []
+        self._next_proposal = LISTENED
+        self._origin = float("nan")  # s of the bus that is 0 in the record
+        self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = (
+            deque()
+        )  # rows that are not written yet
+        self._written = 0  # rows
+        self._columns: deque[dict[str, np.ndarray]] = (
+            deque()
+        )  # the last rows that are written, some at a time
+        self._table: list[dict[str, Any]] = []  # of every `stride`-th row what verdicts need
+        self._stride = 1
+        self._ended = threading.Event()
+        self._keeper = threading.Thread(target=self._keep, daemon=True, name="record")
+        self._next_check = FIRST_CHECK
+        self._said_once: set[str] = set()
+        self._silent: dict[str, float] = {}
+        self._happened: list[tuple[str, float]] = []
+        self._ongoing: dict[str, float] = {}
+        self._last_frame = time.monotonic()
+        self._first_frame = float("inf")
+        self._quiet = self._foreign = False
+        self._last_tick = 0.0
+        self._recent: deque[tuple[float, float]] = deque()
+        self.last: np.ndarray | None = None  # the last output
+        self.closed = False
+        _warm_up(config)
+        gc.collect()
+        gc.freeze()  # what is loaded now stays: to look through all of it takes longer than a row may
+        self.reader.start()
+        self._keeper.start()
+
+    def _copy_inputs(self) -> None:
+        """Copy what a later `tselab estimate` of the frames needs."""
+        folder = self.record.folder
+        for p in self.databases:
+            shutil.copyfile(p, folder / p.name)
+        if self._signals is not None and self._signals.path is not None:
+            text = self._signals.path.read_text(encoding="utf-8-sig")
+            text = re.sub(r"(?m)^\s*databases\s*=.*\n", "", text)  # they stand beside it now
+            self.record.write("frames.signals.toml", text.encode())
+        if self._learnt is not None:
+            self.record.write("before.tse", self._learnt.data)
+
+    # ---- what is said
+
+    def say(self, text: str) -> None:
+        """Say what just happened, and keep it."""
+        at = self.drive.time
+        self.said.append((at, text))
+        self.record.write("events.txt", f"{at:.2f} s: {text}\n".encode())
+        self._tell(text)
+
+    def _say_once(self, text: str) -> None:
+        plain = re.sub(r"[\d.]+", "#", text)
+        if plain not in self._said_once:
+            self._said_once.add(plain)
+            self.say(text)
+
+    # ---- the loop
+
+    def work(self, timeout: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+        """Take what has come, or wait for it as long as that, s: times of the rows that it makes, and their outputs."""
+        came = self.reader.take(timeout)
+        if came and (rest := self._last_tick + TICK - time.monotonic()) > 0:
+            time.sleep(rest)
+            came += self.reader.take(0.0)
+        self._last_tick = now = time.monotonic()
+        self.drive.frames += len(came)
+        self._look_at_bus(came, now)
+        if self.stream is None:
+            self._listen(came, now)
+            if self.stream is None:
+                return np.zeros(0), self._no_outputs()
+            came, self._listened = self._listened, []  # all that came before they were known, these among it
+        made = []
+        for part in _pieces(came) or [[]]:
+            for text in self.stream.add([a.frame for a in part]):
+                self.say(text)
+            made.append(self._step(part, now))
+        times, outputs = (np.concatenate([m[i] for m in made]) for i in (0, 1))
+        self._look_at_channels()
+        return times, outputs
+
+    def _keep(self) -> None:
+        """Write, look back and check, now and then, beside the rows, which must not wait for it."""
+        while not self._ended.wait(WRITTEN):
+            self._write()
+            self._look_back()
+            if self.drive.time > self._next_check and self._columns:
+                self._next_check = self.drive.time + CHECKED
+                self._agree(list(self._columns))
+
+    def _no_outputs(self) -> np.ndarray:
+        return np.zeros(0, library().dtype(OUTPUT))
+
+    def _look_at_bus(self, came: Sequence[Arrived], now: float) -> None:
+        if came:
+            if self._quiet:
+                self.say(f"frames again, after {now - self._last_frame:.1f} s")
+            self._last_frame, self._quiet = now, False
+            self._first_frame = min(self._first_frame, now)
+        elif not self._quiet and now > self._last_frame + QUIET:
+            self._quiet = True
+            self.say("no frame for a second: is the bus asleep, off, or another one?")
+        if self._foreign or now < self._first_frame + FOREIGN:
+            return
+        known, unknown = (self.stream.known, self.stream.unknown) if self.stream else self._count()
+        if unknown and not known:
+            self._foreign = True
+            few = listed(f"{i:#x}" for i in sorted(unknown))
+            names = ", ".join(p.name for p in self.databases)
+            self.say(
+                f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of another bus"
+            )
+
+    def _count(self) -> tuple[int, dict[int, int]]:
+        """Count frames that are known, and identifiers that are not, while there are no signals yet."""
+        seen = Counter(a.frame.identifier for a in self._listened)
+        known = sum(n for i, n in seen.items() if self._bus is not None and self._bus.knows(i))
+        return known, {i: n for i, n in seen.items() if self._bus is None or not self._bus.knows(i)}
+
+    # ---- signals that nobody has named
+
+    def _listen(self, came: Sequence[Arrived], now: float) -> None:
+        """Gather frames until they say which signal is which channel."""
+        self._listened += came
+        if self._listened and self._listened[-1].frame.time - self._listened[0].frame.time > MOST_LISTENED:
+            del self._listened[: len(self._listened) // 2]
+        if self._proposing is not None:
+            if self._proposing.is_alive():
+                return
+            self._proposing = None
+            if self._proposed is not None:
+                self._begin_with(self._proposed)
+            return
+        if now > self._first_frame + self._next_proposal:
+            self._next_proposal = now - self._first_frame + LISTENED
+            self._proposing = threading.Thread(
+                target=self._propose, args=(list(self._listened),), daemon=True
+            )
+            self._proposing.start()
+
+    def _propose(self, came: list[Arrived]) -> None:
+        """Propose signals from what has come. Runs beside the reader."""
+        try:
+            notes: list[str] = []
+            bus = Bus(Path("the bus"), self.databases, How())
+            frames = [a.frame for a in came]
+            bus.add(np.array([f.identifier for f in frames], np.int64), np.array([f.extended for f in frames], bool),
+                    [f.bus for f in frames], [f.data for f in frames])  # fmt: skip
+            times = np.maximum.accumulate(np.array([f.time for f in frames]))
+            recording = Recording(Path("the bus"), "bus", bus.channels(times, None, notes), notes)
+            proposal = propose(recording.since_start(), self.vehicle)
+            missing = [c for c in proposal.missing if c not in ("accel_x",)]
+            if missing:
+                self.say(
+                    f"not found so far: {', '.join(missing)}; it listens on, drive some bends{_nearest(proposal, missing)}"
+                )
+                return
+            path = self.record.folder / "frames.signals.toml"
+            path.write_text(toml_text(recording, proposal, None, self.record.folder), encoding="utf-8")
+            self._proposed = read_signals(path)
+            for g in proposal.guesses:
+                self.say(f"proposed: {headline(g)}")
+            self.say(
+                f"guessed by names, units and physics: look at {path}, and name it with --signals the next time"
+            )
+        except UserError as error:
+            self._say_once(str(error).splitlines()[0])
+        except Exception as error:  # a thread that ends without a word would leave the drive listening
+            self._say_once(
+                f"signals could not be proposed ({type(error).__name__}: {str(error)[:100]}); it listens on"
+            )
+
+    def _begin_with(self, signals: Signals) -> None:
+        self._signals = signals
+        self.stream = Stream(self.databases, signals, self.vehicle, self._rate)
+        for text in self.stream.notes:
+            self.say(text)
+        self.stream.notes.clear()
+
+    # ---- rows
+
+    def _step(self, came: Sequence[Arrived], now: float) -> tuple[np.ndarray, np.ndarray]:
+        stream = self.stream
+        assert stream is not None
+        behind = 0.0 if came else now - self._last_frame
+        times, columns = stream.rows(stream.time + behind)
+        for text in stream.notes:
+            self._say_once(text)
+        stream.notes.clear()
+        if not len(times):
+            return times, self._no_outputs()
+        if self.filter is None:
+            self._start(float(times[0]))
+        times = times - self._origin
+        rows = self._inputs(times, columns)
+        outputs = self.filter.outputs(len(rows))
+        self.filter.step_into(rows, outputs)
+        if self.drive.contradicted:
+            contradict(outputs)
+        took = time.monotonic()
+        if came and len(times) < 0.5 / self.config.sample_time:  # else it has waited for signals
+            self.drive.delays += [took - came[0].at] * len(times)
+            self._recent.append((took, took - came[0].at))
+        while self._recent and self._recent[0][0] < took - 1.0:
+            self._recent.popleft()
+        self.drive.delay = max((d for _, d in self._recent), default=0.0)
+        self.drive.rows += len(times)
+        self.drive.time = float(times[-1])
+        self.drive.statuses.update(outputs["status"].tolist())
+        for s in STIFFNESS:
+            self._valid[s] += int(((outputs[f"{s}_valid"] == 0) & (outputs["status"] >= 0)).sum())
+        self.last = outputs[-1]
+        self._pending.append((times, columns, outputs))
+        return times, outputs
+
+    def _start(self, first: float) -> None:
+        stream = self.stream
+        assert stream is not None and stream.rate is not None
+        self._origin = float(np.floor(first)) if first > 1e6 else 0.0
+        for text in set_sampling(self.config, 1.0 / stream.rate):
+            self.say(text)
+        if stream.one_speed:
+            self.config.wheel_signals = 1
+        self.filter = Filter(self.config)
+        if self._learnt is not None:
+            self._learnt.load(self.filter)
+        changed = {
+            k: v
+            for k, v in self.config.as_dict().items()
+            if v != self._plain[k] or k in ("sample_time", "max_gap")
+        }
+        lines = ["# What this drive was estimated with; tselab estimate --config takes it."]
+        self.record.write(
+            "filter.toml", "\n".join([*lines, *(f"{k} = {v!r}" for k, v in changed.items()), ""]).encode()
+        )
+
+    def _inputs(self, times: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
+        """Return rows as the library takes them."""
+        lib = library()
+        rows = np.zeros(len(times), lib.dtype(INPUT))
+        if not self.drive.rows:
+            self.drive.first = float(times[0])
+        before = self.drive.time if self.drive.rows else times[0] - self.config.sample_time
+        rows["dt"] = np.diff(times, prepend=before)
+        for f in lib.channels:
+            rows[f.name] = columns[f.name]
+        give_optional(rows, columns)
+        return rows
+
+    def _look_at_channels(self) -> None:
+        """Say which channel has no value any more, and when it is back."""
+        stream = self.stream
+        assert stream is not None
+        bus_now = stream.time
+        if self._quiet or stream.rate is None:
+            return
+        for c, last in stream.last.items():
+            gone = bus_now - last > QUIET
+            if gone and c not in self._silent:
+                self._silent[c] = last
+                self.say(
+                    f"{c}: no value for a second (message {stream.message_of(c)}): it is missing until one comes"
+                )
+            elif not gone and c in self._silent:
+                self.say(f"{c}: values again, after {bus_now - self._silent.pop(c):.1f} s")
+
+    # ---- what is kept and written
+
+    def _write(self) -> None:
+        """Write the rows since the last time."""
+        new = [self._pending.popleft() for _ in range(len(self._pending))]
+        if not new:
+            return
+        times, outputs = np.concatenate([t for t, _, _ in new]), np.concatenate([o for _, _, o in new])
+        columns = {"time": times, **{n: np.concatenate([c[n] for _, c, _ in new]) for n in new[0][1]}}
+        rows = zip(*(x.tolist() for x in columns.values()), strict=True)
+        block = block_of(times, outputs, self.config)
+        if not self._written:
+            self.record.write("rows.csv", (",".join(columns) + "\n").encode())
+            self.record.write("rows.est.csv", csv_header(block))
+        self.record.write(
+            "rows.csv", "".join(",".join(_cell(x) for x in row) + "\n" for row in rows).encode()
+        )
+        self.record.write("rows.est.csv", csv_rows(single(block)))
+        self._columns.append(columns)
+        while sum(len(x["time"]) for x in self._columns) > MOST_CHECKED:
+            self._columns.popleft()
+        part = slice(-self._written % self._stride, None, self._stride)
+        self._written += len(times)
+        self._table.append({n: block[n][part] for n in block if n in SUMMARY})
+        if self._written > self._stride * MOST_KEPT:
+            self._stride *= 2
+            whole = self.table()
+            self._table = [{str(n): whole[n].iloc[::2].array for n in whole}]
+
+    def table(self) -> pd.DataFrame:
+        """Return the columns of SUMMARY of all rows that are written, of a long drive of every so-manieth."""
+        frames = [pd.DataFrame(x) for x in self._table]
+        nothing = block_of(np.zeros(0), self._no_outputs(), self.config)
+        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
+
+    # ---- what happened
+
+    def _look_back(self) -> None:
+        """Say what the filter finds: changes, faults, sliding."""
+        tail: list[dict[str, Any]] = []
+        for x in reversed(self._table):
+            tail.insert(0, x)
+            if len(x["time"]) and x["time"][0] < self.drive.time - HAPPENED:
+                break
+        if not tail or self.drive.contradicted or not any(_eventful(x) for x in tail):
+            return
+        table = pd.concat([pd.DataFrame(x) for x in tail], ignore_index=True)
+        table = table[table["time"] > self.drive.time - HAPPENED].reset_index(drop=True)
+        for c in regimes.changes(table):
+            if c.time < self.drive.time - SETTLED and not self._is_said(c.what, c.time):
+                self.say(f"{c.label}{': ' if c.effect else ''}{c.effect}")
+        for s in regimes.spells(table):
+            goes_on = s.end > self.drive.time - SETTLED
+            if s.end - s.start > SETTLED and not self._is_said(s.name, s.start, s.end):
+                self.say(
+                    f"{s.name} since {s.start:.2f} s, {regimes.percent(s.probability)}"
+                    if goes_on
+                    else s.label
+                )
+
+    def _is_said(self, what: str, start: float, end: float | None = None) -> bool:
+        """Return whether this was said; if not, it counts as said now. One that goes on is the same."""
+        for i, (name, until) in enumerate(self._happened):
+            if name == what and start <= until + 1.0:
+                self._happened[i] = (name, max(until, end or start))
+                return True
+        self._happened = [(n, u) for n, u in self._happened if n != what] + [(what, end or start)]
+        return False
+
+    # ---- do the channels agree?
+
+    def _agree(self, columns: list[dict[str, np.ndarray]]) -> None:
+        """Look whether the channels contradict each other, as for a log."""
+        try:
+            data = {n: np.concatenate([c[n] for c in columns]) for n in columns[0]}
+            time_ = data.pop("time")
+            notes: list[str] = []
+            data = {n: x for n, x in data.items() if np.isfinite(x).any()}
+            log = checked(Path("the bus"), time_, data, np.arange(len(time_)), notes, place="row")
+            for text in (n for n in notes if "measures nothing" in n or "computed" in n or "no value" in n):
+                self._say_once(text)
+            said = check_car(liveliest(log, MOST_CHECKED), self.vehicle, self.config)
+            for text in said:
+                self._say_once(f"warning: {text}")
+            self.drive.contradicted = sure(said)
+        except UserError as error:
+            self._say_once(str(error).splitlines()[0])
+        except Exception as error:  # a check that fails must not end a drive, nor be silent
+            self._say_once(
+                f"whether the channels agree could not be tested ({type(error).__name__}: {str(error)[:100]})"
+            )
+
+    # ---- the answer
+
+    def result(self) -> tuple[Estimate, list[Finding], list[Change], list[str]]:
+        """Return what is known at the end, as `tselab estimate` says it of the rows: the estimates, what they say, what changed,
+        and in what the channels contradict each other."""
+        table = self.table()
+        sd = self.filter.uncertainty_sd() if self.filter is not None else {}
+        against = list(self.drive.contradicted)
+        if not len(table):
+            return Estimate(table, False), [], [], against
+        if not against and (said := implausible(table)):
+            against.append(said)
+        changes = regimes.changes(table)
+        taught = self.filter.save_learnt() if self.filter is not None and not against else None
+        est = Estimate(table, False, taught, sd, dict(self.drive.statuses))
+        return est, findings(table, self.config, changes, against, sd), changes, against
+
+    def now(self) -> list[Finding]:
+        """Return what is known now, of the last row."""
+        if self.last is None:
+            return []
+        words = {code: f.name for code, f in library().codes(REASON).items()}
+        found = []
+        for s in STIFFNESS:
+            nominal = getattr(self.config, NOMINAL[s]) / 1000
+            valid = int(self.last[f"{s}_valid"]) == 0 and int(self.last["status"]) >= 0
+            value, sd = float(self.last[s]) * nominal, float(self.last[f"{s}_sd"]) * nominal
+            reason = "" if valid else words.get(int(self.last[f"{s}_valid"]), "")
+            unit = "kN" if s == "cx_front" else "kN/rad"
+            found.append(Verdict(s, s, "good" if valid else "none", unit, value, 1.96 * sd, float("nan"), nominal,
+                                 self._valid[s] / max(self.drive.rows, 1), reason, 1.0, ""))  # fmt: skip
+        return [Finding(None, found)]
+
+    def close(self) -> None:
+        """End the drive: nothing is read any more, and what was recorded is whole."""
+        if self.closed:
+            return
+        self.closed = True
+        self.reader.stop()
+        self._ended.set()
+        self._keeper.join(30.0)
+        if self._proposing is not None:
+            self._proposing.join(30.0)
+        came = self.reader.take(0.0)
+        if self.stream is not None:
+            self.drive.frames += len(came)
+            for part in _pieces(came):
+                self.stream.add([a.frame for a in part])
+                self._step(part, self._last_frame)
+        self._write()
+        if self._columns:
+            self._agree(list(self._columns))
+        self._look_back()
+        self.record.close()
+        gc.unfreeze()
+
+    def numbers(self) -> str:
+        """Return rows, rate and delay in a few words."""
+        d = self.drive
+        late = np.array(d.delays) * 1e3
+        if not d.rows or not len(late):
+            return f"{d.frames} frames, {d.rows} rows"
+        return (f"{d.frames} frames, {d.rows} rows, {d.rows / max(d.time - d.first, 1e-3):.0f} a second; from a frame "
+                f"to the estimate {np.median(late):.0f} ms, of 99 % of the rows at most {np.quantile(late, 0.99):.0f} ms, "
+                f"longest {late.max():.0f} ms")  # fmt: skip
+
+
+def _eventful(x: dict[str, Any]) -> bool:
+    """Return whether something may have happened in these rows."""
+    if "change_kind" not in x or not len(x["time"]):
+        return False
+    return bool(
+        np.any((x["change_kind"] > 0) & (x["change_age"] < HAPPENED))
+        or any(np.any(x[p] >= regimes.LIKELY) for p in regimes.SPELLS)
+    )
+
+
+def _pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
+    """Return frames in pieces of a short time: what is kept of a channel is short, too."""
+    pieces: list[list[Arrived]] = []
+    for a in came:
+        if not pieces or abs(a.frame.time - pieces[-1][0].frame.time) > PIECE:
+            pieces.append([])
+        pieces[-1].append(a)
+    return pieces
+
+
+def _warm_up(config: Config) -> None:
+    """Load what is loaded at its first use, before the first frame would wait for it."""
+    for wanted in ("rad", "rad/s", "m/s2"):
+        factor(wanted, wanted)
+    csv_rows(single(block_of(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))
+
+
+def _cell(x: float) -> str:
+    return "" if x != x else repr(x)
+
+
+def _nearest(proposal: Proposal, missing: Sequence[str]) -> str:
+    """Return the nearest candidate of the first channel that is not found."""
+    said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
+    return f" (nearest: {said[0]})" if said else ""

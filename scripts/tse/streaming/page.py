@@ -1,0 +1,138 @@
+"""A page of this machine that shows a drive while it goes on: the charts of the page that estimates in a browser, fed with the
+rows of the filter that runs here. That page has a filter of its own, which could be fed, too; two filters would be two answers."""
+
+from __future__ import annotations
+
+import json
+import threading
+from array import array
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+
+from tse.estimation.answer import answer
+from tse.estimation.regimes import REGIMES
+from tse.library.core import NOMINAL, REASON, STIFFNESS, library
+from tse.streaming.drive import Live
+
+TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
+SHOWN = 0.05  # s between two rows that are shown
+MOST = 72_000  # rows that are kept: an hour; then the older half goes
+AT_A_TIME = 4000  # rows of one answer
+
+
+class Page:
+    """The page. `add` takes rows as they come; who looks is answered by threads of its own.
+
+    Parameters
+    ----------
+    live : Live
+        The drive.
+    port : int
+        0: any that is free.
+    """
+
+    def __init__(self, live: Live, port: int = 0):
+        self._live = live
+        self._lock = threading.Lock()
+        self._gone = 0  # rows that are not kept any more
+        self._last = -np.inf
+        names = ["time", *(f"{s}{x}" for s in STIFFNESS for x in ("", "_sd", "_valid", "_reason")), *REGIMES]
+        self._columns = {n: array("d") for n in names}
+        codes = library().codes(REASON)
+        self._reasons = [codes[k].name for k in sorted(codes)]
+        page = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                page._answer(self)
+
+            def log_message(self, format: str, *args: Any) -> None:
+                """Say nothing."""
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        self._server.daemon_threads = True
+        self.url = f"http://127.0.0.1:{self._server.server_port}/"
+        threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
+
+    def add(self, times: np.ndarray, outputs: np.ndarray) -> None:
+        """Take rows: times, s, and what the library says of each, (rows,)."""
+        for t, o in zip(times.tolist(), outputs, strict=True):
+            if t < self._last + SHOWN - 1e-6:
+                continue
+            self._last = t
+            row = {"time": t, **{p: float(o[p]) for p in REGIMES}}
+            for s in STIFFNESS:
+                by = getattr(self._live.config, NOMINAL[s]) / 1000
+                reason = int(o[f"{s}_valid"])
+                row |= {s: float(o[s]) * by, f"{s}_sd": float(o[f"{s}_sd"]) * by, f"{s}_valid": float(reason == 0),
+                        f"{s}_reason": float(reason)}  # fmt: skip
+            with self._lock:
+                for n, x in row.items():
+                    self._columns[n].append(x)
+                if len(self._columns["time"]) > MOST:
+                    for x in self._columns.values():
+                        del x[: MOST // 2]
+                    self._gone += MOST // 2
+
+    def close(self) -> None:
+        """Answer nobody any more."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _answer(self, to: BaseHTTPRequestHandler) -> None:
+        asked = urlsplit(to.path)
+        if to.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
+            to.send_error(403)  # a page of somebody else that has this machine under a name of its own
+        elif asked.path == "/":
+            self._send(to, "text/html; charset=utf-8", page_text().encode())
+        elif asked.path == "/rows":
+            query = {k: int(v[0]) if v[0].isdigit() else 0 for k, v in parse_qs(asked.query).items()}
+            found = self._state(query.get("from", 0), query.get("events", 0))
+            self._send(to, "application/json", json.dumps(found).encode())
+        else:
+            to.send_error(404)
+
+    @staticmethod
+    def _send(to: BaseHTTPRequestHandler, kind: str, body: bytes) -> None:
+        to.send_response(200)
+        to.send_header("Content-Type", kind)
+        to.send_header("Content-Length", str(len(body)))
+        to.send_header("Cache-Control", "no-store")
+        to.end_headers()
+        to.wfile.write(body)
+
+    def _state(self, first: int, events: int) -> dict[str, Any]:
+        """Return what is new since row `first` and sentence `events`."""
+        with self._lock:
+            count = self._gone + len(self._columns["time"])
+            first = first if self._gone <= first <= count else self._gone
+            last = min(count, first + AT_A_TIME)
+            part = slice(first - self._gone, last - self._gone)
+            columns = {
+                n: [None if v != v else float(f"{v:.6g}") for v in x[part]] for n, x in self._columns.items()
+            }
+            columns["time"] = [round(t, 3) for t in self._columns["time"][part]]
+        drive, said = self._live.drive, self._live.said
+        return {
+            "begin": self._gone,
+            "from": first,
+            "next": last,
+            "columns": columns,
+            "reasons": self._reasons,
+            "answer": answer(self._live.now(), self._live.config),
+            "state": f"{drive.time:.0f} s, {drive.rows} rows, {drive.frames} frames, {1e3 * drive.delay:.0f} ms behind",
+            "events": said[events:],
+            "nextEvent": len(said),
+        }
+
+
+def page_text() -> str:
+    """Return the page: one text with everything in it."""
+    text = (TEMPLATES / "live.html").read_text(encoding="utf-8")
+    for mark, name in (("/* @style@ */", "page.css"), ("/* @script@ */", "draw.js")):
+        text = text.replace(mark, (TEMPLATES / name).read_text(encoding="utf-8"))
+    return text
