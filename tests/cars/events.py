@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-import tables
+from scripts.dev import tables
 from tests.cars import SCENARIOS, make_cars, make_logs
 from tests.cars.road import LASTS
 from tests.cars.study import PRIOR, RESULTS, driven, estimated

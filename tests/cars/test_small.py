@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scripts.fixed import library
+from scripts.dev.fixed import library
 from tests.cars import make_logs
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from measured import TSELAB, measured
+from scripts.dev.measured import TSELAB, measured
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "scripts" / "results" / "gap-scale.md"

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in ("scripts", "tests/fmu"):
+for folder in ("scripts/dev", "tests/fmu"):
     if str(ROOT / folder) not in sys.path:
         sys.path.insert(0, str(ROOT / folder))
 
@@ -97,7 +97,7 @@ def scratch() -> Path:
 def _program() -> Path:
     """rows.c and the library as two files."""
     two, program = scratch() / "two", scratch() / "rows"
-    _call(sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", two / "tse")
+    _call(sys.executable, ROOT / "scripts" / "dev" / "amalgamate.py", "--out", two / "tse")
     _call(
         "cc",
         "-O2",

@@ -1,4 +1,4 @@
-"""The page of scripts/page.py in a real browser, from a file and without a network: the same bytes as `tselab estimate`, logs of
+"""The page of scripts/dev/page.py in a real browser, from a file and without a network: the same bytes as `tselab estimate`, logs of
 other dialects, what is wrong is said, the simulator and the filter beside it. Pictures are left in build/site/shots."""
 
 import io
@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
+sys.path.insert(0, str(ROOT / "scripts" / "dev"))
 import page  # noqa: E402
 
 from tse.car.vehicle import filter_values, read_vehicle  # noqa: E402

@@ -1,4 +1,4 @@
-"""What a command takes: scripts/long_logs.py, tests/gap/scale.py."""
+"""What a command takes: scripts/dev/long_logs.py, tests/gap/scale.py."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 TSELAB = [sys.executable, "-m", "tselab"]
 PATHS = os.pathsep.join([str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")])
 ENV = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": PATHS}

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """The page that estimates and drives in a browser: one file with everything in it, build/site/try.html.
 
-    .venv/bin/python scripts/page.py                 build it
-    .venv/bin/python scripts/page.py --out FILE      somewhere else
-    .venv/bin/python scripts/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
+    .venv/bin/python scripts/dev/page.py                 build it
+    .venv/bin/python scripts/dev/page.py --out FILE      somewhere else
+    .venv/bin/python scripts/dev/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
 
 The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What
 the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when it
@@ -23,7 +23,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "docs" / "page"
 SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # what the page of `tselab live` has, too
 BUILD = ROOT / "build" / "page"
@@ -88,7 +88,7 @@ def compilers() -> list[list[str]]:
 def wasm(cc: list[str] | None = None) -> bytes:
     """The library as WebAssembly."""
     BUILD.mkdir(parents=True, exist_ok=True)
-    call([sys.executable, str(ROOT / "scripts" / "amalgamate.py"), "--out", str(BUILD / "src")])
+    call([sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(BUILD / "src")])
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or compilers()[0]
     libc = ROOT / "tests" / "embedded" / "wasm"  # what a compiler calls of a C library

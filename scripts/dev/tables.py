@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Write what C sources and headers have of the tables in src/tables/*.toml: structs, enumerations, rows.
 
-scripts/tables.py            write
-scripts/tables.py --check    change nothing; fails, and names the files, where something would be
+scripts/dev/tables.py            write
+scripts/dev/tables.py --check    change nothing; fails, and names the files, where something would be
 
 A file says where: between `/* table: NAME */` and `/* end of table */` stands what REGIONS has of that name.
 """
@@ -21,7 +21,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
 SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
 CONFIG = (
@@ -502,7 +502,7 @@ def main() -> int:
             continue
         if check:
             print(
-                f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/tables.py",
+                f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/dev/tables.py",
                 file=sys.stderr,
             )
             status = 1

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How well `tselab live` keeps up, and whether it says what `tselab estimate` says of the same drive.
 
-    [chrt -r 10] .venv/bin/python scripts/live.py [--seconds 60]
+    [chrt -r 10] .venv/bin/python scripts/dev/live.py [--seconds 60]
 
 writes scripts/results/live.md. A process sends the frames of a simulated drive in real time over UDP multicast: three messages
 each 10 ms, wheels, steering wheel, inertial sensor. The command reads them, in a process of its own; then `tselab estimate` reads
@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "live.md"
 GROUP, PORT = "239.74.163.2", 43113
@@ -119,7 +119,7 @@ def main() -> None:
         frames, file = estimated(out / "frames.blf", car), estimated(log, car)
     agree = "the same bits" if bits and len(same) == len(mine) else "OTHER BITS"
     lines = [
-        f"<!-- Written by `scripts/live.py --seconds {asked.seconds:g}`. -->\n",
+        f"<!-- Written by `scripts/dev/live.py --seconds {asked.seconds:g}`. -->\n",
         f"A simulated drive of {asked.seconds:g} s, {found[1]} frames in three messages each 10 ms, sent by another process "
         "over UDP multicast in real time; `tselab live` in a process of its own; "
         f"{PRIORITY[os.sched_getscheduler(0)] if hasattr(os, 'sched_getscheduler') else 'usual'} priority; the machine has "

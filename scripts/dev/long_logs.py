@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The memory that tselab estimate takes for a long log in each format, with report and estimates.
 
-    .venv/bin/python scripts/long_logs.py [--hours 1] [--formats MF4 "MAT 7.3" ...]
+    .venv/bin/python scripts/dev/long_logs.py [--hours 1] [--formats MF4 "MAT 7.3" ...]
 
 writes scripts/results/long_logs.md; of formats that are not named the rows stay as they are. A log has four wheels at 50 Hz, the
 steering wheel at 20 Hz, the inertial sensor at 100 Hz, each later than it was true: ten minutes of drive, again and again, by
@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "long_logs.md"
 PART = 600.0  # s of the drive that is repeated
@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--formats", nargs="+", choices=list(FORMATS), default=list(FORMATS), metavar="NAME")
     asked = parser.parse_args()
     times = max(1, round(3600 * asked.hours / PART))
-    command = f"scripts/long_logs.py --hours {asked.hours:g}"
+    command = f"scripts/dev/long_logs.py --hours {asked.hours:g}"
     before = RESULT.read_text(encoding="utf-8") if RESULT.exists() else ""
     rows = dict(re.findall(r"^(\| ([^|]+?) \|.*)$", before, re.M)) if f"`{command}`" in before else {}
     rows = {name: row for row, name in rows.items() if name in FORMATS}
