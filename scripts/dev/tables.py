@@ -379,6 +379,22 @@ def changes() -> list[str]:
     return [f"{{ {text(r['word'])}, {text(r['text'])} }}," for r in read("output")["change"].values()]
 
 
+DEFINITION = re.compile(  # of a function or an array that other files may use
+    r"^(?!static|typedef|#|\s|TSE_INLINE)[a-z][\w *]*?\b(\w+)(?:\([^;{}]*\)\s*\{|\[[^\]]*\] = \{)", re.M
+)
+
+
+def internal_names() -> Iterator[str]:
+    """Name what several files of src share and is no part of the API, by folder."""
+    for folder in sorted(p for p in (ROOT / "src").iterdir() if p.is_dir() and p.name != "number"):
+        texts = [path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.c"))]
+        names = sorted({m[1] for text in texts for m in DEFINITION.finditer(text)})
+        internal = [name for name in names if not name.startswith("tse_")]
+        if internal:
+            yield f"/* {folder.name} */"
+            yield from (f"#define {name} TSE_NAME(tse_{name})" for name in internal)
+
+
 REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lines
     "settings_lists": settings_lists,
     "output_members": output_members,
@@ -388,6 +404,7 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
     "effect_numbers": effect_numbers,
     "effect_parameters": effect_parameters,
     "formula_operations": formula_operations,
+    "internal_names": internal_names,
     "columns": columns,
     "changes": changes,
     # a log row

@@ -41,6 +41,7 @@
 #include <string.h>
 
 #include "number/fixed.h"
+#include "tables/names.h"
 
 #if !defined(TSE_REAL_FIXED)
 /* What a sum is computed in: 0 (16, 32: of narrower types) its own type, 1 (64) double, 2 and more wider, -1 nobody knows. */
