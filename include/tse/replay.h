@@ -21,19 +21,24 @@ typedef struct tse_replay_log {
   const tse_real *steer_angle;        /* [rad] mean road-wheel angle as logged, -1.2 .. 1.2 */
   const tse_real *wheel_speed_front;  /* [rad/s] mean rotation rate of the front wheels, -400 .. 400 */
   const tse_real *wheel_speed_rear;   /* [rad/s] mean rotation rate of the rear wheels, -400 .. 400 */
-  const tse_real *grade;              /* [rad] or NULL; profile of the road, uphill > 0, besides the setting grade_angle */
-  const tse_real *bank;               /* [rad] or NULL; profile of the road, left side high > 0, besides the setting bank_angle */
+  const tse_real *grade;              /* [rad] or NULL; profile of the road, uphill > 0, besides the
+                                       * setting grade_angle */
+  const tse_real *bank;               /* [rad] or NULL; profile of the road, left side high > 0, besides
+                                       * the setting bank_angle */
   const tse_real *slip_front;         /* [rad] or NULL; disturbance of the front slip angle */
   const tse_real *slip_rear;          /* [rad] or NULL; disturbance of the rear slip angle */
-  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force over mass, forward, seen by the accelerometer */
-  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force over mass, to the left, seen by the accelerometer */
+  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force over mass, forward, seen by the
+                                       * accelerometer */
+  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force over mass, to the left, seen by
+                                       * the accelerometer */
   const tse_real *yaw_accel;          /* [rad/s2] or NULL; disturbing yaw moment over inertia */
   /* end of table */
 } tse_replay_log;
 
 typedef struct tse_replay_start {
   /* table: replay_start_members */
-  tse_real cx_front;             /* [1] 1; longitudinal stiffness, share of nominal (rear follows as the settings say) */
+  tse_real cx_front;             /* [1] 1; longitudinal stiffness, share of nominal (rear follows as the
+                                  * settings say) */
   tse_real cy_front;             /* [1] 1; front cornering stiffness, share of nominal */
   tse_real cy_rear;              /* [1] 1; rear cornering stiffness, share of nominal */
   tse_real bias_accel_x;         /* [m/s2] 0; bias of accel_x */
@@ -45,8 +50,10 @@ typedef struct tse_replay_start {
   tse_real yaw_rate;             /* [rad/s] 0; start of the yaw rate */
   tse_real time;                 /* [s] 0; clock of stiffness_drift at the first row */
   tse_real heading;              /* [rad] 0; heading at the first row, for crosswind */
-  tse_real wheel_inertia_front;  /* [kg m2] 2.4; rotational inertia of both front wheels, for wheel_torque_front */
-  tse_real wheel_inertia_rear;   /* [kg m2] 2.4; rotational inertia of both rear wheels, for wheel_torque_rear */
+  tse_real wheel_inertia_front;  /* [kg m2] 2.4; rotational inertia of both front wheels, for
+                                  * wheel_torque_front */
+  tse_real wheel_inertia_rear;   /* [kg m2] 2.4; rotational inertia of both rear wheels, for
+                                  * wheel_torque_rear */
   /* end of table */
 } tse_replay_start;
 
@@ -58,7 +65,8 @@ typedef struct tse_replay_out {
   tse_real *vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real *vel_y;               /* [m/s] lateral velocity of the centre of gravity */
   tse_real *true_yaw_rate;       /* [rad/s] yaw rate of the car */
-  tse_real *wheel_torque_front;  /* [Nm] drive less brake torque that the front wheels need: slip force times radius, and inertia */
+  tse_real *wheel_torque_front;  /* [Nm] drive less brake torque that the front wheels need: slip force
+                                  * times radius, and inertia */
   tse_real *wheel_torque_rear;   /* [Nm] drive less brake torque that the rear wheels need */
   /* end of table */
 } tse_replay_out;
