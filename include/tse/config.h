@@ -1,5 +1,6 @@
-/* tse/config.h - settings. Names, defaults, ranges and units follow from the tables of src/tables: unit, default, least .. most; meaning.
- * Defaults: an ordinary car, and particles and forgetting as in Sec. IV of the paper, which prints no vehicle. */
+/* tse/config.h - settings, from the tables in src/tables.
+ * Comments read: [unit] default, min .. max; meaning.
+ * Defaults are an ordinary car, and the particle filter of Sec. IV of the paper. */
 #ifndef TSE_CONFIG_H
 #define TSE_CONFIG_H
 
@@ -7,20 +8,21 @@
 
 #include "tse/real.h"
 
-/* The filters that a build knows, and the default. */
+/* Filters of this build: 0 the default Kalman filter, 1 the paper's particle filter. */
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
-/* A build without the form with particles is 12 kB and more smaller on a Cortex-M; it is refused there. */
+/* A build without particles is at least 12 kB smaller on a Cortex-M. It refuses the paper's filter. */
 #if defined(TSE_NO_PARTICLES)
 #define TSE_LAST_FORM 0
 #else
 #define TSE_LAST_FORM 1
 #endif
 
-/* Settings, in SI units. Fill with tse_config_default(), then change what differs, the mass at least. 0 is "not set" where it is outside
- * the range: mass, yaw inertia, stiffness. Effects that an ordinary car has (body_roll_gain, relaxation_length ...) are on, the others
- * are 0, which is off. The default form's model has those whose row in effects.toml says so. */
+/* Settings, in SI units. Fill with tse_config_default(), then set the values of your car, at least the
+ * mass. Where 0 is outside the range (mass, yaw inertia, stiffness), it means "not set". Effects of an
+ * ordinary car are on (body_roll_gain, relaxation_length ...), the others are 0, off. Column
+ * `estimator` of src/tables/effects.toml lists the effects of the default filter's model. */
 typedef struct tse_config {
   /* table: config_members */
   tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: not known, then no
@@ -347,7 +349,7 @@ typedef struct tse_config {
   /* end of table */
 } tse_config;
 
-/* Uncertain parameters of the car, and the model's own: the k of tse_uncertainty_sd(). */
+/* Uncertain parameters of car and model: k of tse_uncertainty_sd(). */
 enum {
   /* table: considered */
   TSE_CONSIDER_MASS,

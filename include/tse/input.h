@@ -6,10 +6,11 @@
 
 #include "tse/real.h"
 
-/* A channel is missing when it is NaN or its bit is set in `missing`. Velocities, pedals and road are the other way
- * round: what is not given is not there, so that a row of zeros measures none. Begin with tse_input_default(). */
+/* A channel is missing if it is NaN or its bit is set in `missing`. Velocities, pedals and road are
+ * used only if their bit is set in `given`. Begin with tse_input_default(). */
 typedef struct tse_input {
-  tse_real dt;                 /* [s] time since the previous row, (0, 3600]; ignored after tse_reset() up to the first row with all inputs */
+  tse_real dt;                 /* [s] (0, 3600]; time since the previous row; ignored until the first row
+                                * with all inputs */
   /* table: input_channels */
   tse_real steer_angle;        /* [rad] -1.2 .. 1.2, else refused; mean road-wheel angle of the front axle,
                                 * positive left */
@@ -25,7 +26,7 @@ typedef struct tse_input {
                                 * from above) */
   /* end of table */
   uint32_t missing;            /* bits TSE_MISSING_accel_x of the channels above */
-  uint32_t given;              /* bits TSE_GIVEN_ins_vel_y of those below that were measured; 0: none, then they are not read */
+  uint32_t given;              /* bits TSE_GIVEN_... of the optional channels below that are measured */
   /* table: input_optional */
   tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; velocity along the car, of an INS or
                                 * an optical sensor */
@@ -93,9 +94,9 @@ enum {
 #define TSE_GIVEN_bank (1u << TSE_OPTIONAL_bank)
 #define TSE_GIVEN_grade (1u << TSE_OPTIONAL_grade)
 /* end of table */
-#define TSE_VELOCITIES 4 /* the first of them are velocities */
-#define TSE_PEDALS 3     /* then comes what the pedals do, and at last the road */
-#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of the velocities */
+#define TSE_VELOCITIES 4 /* number of velocities, the first optional channels */
+#define TSE_PEDALS 3     /* number of pedal channels, behind the velocities; then follows the road */
+#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of velocities */
 #define TSE_GIVEN_PEDALS (((1u << TSE_PEDALS) - 1u) << TSE_VELOCITIES)
 #define TSE_GIVEN_ROAD (TSE_GIVEN_bank | TSE_GIVEN_grade)
 

@@ -34,8 +34,8 @@ enum {
   TSE_CHANGE_RESTART
 };
 
-/* Stiffness is relative to the settings' nominal value, because N/rad does not fit every number format; tse_stiffness_si()
- * multiplies. */
+/* Stiffness is relative to the settings' nominal value, because N/rad exceeds the range of some number
+ * formats. tse_stiffness_si() converts. */
 typedef struct tse_output {
   /* table: output_members */
   tse_real stiffness[3];         /* [1] mean stiffness over the settings' nominal one, by TSE_CX_FRONT,

@@ -1,7 +1,7 @@
-/* tse/replay.h - the single-track model driven by what a log says of steering and wheels: what the other channels should read.
+/* tse/replay.h - simulate the other channels of a log from its steering angle and wheel speeds.
  *
- * Deterministic: constant stiffness, constant biases, no noise; with all effects of src/tables/effects.toml that the settings switch on.
- * For fits, which call it thousands of times. Same rules as tse/tse.h. */
+ * Deterministic: constant stiffness and biases, no noise, effects of src/tables/effects.toml as the
+ * settings switch them on. For fits, which call it thousands of times. Rules as in tse/tse.h. */
 #ifndef TSE_REPLAY_H
 #define TSE_REPLAY_H
 
@@ -71,17 +71,21 @@ typedef struct tse_replay_out {
   /* end of table */
 } tse_replay_out;
 
-/* Fill with the defaults. s NULL: nothing happens. */
+/* Fill s with the defaults.   s NULL: no effect. */
 void tse_replay_start_default(tse_replay_start *s);
 
-/* Run a whole log. Inputs are linear between rows; the steps are those of the estimator (vehicle_steps() in src/model/vehicle.h).
- *   Given:     p     from tse_prepare(), with its effects     log    arrays of `rows` values, steer_angle and speeds finite
- *              s     stiffness, biases, start
- *   Updated:   out   what the car and its sensors do at each row; nothing when a row is refused; the rows before, when the model leaves the numbers
- *   Returned:  TSE_OK; TSE_E_NULL; TSE_E_STATE (p not prepared); TSE_E_TIME, TSE_E_INPUT: a row is out of range, *wrong
- *              (if not NULL) its index. TSE_E_INPUT also where the start (then row 0) or a profile is not finite, and where what the
- *              car does is no number of this format any more
- *   Cost:      two evaluations of the model a row: 0.1 us without effects. Source: (1)-(4), (7), src/EQUATIONS.md. */
+/* Run a whole log. Inputs are linear between rows. Substeps as in the estimator (vehicle_steps() in
+ * src/model/vehicle.h).
+ *   Given:     p    from tse_prepare(), with its effects
+ *              log  arrays of `rows` finite values
+ *              s    stiffness, biases, start
+ *   Updated:   out  motion and sensors at each row; unchanged if a row is refused; up to the row
+ *                   before, if the motion overflows
+ *   Returned:  TSE_OK; TSE_E_NULL; TSE_E_STATE (p not prepared); TSE_E_TIME or TSE_E_INPUT: row *wrong
+ *              (if not NULL) is out of range. TSE_E_INPUT also if the start (row 0) or a profile is not
+ *              finite, or if the motion overflows
+ *   Cost:      two evaluations of the model a row: 0.1 us without effects
+ *   Source:    (1)-(4), (7), src/EQUATIONS.md */
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
                       const tse_replay_out *out, int32_t *wrong);
 

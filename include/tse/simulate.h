@@ -1,8 +1,8 @@
-/* tse/simulate.h - the truth for studies: the single-track model of the estimator, driven by wheel torques with wheel
- * dynamics at 1 ms or finer, a stiffness that is redrawn every row, sensor noise and drifting biases; with `friction`
- * tyre forces saturate, so that wheels lock and spin.
- * With every effect that the settings of its vehicle switch on (src/tables/effects.toml); an estimator may know them or not.
- * Same rules as tse/tse.h: the caller owns the memory, no globals, one pointer-free state. */
+/* tse/simulate.h - simulator for studies: the single-track model driven by wheel torques, with wheel
+ * dynamics at 1 ms or finer, random stiffness in every row, sensor noise and drifting biases. With
+ * `friction` tyre forces saturate, and wheels lock and spin. Effects of src/tables/effects.toml are on
+ * if the vehicle's settings switch them on.
+ * Rules as in tse/tse.h: the caller owns the memory, no globals, no pointers in the state. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H
 
@@ -59,10 +59,10 @@ typedef struct tse_sim_config {
   /* end of table */
 } tse_sim_config;
 
-/* What the driver does at this row; between rows it changes linearly, or is held until the next row with `hold_inputs`. Road
- * level and friction are held from this row to the next. */
+/* Inputs of the driver at this row. Between rows they are linear, or held with `hold_inputs`. Road
+ * level and friction are held until the next row. */
 typedef struct tse_sim_input {
-  tse_real dt;                  /* [s] since the previous row, (0, 1]; ignored at the first row */
+  tse_real dt;                 /* [s] (0, 1]; time since the previous row; ignored at the first row */
   /* table: sim_input_members */
   tse_real steer_angle;        /* [rad] 0, -1.2 .. 1.2; road-wheel angle of the front axle, positive left */
   tse_real wheel_torque_front; /* [Nm] 0, -100000 .. 100000; drive torque of the front axle; negative turns
@@ -84,7 +84,7 @@ typedef struct tse_sim_input {
 } tse_sim_input;
 
 typedef struct tse_sim_output {
-  tse_input row;                       /* what the car logs                                                       */
+  tse_input row;                /* the row that the car logs */
   /* table: sim_output_members */
   tse_real vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real vel_y;               /* [m/s] lateral velocity of the centre of gravity */
@@ -101,7 +101,7 @@ typedef struct tse_sim_output {
   /* end of table */
 } tse_sim_output;
 
-/* A simulation: what the caller places, as in tse/state.h. */
+/* A simulation, allocated by the caller as in tse/state.h. */
 typedef struct tse_sim_bytes {
   tse_real first;
   unsigned char rest[sizeof(tse_sim_config) + 134 * sizeof(tse_real) + 24 + 6 * TSE_PADDING];
@@ -111,27 +111,32 @@ typedef struct tse_sim tse_sim;
 #if !defined(TSE_INTERNALS)
 struct tse_sim {
   tse_params_bytes params;
-  tse_sim_input last;                  /* of the last row: what holds inputs (fmu/SingleTrackVehicle) sets it */
+  tse_sim_input last; /* inputs of the last row; fmu/SingleTrackVehicle, which holds inputs, sets it */
   tse_sim_bytes bytes;
 };
 #endif
 
+/* Fill s with the defaults.   s NULL: no effect. */
 void tse_sim_config_default(tse_sim_config *s);
 
-/* As tse_config_check(), for the simulator's settings. */
+/* Check the simulator's settings as tse_config_check() does. */
 tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong);
 
-/* Start a simulation.  Updated: sim, unchanged when the result is negative.  Returned: as tse_config_check(). */
+/* Start a simulation.
+ *   Updated:   sim  unchanged if the result is negative
+ *   Returned:  as tse_config_check() */
 tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config *s, const char **wrong);
 
-/* Advance to the next row and log it; the first call logs the start without advancing.
- *   Returned:  y  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT (outside its range, or not finite; or what
- *              they do to this car leaves what a car can do: 1000 m/s, 200 rad/s): nothing has changed then
- *   Cost:      dt/substep right-hand sides times two. */
+/* Advance to the next row and log it. The first call logs the start without advancing.
+ *   Returned:  y  logged row and truth
+ *              TSE_OK, TSE_E_NULL, TSE_E_TIME, or TSE_E_INPUT: an input is out of range, or drives the
+ *              car beyond 1000 m/s or 200 rad/s; nothing has changed then
+ *   Cost:      2 dt/substep evaluations of the model */
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y);
 
-/* Say whether a simulation that was copied from somewhere is one of these settings to go on with, as tse_filter_check().
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_CONFIG, or TSE_E_STATE: something in it is outside its range, or not of c and s */
+/* Check a copied simulation before it goes on, as tse_filter_check() does.
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_CONFIG, or TSE_E_STATE: a value is outside its range, or it
+ *              belongs to other settings */
 tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_config *s);
 
 #ifdef __cplusplus

@@ -1,10 +1,10 @@
-/* tse/status.h - what a call can say: src/tables/status.toml has the codes and their sentences.
+/* tse/status.h - status of a call, and reason of each stiffness. Codes and texts: src/tables/status.toml.
  *
- *   negative  refused: nothing has changed, bit for bit
+ *   negative  refused; nothing has changed, bit for bit
  *   zero      done
- *   positive  done, with the caution named; if several apply, the largest is returned. Whether a stiffness may be used is
- *             its reason alone: TSE_VALID
- */
+ *   positive  done, with a warning; of several the largest
+ *
+ * Use a stiffness only if its reason is TSE_VALID. */
 #ifndef TSE_STATUS_H
 #define TSE_STATUS_H
 
