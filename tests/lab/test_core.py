@@ -17,10 +17,10 @@ from tse.library.core import (
     STATUS,
     STIFFNESS,
     Config,
-    Filter,
+    NativeFilter,
     SettingError,
+    convert_stiffness,
     library,
-    stiffness_si,
 )
 from tse.library.files import read_toml
 
@@ -88,7 +88,7 @@ def test_what_is_not_set_is_of_the_class_by_the_mass_and_no_mass_is_uncertain():
     with pytest.raises(
         SettingError, match=r"longitudinal_stiffness_rear follows from mass, lf and lr, and is outside"
     ):
-        Filter(Config({"mass": 50.0, "lf": 0.1, "lr": 10.0}))
+        NativeFilter(Config({"mass": 50.0, "lf": 0.1, "lr": 10.0}))
 
 
 def test_setting_outside_its_range_is_refused_with_name_value_and_range():
@@ -103,23 +103,23 @@ def test_setting_outside_its_range_is_refused_with_name_value_and_range():
 
 
 def test_snapshot_restores_the_filter_bit_for_bit():
-    filter_ = Filter(Config.exact({"particles": 50}))
+    filter_ = NativeFilter(Config.exact({"particles": 50}))
     rng = np.random.default_rng(1)
     rows = np.concatenate(
         [row(steer_angle=0.02 * rng.standard_normal(), accel_y=rng.standard_normal()) for _ in range(60)]
     )
-    filter_.over(rows[:30])
+    filter_.estimate_rows(rows[:30])
     saved = filter_.snapshot()
-    first = filter_.over(rows[30:]).tobytes()
+    first = filter_.estimate_rows(rows[30:]).tobytes()
     filter_.restore(saved)
-    assert filter_.over(rows[30:]).tobytes() == first
+    assert filter_.estimate_rows(rows[30:]).tobytes() == first
     with pytest.raises(ValueError, match="bytes"):
         filter_.restore(saved[:-8])
 
 
 def test_refused_row_leaves_the_filter_as_it_was():
-    filter_ = Filter(Config.exact({"particles": 50}))
-    filter_.over(row())
+    filter_ = NativeFilter(Config.exact({"particles": 50}))
+    filter_.estimate_rows(row())
     before = filter_.snapshot()
     out = filter_.outputs(1)
     filter_.step_into(row(steer_angle=5.0), out)
@@ -130,8 +130,8 @@ def test_refused_row_leaves_the_filter_as_it_was():
 
 def test_table_converts_to_newton_as_the_library_does():
     config = Config.exact({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
-    output = Filter(config).over(row())[0]
-    mean, sd, spread = stiffness_si(config, output)
+    output = NativeFilter(config).estimate_rows(row())[0]
+    mean, sd, spread = convert_stiffness(config, output)
     table = block_of(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
     for i, s in enumerate(STIFFNESS):
         assert NOMINAL[s] in Config.exact()

@@ -162,7 +162,7 @@ def test_blocks_that_point_to_themselves_do_not_keep_a_reader(block, where, tmp_
 
 @pytest.mark.parametrize("where", ["main", "thread"])
 def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
-    monkeypatch.setattr("tse.readers.recording.LEAST_TIME", 0.3)
+    monkeypatch.setattr("tse.readers.recording.BASE_READ_TIME", 0.3)
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
 
@@ -186,7 +186,7 @@ def test_a_thread_that_has_read_in_time_is_not_interrupted_later(monkeypatch, tm
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
     read_recording(path)  # what it needs is loaded now
-    monkeypatch.setattr("tse.readers.recording.LEAST_TIME", 1.0)
+    monkeypatch.setattr("tse.readers.recording.BASE_READ_TIME", 1.0)
 
     def work() -> int:
         found = len(read_recording(path).channels)
@@ -225,7 +225,7 @@ def test_what_is_no_regular_file_is_refused_before_it_is_read(tmp_path):
 
 
 def test_what_unpacks_to_far_more_than_a_log_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("tse.readers.readers.LEAST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("tse.readers.readers.MIN_UNPACKED_LIMIT", 1 << 20)
     (tmp_path / "drive.csv.gz").write_bytes(gzip.compress(b"time,x\n" + b"0,0\n" * 1000000))
     done = tselab_here("signals", tmp_path / "drive.csv.gz")
     assert done.code == 2 and "unpacks to more than 1 MB, 40 times its size" in done.err

@@ -133,7 +133,7 @@ def test_whatever_fails_the_old_file_stays_and_no_other(where, tmp_path, monkeyp
         monkeypatch.setattr(files.os, where, fail)
     with (
         pytest.raises(UserError, match=f"{path}: cannot be written: No space left"),
-        files.atomic(path) as file,
+        files.write_atomically(path) as file,
     ):
         file.write("new\n")
         if where == "block":
@@ -148,7 +148,7 @@ def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path):
     path.write_text("as before\n")
     path.chmod(0o640)
     link.symlink_to(path)
-    with files.atomic(link) as file:
+    with files.write_atomically(link) as file:
         file.write("new\n")
     assert not link.is_symlink() and link.read_text() == "new\n" and link.stat().st_mode & 0o777 == 0o640
     assert path.read_text() == "as before\n"
@@ -163,7 +163,7 @@ def test_what_a_killed_process_has_left_is_cleared_and_nothing_else(tmp_path):
         os.utime(path, (1e9, 1e9))
     with open(held) as file:
         files.fcntl.flock(file, files.fcntl.LOCK_EX)  # as a process that goes on writing it
-        with files.atomic(tmp_path / "e.csv") as made:
+        with files.write_atomically(tmp_path / "e.csv") as made:
             made.write("whole\n")
     assert {p.name for p in tmp_path.iterdir()} == {"e.csv", young.name, other.name, held.name}
 
@@ -213,7 +213,7 @@ def test_the_content_is_on_the_disk_before_it_has_the_name(tmp_path, monkeypatch
 
     monkeypatch.setattr(files.os, "fsync", synced)
     monkeypatch.setattr(files.os, "replace", replaced)
-    with files.atomic(path) as file:
+    with files.write_atomically(path) as file:
         file.write("new\n")
     assert order == [4, "name", "folder"]
 
@@ -260,27 +260,27 @@ def test_no_command_writes_over_what_it_reads(command, option, same, drive, tmp_
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    files.secret.cache_clear()
+    files.load_secret.cache_clear()
     yield tmp_path / "state"
-    files.secret.cache_clear()
+    files.load_secret.cache_clear()
 
 
 def test_the_next_process_of_a_user_has_the_same_secret(home):
-    first = files.secret()
+    first = files.load_secret()
     kept = home / "tselab" / "seal.key"
-    assert kept.read_bytes() == first and len(first) == files.BYTES
+    assert kept.read_bytes() == first and len(first) == files.SECRET_BYTES
     assert [p.name for p in kept.parent.iterdir()] == ["seal.key"]
     if os.name == "posix":
         assert kept.stat().st_mode & 0o077 == 0
-    files.secret.cache_clear()
-    assert files.secret() == first
+    files.load_secret.cache_clear()
+    assert files.load_secret() == first
 
 
 def test_another_user_has_another(home, tmp_path, monkeypatch):
-    first = files.seal(["one", "two"])
+    first = files.compute_seal(["one", "two"])
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "other"))
-    files.secret.cache_clear()
-    assert files.seal(["one", "two"]) != first
+    files.load_secret.cache_clear()
+    assert files.compute_seal(["one", "two"]) != first
 
 
 @pytest.mark.parametrize("there", [b"", b"short", bytes(33)])
@@ -291,9 +291,9 @@ def test_where_none_can_be_kept_each_process_has_its_own(there, home):
         (home / "tselab" / "seal.key").write_bytes(there)
     else:
         (home / "tselab").write_text("a file, in which no folder can be")
-    first = files.secret()
-    files.secret.cache_clear()
-    assert len(first) == files.BYTES and files.secret() != first
+    first = files.load_secret()
+    files.load_secret.cache_clear()
+    assert len(first) == files.SECRET_BYTES and files.load_secret() != first
 
 
 # ---- Tables written fast: the same bits come back, and it reads as what pandas writes.

@@ -25,7 +25,7 @@ from tse.library.core import STIFFNESS
 from tse.library.errors import UserError
 from tse.log.rows import Reading
 from tse.readers import recording
-from tse.readers.readers import read_recording, reader_of
+from tse.readers.readers import choose_reader, read_recording
 from tse.readers.recording import Channel, Recording
 
 TOLERANCE = 0.01  # of the estimate from the clean CSV
@@ -345,7 +345,7 @@ def test_buses_and_kinds_of_identifiers_are_kept_apart(name, tmp_path):
 def test_what_candump_wrote_is_told_by_its_lines(name, tmp_path):
     path = tmp_path / name
     path.write_text("(1489113253.313310) can0 083#0FE0000000900000\n")
-    assert reader_of(path) == "can"
+    assert choose_reader(path) == "can"
 
 
 def test_a_table_may_be_called_log(tmp_path):
@@ -432,7 +432,7 @@ def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_p
     pq.write_table(pa.table(table), tmp_path / "t.parquet")
     size = (tmp_path / "t.parquet").stat().st_size
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recording, "LEAST_ROWS", 49999)
+        patch.setattr(recording, "ALWAYS_ALLOWED_ROWS", 49999)
         done = tselab_here("signals", tmp_path / "t.parquet")
     assert size < 1e5
     assert (

@@ -18,7 +18,7 @@ from tse.estimation import estimate
 from tse.library.core import Config, library
 from tse.library.errors import UserError
 from tse.log import rows
-from tse.log.clock import BRIDGED, straight
+from tse.log.clock import BRIDGED_GAP, straighten_time
 from tse.log.rows import Reading
 from tse.readers.recording import Growing
 
@@ -190,10 +190,10 @@ def test_noise_and_units_of_a_very_long_log_are_those_of_its_liveliest_part(driv
     log = read_log(drive.log)
     log.data["yaw_rate"] *= 0.01
     log.data.loc[1200:1599, "yaw_rate"] *= 100.0
-    part = rows.liveliest(log, 400)
+    part = rows.select_liveliest(log, 400)
     assert len(part) == 400 and part.time[0] == log.time[1200] and part.line[0] == log.line[1200]
     assert np.array_equal(part.data["accel_y"], log.data["accel_y"][1200:1600])
-    assert rows.liveliest(log, 2001) is log
+    assert rows.select_liveliest(log, 2001) is log
 
 
 # ---- what is read of a log in pieces is what is read as a whole
@@ -228,8 +228,8 @@ def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_
 def in_small_pieces(monkeypatch) -> None:
     """Everything as of a log that is a hundred times as long."""
     for name in ("channels.raster", "readers.read_can", "readers.read_mdf", "readers.read_text"):
-        monkeypatch.setattr(f"tse.{name}.PIECE", SMALL)
-    monkeypatch.setattr("tse.readers.read_mat.MOST_AT_ONCE", 0)
+        monkeypatch.setattr(f"tse.{name}.CHUNK_ROWS", SMALL)
+    monkeypatch.setattr("tse.readers.read_mat.MAX_BYTES_AT_ONCE", 0)
 
 
 def test_a_spline_in_pieces_has_the_same_bits(monkeypatch):
@@ -238,7 +238,7 @@ def test_a_spline_in_pieces_has_the_same_bits(monkeypatch):
     x = np.where((t > 100) & (t < 250), 0.0, rng.normal(size=len(t)))  # where nothing is, it still rings
     at = np.arange(t[0], t[-1], 0.01)
     whole = resample(t, x, at, 100.0)
-    monkeypatch.setattr(raster, "PIECE", 1500)
+    monkeypatch.setattr(raster, "CHUNK_ROWS", 1500)
     assert np.array_equal(resample(t, x, at, 100.0), whole)
 
 
@@ -372,13 +372,13 @@ def test_an_even_table_is_left_as_it_is():
 
 def test_a_good_clock_is_left_alone():
     t = np.array([0.0, 0.01, 0.03, 5.0])
-    found, keep, notes = straight(t)
+    found, keep, notes = straighten_time(t)
     assert keep.all() and not notes and np.array_equal(found, t)
 
 
 def test_a_clock_that_wraps_goes_on():
     t = np.arange(0, 20, 0.01)
-    found, keep, notes = straight(t % 8.0)
+    found, keep, notes = straighten_time(t % 8.0)
     np.testing.assert_allclose(found, t, atol=1e-9)
     assert keep.all() and "goes back 2 times (first by 7.99 s" in notes[0]
 
@@ -386,7 +386,7 @@ def test_a_clock_that_wraps_goes_on():
 def test_late_entries_are_left_out_and_no_jump():
     t = np.arange(0, 2, 0.01)
     t[[50, 120]] -= 0.035
-    found, keep, notes = straight(t)
+    found, keep, notes = straighten_time(t)
     assert list(np.flatnonzero(~keep)) == [50, 120] and (np.diff(found) > 0).all()
     assert notes == ["2 entries are out of order: left out"]
 
@@ -395,27 +395,30 @@ def test_many_late_entries_take_no_longer_each_than_a_few():
     t = np.arange(300000) * 0.01
     t[::10] -= 0.025
     begin = time.process_time()
-    found, keep, notes = straight(t)
+    found, keep, notes = straighten_time(t)
     assert time.process_time() - begin < 8.0 and notes == ["29999 entries are out of order: left out"]
     assert np.array_equal(found, t[keep]) and np.flatnonzero(~keep).tolist() == list(range(10, 300000, 10))
 
 
 def test_a_coarse_clock_is_spread_over_its_ticks():
     t = np.arange(0, 20, 0.01)
-    found, keep, notes = straight(np.floor(t * 10) / 10)
+    found, keep, notes = straighten_time(np.floor(t * 10) / 10)
     assert keep.all() and np.abs(found - t).max() < 1e-9 and "coarser" in notes[0]
 
 
 def test_messages_of_a_bus_may_share_a_time():
     t = np.repeat(np.arange(0, 2, 0.01), 3)
-    found, keep, notes = straight(t, together=True)
+    found, keep, notes = straighten_time(t, together=True)
     assert keep.all() and not notes and np.array_equal(found, t)
 
 
 def test_a_clock_that_is_set_ahead_leaves_a_gap():
     t = np.arange(0, 20, 0.01)
-    found, _, notes = straight(np.where(t > 10, t + 1e6, t))
-    assert np.diff(found).max() == pytest.approx(BRIDGED) and "jumps ahead by 1e+06 s at 10.000 s" in notes[0]
+    found, _, notes = straighten_time(np.where(t > 10, t + 1e6, t))
+    assert (
+        np.diff(found).max() == pytest.approx(BRIDGED_GAP)
+        and "jumps ahead by 1e+06 s at 10.000 s" in notes[0]
+    )
 
 
 def test_a_table_at_1_khz_with_held_values_becomes_100_hz_and_rate_is_an_option(drive, tmp_path):

@@ -14,7 +14,7 @@ from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
 from tse.channels.proposal import Proposal, propose
 from tse.log.rows import Reading
-from tse.log.units import factor
+from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
 DEG, G = 180 / np.pi, 9.80665
@@ -188,7 +188,7 @@ def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
         wanted = {"steer_angle": "rad", "yaw_rate": "rad/s"}.get(
             channel, "m/s2" if "accel" in channel else "rad/s"
         )
-        per = factor(g.unit, wanted, radius)
+        per = unit_factor(g.unit, wanted, radius)
         true = scheme.si[channel] / (radius if "wheel" in channel else 1.0)
         if per is None or abs(per / true - 1) > 0.01:
             found.append(f"{channel}: unit {g.unit}")
@@ -306,7 +306,7 @@ def test_what_the_log_cannot_test_is_unsure(drive):
     ("%", "rad", None), ("%", "1", 0.01), ("mrad", "rad", 1e-3), ("turn", "rad", 2 * np.pi), ("-", "rad", 1.0),
 ])  # fmt: skip
 def test_a_unit_is_what_its_spelling_means(unit, si, per):
-    assert factor(unit, si, 0.3) == (per if per is None else pytest.approx(per, rel=1e-5))
+    assert unit_factor(unit, si, 0.3) == (per if per is None else pytest.approx(per, rel=1e-5))
 
 
 def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):

@@ -36,7 +36,7 @@ from tse.log.rows import Reading
 from tse.readers.databases import read_database
 from tse.readers.readers import read_recording
 from tse.readers.recording import Channel, Recording
-from tse.readers.table import is_packed, of_packed
+from tse.readers.table import is_packed, unpack_times
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +148,7 @@ def test_seconds_are_no_time_of_day_and_minutes_of_sixty_seconds_are():
     day = MIDNIGHT + 0.02 * np.arange(5000)
     time = np.floor(day / 3600) * 1e4 + np.floor(day / 60) % 60 * 100 + day % 60
     assert is_packed(time)
-    np.testing.assert_allclose(of_packed(time), day, atol=1e-9)
+    np.testing.assert_allclose(unpack_times(time), day, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["packed time", "decimal comma in quotes"])

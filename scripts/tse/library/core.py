@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from tse.library.errors import UserError, meant
+from tse.library.errors import UserError, suggest_names
 
 CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)  # enum tse_struct
 REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
 FORMULA_PLACE, FORMULA_OP = range(11, 13)
-STRUCTS = 13
+STRUCT_COUNT = 13
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
-ALL = "; 'tselab settings' lists all"
+ALL_SETTINGS_HINT = "; 'tselab settings' lists all"
 GRIP = "grip"  # judged as they are: grip_valid and a reason
 NOMINAL = {  # the setting that is 1 of a relative stiffness
     "cx_front": "longitudinal_stiffness_front",
@@ -172,7 +172,7 @@ class _CBuild(ctypes.Structure):
     ]
 
 
-def library_path() -> Path:
+def find_library() -> Path:
     """TSELAB_LIBRARY if set, else the library beside this package."""
     if named := os.environ.get("TSELAB_LIBRARY"):
         return Path(named)
@@ -220,7 +220,7 @@ class Library:
         )
         self._fields: dict[int, list[Field]] = {}
         self._sizes: dict[int, int] = {}
-        for which in range(STRUCTS):
+        for which in range(STRUCT_COUNT):
             count, size = ctypes.c_int32(), ctypes.c_int32()
             rows = describe(which, ctypes.addressof(count), ctypes.addressof(size))
             self._sizes[which] = size.value
@@ -315,13 +315,13 @@ class Library:
         if not self.fraction_bits:
             return values
         if which is None:
-            return _fixed(values, self.fraction_bits)
+            return _to_fixed(values, self.fraction_bits)
         records = np.ascontiguousarray(values).copy()
         words, raw = records.view(np.float64), records.view(np.int64)
         for kind in "sr":
             at = self._columns(which, kind)
             numbers = words.reshape(len(records), -1)[:, at]
-            raw.reshape(len(records), -1)[:, at] = _fixed(
+            raw.reshape(len(records), -1)[:, at] = _to_fixed(
                 numbers.astype(np.float32).astype(float) if kind == "s" else numbers, self.fraction_bits
             )
         return records
@@ -331,7 +331,7 @@ class Library:
         if not self.fraction_bits:  # values themselves were written
             return
         if which is None:
-            values[:] = _plain(native, self.fraction_bits)
+            values[:] = _from_fixed(native, self.fraction_bits)
             return
         values[:] = native
         raw = np.ascontiguousarray(native).view(np.int64).reshape(len(native), -1)
@@ -339,7 +339,7 @@ class Library:
         kinds = [f.kind for f in self._fields[which]]
         for name, kind in zip(names, kinds, strict=True):
             if kind in "sr":
-                numbers = _plain(raw[:, self.dtype(which).fields[name][1] // 8], self.fraction_bits)
+                numbers = _from_fixed(raw[:, self.dtype(which).fields[name][1] // 8], self.fraction_bits)
                 values[name] = [float(str(x)) for x in numbers.astype(np.float32)] if kind == "s" else numbers
 
     @functools.cache  # noqa: B019  (few libraries per process)
@@ -368,29 +368,29 @@ class Library:
         return self._fields[INPUT][names.index("given") + 1 :]
 
 
-NO_NUMBER = np.iinfo(np.int64).min  # of fixed point, number/fixed.h
-MOST = 2.0**60  # beyond every result
+FIXED_NAN = np.iinfo(np.int64).min  # of fixed point, number/fixed.h
+MAX_SCALED = 2.0**60  # beyond every result
 
 
-def _fixed(values: np.ndarray, bits: int) -> np.ndarray:
+def _to_fixed(values: np.ndarray, bits: int) -> np.ndarray:
     numbers = np.asarray(values, float)
     with np.errstate(invalid="ignore", over="ignore"):
-        scaled = np.clip(np.rint(numbers * 2.0**bits), -MOST, MOST)
-        return np.where(np.isnan(numbers), NO_NUMBER, np.nan_to_num(scaled).astype(np.int64))
+        scaled = np.clip(np.rint(numbers * 2.0**bits), -MAX_SCALED, MAX_SCALED)
+        return np.where(np.isnan(numbers), FIXED_NAN, np.nan_to_num(scaled).astype(np.int64))
 
 
-def _plain(raw: np.ndarray, bits: int) -> np.ndarray:
-    return np.where(raw == NO_NUMBER, np.nan, raw / 2.0**bits)
+def _from_fixed(raw: np.ndarray, bits: int) -> np.ndarray:
+    return np.where(raw == FIXED_NAN, np.nan, raw / 2.0**bits)
 
 
 @functools.lru_cache(maxsize=1)
 def library() -> Library:
     """The library, loaded once."""
-    return Library(library_path())
+    return Library(find_library())
 
 
 @functools.lru_cache(maxsize=1)
-def library_hash() -> str:
+def hash_library() -> str:
     """Return the hash of the bytes of the library that this process has loaded."""
     return hashlib.sha256(library().path.read_bytes()).hexdigest()
 
@@ -448,7 +448,9 @@ class Settings:
         where = f"{source}: " if source else ""
         field = self._table.get(name)
         if field is None:
-            raise UnknownSetting(f"{where}there is no setting '{name}'{meant(name, self._table, other=ALL)}")
+            raise UnknownSetting(
+                f"{where}there is no setting '{name}'{suggest_names(name, self._table, other=ALL_SETTINGS_HINT)}"
+            )
         kind = "a whole number" if field.is_integer else "a number"
         number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or (field.is_integer and value != int(value)):
@@ -501,7 +503,7 @@ class SimConfig(Settings):
     _defaults = "tse_sim_config_default"
 
 
-def _refuse(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...]) -> None:
+def _raise_refusal(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...]) -> None:
     if status >= 0:
         return
     name = wrong.value.decode() if wrong.value else ""
@@ -517,7 +519,7 @@ def _refuse(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...])
     raise SettingError(f"settings refused: {row.text if row else status}{f' ({name})' if name else ''}")
 
 
-def _memory(size: int) -> np.ndarray:
+def _allocate(size: int) -> np.ndarray:
     return np.zeros((size + 7) // 8, np.uint64)
 
 
@@ -525,7 +527,7 @@ class LearntError(UserError):
     """Bytes that are no learnt state for this filter; the text is the library's."""
 
 
-class Filter:
+class NativeFilter:
     """One estimator, of the library that its settings are for. Starts at the first row it is given."""
 
     def __init__(self, config: Config):
@@ -533,12 +535,12 @@ class Filter:
         self.config = config
         particles = "form" in config and config.form  # the default form holds none
         self._bytes = lib.filter_paper_bytes if particles else lib.filter_bytes
-        self._params, self._filter = _memory(lib.params_bytes), _memory(self._bytes)
+        self._params, self._filter = _allocate(lib.params_bytes), _allocate(self._bytes)
         wrong = ctypes.c_char_p()
         status = lib.function("tse_prepare")(
             config.address, self._params.ctypes.data, ctypes.addressof(wrong)
         )
-        _refuse(status, wrong, (config,))
+        _raise_refusal(status, wrong, (config,))
         self._step = lib.function("tse_step")
         self._pointers = self._params.ctypes.data, self._filter.ctypes.data
         self.reset()
@@ -568,7 +570,7 @@ class Filter:
         """Feed rows[0], write outputs[0]; the status. Negative: the row is refused, and the output is as it was."""
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
-    def over(self, rows: np.ndarray) -> np.ndarray:
+    def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
         """Feed rows, of whichever build; return the outputs."""
         given, out = self.inputs(len(rows)), self.outputs(len(rows))
         for name in given.dtype.names:
@@ -642,12 +644,12 @@ class Simulator:
         self.lib = lib = library()
         if not lib.sim_bytes:
             raise UserError(f"{lib.path}: this build of the library has no simulator")
-        self._sim = _memory(lib.sim_bytes)
+        self._sim = _allocate(lib.sim_bytes)
         wrong = ctypes.c_char_p()
         status = lib.function("tse_sim_reset")(
             self._sim.ctypes.data, config.address, sim_config.address, ctypes.addressof(wrong)
         )
-        _refuse(status, wrong, (sim_config, config))
+        _raise_refusal(status, wrong, (sim_config, config))
         self._step = lib.function("tse_sim_step")
 
     def step_into(self, inputs: np.ndarray, outputs: np.ndarray, i: int) -> None:
@@ -693,7 +695,7 @@ class Replay:
         for f in lib.fields(REPLAY_LOG):
             if f.kind == "p" and not self._log[f.name][0]:
                 raise ValueError(f"{f.name} is needed: {f.text}")
-        self._params = _memory(lib.params_bytes)
+        self._params = _allocate(lib.params_bytes)
         self._prepare = lib.function("tse_prepare")
         self._replay = lib.function(
             "tse_replay", argtypes=[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32] + [ctypes.c_void_p] * 3
@@ -716,7 +718,7 @@ class Replay:
         overwrites."""
         wrong = ctypes.c_char_p()
         status = self._prepare(config.address, self._params.ctypes.data, ctypes.addressof(wrong))
-        _refuse(status, wrong, (config,))
+        _raise_refusal(status, wrong, (config,))
         begin = self.lib.native(self._start, REPLAY_START)
         self._defaults(begin.ctypes.data)
         self.lib.from_native(begin, self._start, REPLAY_START)
@@ -735,7 +737,7 @@ class Replay:
         return self.outputs
 
 
-def stiffness_si(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def convert_stiffness(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean, sd and spread in N and N/rad of one output, by the library's own function."""
     lib = library()
     record = lib.native(np.array([output], lib.dtype(OUTPUT)), OUTPUT)

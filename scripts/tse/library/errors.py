@@ -18,7 +18,7 @@ class Interrupted(Exception):
     """Ctrl-C; the text says how to go on."""
 
 
-def meant(name: str, known: Iterable[str], most: int = 2, other: str = "") -> str:
+def suggest_names(name: str, known: Iterable[str], most: int = 2, other: str = "") -> str:
     """Return a hint for a name that is not known; `other` where none is like it."""
     close = get_close_matches(name, list(known), most)
     return f" (did you mean {' or '.join(close)}?)" if close else other

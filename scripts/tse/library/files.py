@@ -27,17 +27,17 @@ except ImportError:  # Windows has none
     fcntl = None
 
 # What a disk, a quota, a limit of the shell or a device says when it takes no more: the user's to mend, not ours.
-NO_ROOM = {
+WRITE_ERRORS = {
     getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)
 }
 
 
-def no_room(error: BaseException) -> str:
+def explain_write_error(error: BaseException) -> str:
     """Why nothing could be written, in words; empty if the error is another."""
-    return error.strerror or str(error) if isinstance(error, OSError) and error.errno in NO_ROOM else ""
+    return error.strerror or str(error) if isinstance(error, OSError) and error.errno in WRITE_ERRORS else ""
 
 
-def real(path: Path) -> Path:
+def resolve_path(path: Path) -> Path:
     """Where a path leads, as Path.resolve(), but also for links that lead in a circle: opening it says so."""
     return Path(os.path.realpath(path))
 
@@ -58,15 +58,15 @@ def make_directory(out: Path) -> None:
 
 
 @contextmanager
-def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
+def write_atomically(path: Path, mode: str = "w") -> Iterator[IO]:
     """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was. A link is
     replaced itself, not what it leads to, which may be somebody else's; who may read and write it stays."""
     path = Path(path)
     try:
-        with _anew(path, mode) as file:
+        with _write_new(path, mode) as file:
             yield file
     except OSError as error:
-        reason = no_room(error)
+        reason = explain_write_error(error)
         if error.errno is None and not isinstance(
             error, ValueError
         ):  # packages that write pictures keep no number of it
@@ -76,11 +76,11 @@ def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
         raise
 
 
-PART = ".part"  # the end of the name of a file that is being written
-BEGUN = 60.0  # s old that such a file is, at least, to be taken for one that a process left behind
+PART_SUFFIX = ".part"  # the end of the name of a file that is being written
+MIN_PART_AGE = 60.0  # s old that such a file is, at least, to be taken for one that a process left behind
 
 
-def _hold(handle: int) -> bool:
+def _lock_handle(handle: int) -> bool:
     """Let nobody else hold this open file; False: somebody does. A process that is killed lets go."""
     if fcntl is None:  # Windows removes no file that is open
         return True
@@ -92,42 +92,42 @@ def _hold(handle: int) -> bool:
 
 
 @functools.lru_cache(maxsize=4096)
-def _parts(folder: Path) -> tuple[str, ...]:
+def _list_parts(folder: Path) -> tuple[str, ...]:
     """Files that were being written in a folder when this process first looked there."""
     try:
-        return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART))
+        return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART_SUFFIX))
     except OSError:
         return ()
 
 
-def _clear_parts(path: Path) -> None:
+def _remove_stale_parts(path: Path) -> None:
     """Remove what a process that was killed has left of this file."""
-    own = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}{re.escape(PART)}")
-    for left in (path.parent / n for n in _parts(path.parent) if own.fullmatch(n)):
+    own = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}{re.escape(PART_SUFFIX)}")
+    for left in (path.parent / n for n in _list_parts(path.parent) if own.fullmatch(n)):
         with contextlib.suppress(OSError):
-            if not left.is_symlink() and time.time() - left.stat().st_mtime > BEGUN:
+            if not left.is_symlink() and time.time() - left.stat().st_mtime > MIN_PART_AGE:
                 with open(left, "rb") as file:
-                    held = _hold(file.fileno())
+                    held = _lock_handle(file.fileno())
                 if held:
                     left.unlink()
 
 
 @contextmanager
-def _anew(path: Path, mode: str) -> Iterator[IO]:
+def _write_new(path: Path, mode: str) -> Iterator[IO]:
     if path.exists() and not path.is_file():  # a pipe or device: nothing to rename over
         with open(path, mode, encoding=None if "b" in mode else "utf-8") as file:
             yield file
         return
-    _clear_parts(path)
+    _remove_stale_parts(path)
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART, dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror}") from None
     try:
         with os.fdopen(
             handle, mode, encoding=None if "b" in mode else "utf-8", newline=None if "b" in mode else ""
         ) as f:
-            _hold(f.fileno())
+            _lock_handle(f.fileno())
             yield f
             f.flush()
             os.fsync(
@@ -160,7 +160,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
+def lock_file(path: Path) -> Iterator[None]:
     """One process at a time is in the block that a lock file guards; others wait. A process that is killed lets go, too."""
     from filelock import FileLock  # a filter for rows that come one at a time needs numpy alone
 
@@ -183,19 +183,19 @@ def check_writable(*paths: Path | None) -> None:
 
 def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | None]) -> None:
     """No output may overwrite an input or another output, under whatever name: links are looked through, hard ones, too."""
-    seen = {key: what for what, p in inputs.items() if p is not None for key in _identities(Path(p))}
+    seen = {key: what for what, p in inputs.items() if p is not None for key in _identify(Path(p))}
     for what, path in outputs.items():
         if path is None:
             continue
-        keys = _identities(Path(path))
+        keys = _identify(Path(path))
         if same := next((seen[key] for key in keys if key in seen), None):
             raise UserError(f"{path}: {what} is the same file as {same}")
         seen.update(dict.fromkeys(keys, what))
 
 
-def _identities(path: Path) -> list[object]:
+def _identify(path: Path) -> list[object]:
     """Under what a file is known: its path, and where it is there its place on the disk."""
-    keys: list[object] = [real(path)]
+    keys: list[object] = [resolve_path(path)]
     try:
         found = path.stat()
     except OSError:
@@ -211,18 +211,18 @@ def is_parquet(path: Path | None) -> bool:
 # ---- What a run leaves for the next one of the same user is sealed: a digest with a secret that stays in the user's own
 # folder. So a result folder from a stranger, whatever keys and checksums are in it, is never gone on from.
 
-BYTES = 32  # of the secret
+SECRET_BYTES = 32  # of the secret
 
 
-def seal(content: Any) -> str:
+def compute_seal(content: Any) -> str:
     """The digest of what JSON can say."""
-    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), key=secret()).hexdigest()
+    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), key=load_secret()).hexdigest()
 
 
 def write_sealed(path: Path, content: Any) -> None:
     """Keep what JSON can say: numbers and words, nothing that could run."""
-    with atomic(path) as file:
-        json.dump({"content": content, "seal": seal(content)}, file)
+    with write_atomically(path) as file:
+        json.dump({"content": content, "seal": compute_seal(content)}, file)
 
 
 def read_sealed(path: Path) -> Any:
@@ -230,13 +230,17 @@ def read_sealed(path: Path) -> Any:
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         content = kept["content"]
-        return content if hmac.compare_digest(str(kept["seal"]).encode(), seal(content).encode()) else None
+        return (
+            content
+            if hmac.compare_digest(str(kept["seal"]).encode(), compute_seal(content).encode())
+            else None
+        )
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return None
 
 
 @functools.cache
-def secret() -> bytes:
+def load_secret() -> bytes:
     """Made once for each user. Where no folder can hold it each process has its own, and goes on from nothing."""
     home = (
         os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".local" / "state"
@@ -247,16 +251,16 @@ def secret() -> bytes:
         if not path.exists():
             handle, name = tempfile.mkstemp(dir=path.parent)  # for nobody else to read
             with os.fdopen(handle, "wb") as file:
-                file.write(secrets.token_bytes(BYTES))
+                file.write(secrets.token_bytes(SECRET_BYTES))
             try:
                 os.link(name, path)  # the first of several processes; whole, or not there
             except FileExistsError:
                 pass
             finally:
                 os.unlink(name)
-        if len(found := path.read_bytes()) == BYTES:
+        if len(found := path.read_bytes()) == SECRET_BYTES:
             return found
-    return secrets.token_bytes(BYTES)
+    return secrets.token_bytes(SECRET_BYTES)
 
 
 # ---- TOML
@@ -266,13 +270,13 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-loads = tomllib.loads
+parse_toml = tomllib.loads
 
-MOST_INTEGER = 1 << 63  # what TOML asks of a reader; Python's integers go on, and are no settings then
+INTEGER_LIMIT = 1 << 63  # what TOML asks of a reader; Python's integers go on, and are no settings then
 
 
-LARGEST_TOML = 16 << 20  # bytes; a signals.toml of 10 000 channels has 1 MB
-DEEPEST = 64  # tables in tables
+MAX_TOML_BYTES = 16 << 20  # bytes; a signals.toml of 10 000 channels has 1 MB
+MAX_TOML_DEPTH = 64  # tables in tables
 
 
 def check_regular(path: Path, most: int, what: str) -> None:
@@ -306,7 +310,7 @@ def check_regular(path: Path, most: int, what: str) -> None:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return what a TOML file says. UserError: it is none, is no regular file, or is nested too deeply."""
-    check_regular(path, LARGEST_TOML, "a TOML file")
+    check_regular(path, MAX_TOML_BYTES, "a TOML file")
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
@@ -316,7 +320,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError:
         raise UserError(f"{path}: is not a text file in UTF-8; a TOML file is needed") from None
     except ValueError as error:  # TOMLDecodeError is one; so are Python's limits on digits and dates
-        raise UserError(f"{path}: is not valid TOML: {error}{_table_hint(Path(path))}") from None
+        raise UserError(f"{path}: is not valid TOML: {error}{_hint_at_table(Path(path))}") from None
     except RecursionError:
         raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
     except OSError as error:
@@ -325,7 +329,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     return data
 
 
-def _table_hint(path: Path) -> str:
+def _hint_at_table(path: Path) -> str:
     """What to say of a file whose first line names columns."""
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         line = file.readline(65536)
@@ -338,11 +342,11 @@ def _table_hint(path: Path) -> str:
 
 
 def _check_values(path: Path, value: Any, key: str, depth: int) -> None:
-    if isinstance(value, int) and not -MOST_INTEGER <= value < MOST_INTEGER:
+    if isinstance(value, int) and not -INTEGER_LIMIT <= value < INTEGER_LIMIT:
         raise UserError(f"{path}: is not valid TOML: key {key[:200]}: an integer has at most 64 bits")
-    if depth > DEEPEST:
+    if depth > MAX_TOML_DEPTH:
         raise UserError(
-            f"{path}: is not valid TOML: key {key[:40]} ...: tables are nested more than {DEEPEST} deep"
+            f"{path}: is not valid TOML: key {key[:40]} ...: tables are nested more than {MAX_TOML_DEPTH} deep"
         )
     for name, part in (
         value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()

@@ -26,9 +26,9 @@ from typing import Any, TypeAlias
 
 from tse.library.errors import UserError
 
-CONNECT = 10  # s, for an answer of a scheduler
-WORKERS = 3  # s, for the first worker: those that start with the scheduler come a moment later
-Do: TypeAlias = Callable[[Any], Any]
+CONNECT_TIMEOUT = 10  # s, for an answer of a scheduler
+WORKERS_TIMEOUT = 3  # s, for the first worker: those that start with the scheduler come a moment later
+Work: TypeAlias = Callable[[Any], Any]
 Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task, and what gives or raises its result
 
 
@@ -52,21 +52,23 @@ class Workers:
         """Nothing is to be ended."""
 
 
-def each(do: Do, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None) -> Iterator[Finished]:
+def run_in_processes(
+    do: Work, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None
+) -> Iterator[Finished]:
     """Yield each task when it is done: of this process one after the other, of several in the order of their ends."""
     if tasks:
-        few = Here(do) if jobs == 1 else Local(do, min(jobs, len(tasks)))
-        with few if scheduler is None else Cluster(do, scheduler) as workers:
+        few = InProcess(do) if jobs == 1 else LocalPool(do, min(jobs, len(tasks)))
+        with few if scheduler is None else DaskCluster(do, scheduler) as workers:
             for task in tasks:
                 workers.submit(task)
             for _ in tasks:
                 yield workers.next()
 
 
-class Here(Workers):
+class InProcess(Workers):
     """This process: a task is done when its result is asked for."""
 
-    def __init__(self, do: Do):
+    def __init__(self, do: Work):
         self._do = do
         self._tasks: deque[Any] = deque()
 
@@ -78,10 +80,10 @@ class Here(Workers):
         return task, functools.partial(self._do, task)
 
 
-class Local(Workers):
+class LocalPool(Workers):
     """Processes of this machine."""
 
-    def __init__(self, do: Do, jobs: int):
+    def __init__(self, do: Work, jobs: int):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
@@ -96,7 +98,7 @@ class Local(Workers):
         return ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
 
     def submit(self, task: Any) -> None:
-        with without_interrupts():  # it may start a process
+        with ignore_interrupts():  # it may start a process
             try:
                 future = self._pool.submit(self._do, task)
             except BrokenProcessPool:
@@ -120,9 +122,9 @@ class Local(Workers):
             self._pool = self._start(self._jobs)
         task = self._suspects.popleft()
         with self._start(1) as alone:
-            with without_interrupts():
+            with ignore_interrupts():
                 future = alone.submit(self._do, task)
-            return task, _dead if isinstance(future.exception(), BrokenProcessPool) else future.result
+            return task, _raise_died if isinstance(future.exception(), BrokenProcessPool) else future.result
 
     def __exit__(self, kind: Any, *error: object) -> None:
         if kind is not None:
@@ -131,7 +133,7 @@ class Local(Workers):
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _dead(more: str = "") -> Any:
+def _raise_died(more: str = "") -> Any:
     raise Died(more)
 
 
@@ -147,14 +149,14 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-class Cluster(Workers):
+class DaskCluster(Workers):
     """A Dask cluster, whose workers see files under the same paths. A worker that dies costs its task once more, elsewhere.
     `check`: looks at the cluster before the first task."""
 
     def __init__(
-        self, do: Do, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
+        self, do: Work, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
     ):
-        self._do, self._client = do, dask(scheduler)
+        self._do, self._client = do, connect_to_dask(scheduler)
         check(self._client, scheduler)
         import distributed
 
@@ -176,7 +178,7 @@ class Cluster(Workers):
         task, _ = self._tasks.pop(future.key), self._futures.pop(future.key)
         if isinstance(future.exception(), distributed.KilledWorker):
             deaths = int(dask.config.get("distributed.scheduler.allowed-failures")) + 1
-            return task, functools.partial(_dead, f" (it has ended {deaths} workers of the cluster)")
+            return task, functools.partial(_raise_died, f" (it has ended {deaths} workers of the cluster)")
         return task, future.result
 
     def __exit__(self, kind: Any, *error: object) -> None:
@@ -185,7 +187,7 @@ class Cluster(Workers):
         self._client.close()
 
 
-def dask(scheduler: str) -> Any:
+def connect_to_dask(scheduler: str) -> Any:
     """A client of the cluster at this address."""
     try:
         import distributed
@@ -193,8 +195,10 @@ def dask(scheduler: str) -> Any:
         raise UserError("option --scheduler needs Dask: pip install 'tse[cluster]'") from None
     try:
         if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
-            socket.create_connection(distributed.comm.get_address_host_port(scheduler), CONNECT).close()
-        return distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
+            socket.create_connection(
+                distributed.comm.get_address_host_port(scheduler), CONNECT_TIMEOUT
+            ).close()
+        return distributed.Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None
 
@@ -217,7 +221,7 @@ def check_workers(client: Any, scheduler: str) -> None:
             code.update(path.read_bytes())
         return library.__version__, code.hexdigest()
 
-    end = time.monotonic() + WORKERS
+    end = time.monotonic() + WORKERS_TIMEOUT
     while not (found := client.run(theirs)):
         if time.monotonic() > end:
             raise UserError(f"option --scheduler: the Dask cluster at {scheduler} has no workers")
@@ -234,7 +238,7 @@ def check_workers(client: Any, scheduler: str) -> None:
 
 
 @contextlib.contextmanager
-def killed_as_interrupted() -> Iterator[None]:
+def treat_kill_as_interrupt() -> Iterator[None]:
     """A plain kill ends as Ctrl-C does: the workers go, too."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -251,7 +255,7 @@ def killed_as_interrupted() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def without_interrupts() -> Iterator[None]:
+def ignore_interrupts() -> Iterator[None]:
     """Ctrl-C goes to all processes of a terminal; what it means is decided by the first. Processes that are started in
     here take no notice of it."""
     if threading.current_thread() is not threading.main_thread():

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-LATE_ROWS, LATE_TIME = (
+MAX_LATE_ROWS, MAX_LATE_TIME = (
     8,
     0.5,
 )  # an entry that is out of order belongs before so many, and so many seconds, at most: a buffer's
-LONGEST_GAP = 3600.0  # s: the library's limit; a clock that jumps further was set
-BRIDGED = 60.0  # s: what is left of such a jump: longer than any state of a car lasts
+MAX_TIME_GAP = 3600.0  # s: the library's limit; a clock that jumps further was set
+BRIDGED_GAP = 60.0  # s: what is left of such a jump: longer than any state of a car lasts
 
 
-def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """A time that increases: the times that are kept, which entries those are, and what was done.
 
     An entry without a time is dropped. Of entries that share a time the last is kept, unless that would be most of them: then the
@@ -22,7 +22,7 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
     keep = np.isfinite(time)
     if len(time) > 1 and keep.all():  # as nearly all are: no copies
         step = np.diff(time)
-        if (step.min() > 0 or (together and step.min() == 0)) and step.max() <= LONGEST_GAP:
+        if (step.min() > 0 or (together and step.min() == 0)) and step.max() <= MAX_TIME_GAP:
             return time, keep, notes
     if not keep.all():
         notes.append(f"{(~keep).sum()} entries without a time are left out")
@@ -31,11 +31,11 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
     if len(t) < 2:
         return t, keep, notes
     step = np.diff(t)
-    if ((step > 0) | (together & (step == 0))).all() and step.max() <= LONGEST_GAP:
+    if ((step > 0) | (together & (step == 0))).all() and step.max() <= MAX_TIME_GAP:
         return t, keep, notes
     ahead = step[step > 0]
     usual = float(np.median(ahead)) if len(ahead) else 0.01
-    t, late, sets = _unwind(t, usual)
+    t, late, sets = _unwind_clock(t, usual)
     if sets:
         first = sets[0]
         notes.append(
@@ -48,7 +48,7 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
     same = np.append(np.diff(t) == 0, False)
     if same.any() and not together:
         if same.mean() > 0.2:
-            t = _spread(t)
+            t = _spread_over_ticks(t)
             notes.append(
                 f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): they are spread over its ticks"
             )
@@ -58,19 +58,19 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
             )
             at, t = at[~same], t[~same]
     jump = np.diff(t)
-    far = jump > LONGEST_GAP
+    far = jump > MAX_TIME_GAP
     if far.any():
         i = int(far.argmax())
         notes.append(
-            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, a gap of {BRIDGED:g} s is left"
+            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, a gap of {BRIDGED_GAP:g} s is left"
         )
-        t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED, 0.0)))
+        t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED_GAP, 0.0)))
     kept = np.zeros(len(time), bool)
     kept[at] = True
     return t, kept, notes
 
 
-def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
+def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
     """Times that never fall, entries that are late, and where the clock was set back: when, by how much."""
     late, added = np.zeros(len(t), bool), np.zeros(len(t))
     sets: list[tuple[float, float]] = []
@@ -83,8 +83,8 @@ def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[t
             highest = float(t[i - 1]) + shift
             continue
         back = highest - float(t[i]) - shift
-        again = np.flatnonzero(t[i + 1 : i + 1 + LATE_ROWS] + shift > highest)
-        if back <= LATE_TIME and len(again) and again[0] < LATE_ROWS // 2:
+        again = np.flatnonzero(t[i + 1 : i + 1 + MAX_LATE_ROWS] + shift > highest)
+        if back <= MAX_LATE_TIME and len(again) and again[0] < MAX_LATE_ROWS // 2:
             late[i] = True
         else:
             sets.append((highest, back))
@@ -95,7 +95,7 @@ def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[t
     return t + np.cumsum(added), late, sets
 
 
-def _spread(t: np.ndarray) -> np.ndarray:
+def _spread_over_ticks(t: np.ndarray) -> np.ndarray:
     """Entries that share a tick, spread evenly up to the next one."""
     ticks, first, count = np.unique(t, return_index=True, return_counts=True)
     following = np.append(ticks[1:], ticks[-1] + (np.median(np.diff(ticks)) if len(ticks) > 1 else 0.01))

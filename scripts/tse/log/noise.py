@@ -18,23 +18,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.log.rows import DRIVES, Log
+from tse.log.rows import DRIVES, CheckedLog
 
-FLOOR = {
+NOISE_FLOOR = {
     "accel_x": 0.05,
     "accel_y": 0.05,
     "yaw_rate": 0.001,
     "wheel_speed_front": 0.0,
     "wheel_speed_rear": 0.0,
 }  # m/s2, rad/s
-LONGEST_HOLD = 10
-FEWEST_ROWS = 50
+MAX_HOLD = 10
+MIN_NOISE_ROWS = 50
 
 
-AVERAGE, WINDOW, CHANGE = 0.2, 2.0, 1.0  # s: of the misfit
-QUIET = 0.3  # quantile
+AVERAGE_TIME, WINDOW_TIME, CHANGE_TIME = 0.2, 2.0, 1.0  # s: of the misfit
+QUIET_QUANTILE = 0.3  # quantile
 NORMAL_QUIET = 0.3853  # that quantile of |z|, z standard normal
-MOVING = 3.0  # m/s
+MIN_MOVING_SPEED = 3.0  # m/s
 
 
 @dataclass(frozen=True)
@@ -55,17 +55,17 @@ class Noise:
     unraised: float = 0.0  # sd before the floor
 
 
-def channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
+def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
     """The noise of one channel, or None if the log is too short to tell."""
     usable = np.isfinite(x)
-    keep = usable & moving if (usable & moving).sum() >= FEWEST_ROWS else usable
+    keep = usable & moving if (usable & moving).sum() >= MIN_NOISE_ROWS else usable
     x = x[keep]
-    if len(x) < FEWEST_ROWS:
+    if len(x) < MIN_NOISE_ROWS:
         return None
-    hold = _hold(x, float(np.std(np.diff(x)) or 1.0) if name in DRIVES else _size(x))
+    hold = _find_hold(x, float(np.std(np.diff(x)) or 1.0) if name in DRIVES else _measure_scale(x))
     differences = x[2 * hold :] - 2 * x[hold:-hold] + x[: -2 * hold]
     sd = 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
-    step = _quantum(x)
+    step = _find_step(x)
     parts = [f"second differences {sd:.3g}"]
     if step / np.sqrt(12) > sd:
         sd = step / np.sqrt(12)
@@ -74,20 +74,20 @@ def channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
         sd *= np.sqrt(hold)
         parts.append(f"samples held {hold} rows: x {np.sqrt(hold):.2g}")
     unraised = float(sd)
-    if sd < FLOOR[name]:
-        sd = FLOOR[name]
+    if sd < NOISE_FLOOR[name]:
+        sd = NOISE_FLOOR[name]
         parts.append(f"raised to the floor {sd:g}")
     return Noise(float(sd), hold, step, ", ".join(parts), unraised)
 
 
-def noise_of(log: Log, name: str, moving: np.ndarray) -> Noise | None:
+def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | None:
     """The noise of a channel of a log. Of one that was interpolated: that of its own entries, spread over the rows between them."""
     if name not in log.slower:
-        return channel_noise(name, log.data[name].to_numpy(float), moving)
+        return estimate_channel_noise(name, log.data[name].to_numpy(float), moving)
     own = log.slower[name]
     there = np.isfinite(own.value)
     at = np.clip(np.searchsorted(log.time, own.time), 0, len(log) - 1)
-    found = channel_noise(name, own.value, moving[at] & there)
+    found = estimate_channel_noise(name, own.value, moving[at] & there)
     if found is None:
         return None
     often = np.sqrt(own.rows)
@@ -95,18 +95,18 @@ def noise_of(log: Log, name: str, moving: np.ndarray) -> Noise | None:
     return Noise(found.sd * often, found.hold, found.step, text, found.unraised * often)
 
 
-def _size(x: np.ndarray) -> float:
+def _measure_scale(x: np.ndarray) -> float:
     return float(np.median(np.abs(x - np.median(x))) or np.std(x) or 1.0)
 
 
-def _hold(x: np.ndarray, scale: float) -> int:
+def _find_hold(x: np.ndarray, scale: float) -> int:
     """Rows per independent sample: 1 when no straight stretches are seen. `scale`: a thousandth of it is nothing; of a wheel
     speed, which moves far but slowly, the size of its changes."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
-    return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, LONGEST_HOLD))
+    return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, MAX_HOLD))
 
 
-def _quantum(x: np.ndarray) -> float:
+def _find_step(x: np.ndarray) -> float:
     """The step between the values a coarse channel takes; 0 for a fine one."""
     values, counts = np.unique(np.round(x, 12), return_counts=True)
     common = values[counts >= max(5, 0.002 * len(x))]
@@ -116,15 +116,15 @@ def _quantum(x: np.ndarray) -> float:
     return float(np.median(np.diff(common)))
 
 
-def kinematic_misfit(log: Log, radius_front: float, radius_rear: float) -> dict[str, Misfit]:
+def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> dict[str, Misfit]:
     """Misfit of accel_x and accel_y; empty when the log moves too little to tell."""
     if not log.sample_time:
         return {}
-    d = {name: filled(log.data[name].to_numpy()) for name in log.data}
+    d = {name: fill_gaps(log.data[name].to_numpy()) for name in log.data}
     speed = 0.5 * (radius_front * d["wheel_speed_front"] + radius_rear * d["wheel_speed_rear"])
     rows = {name: max(1, round(span / log.sample_time)) for name, span in
-            (("average", AVERAGE), ("window", WINDOW), ("change", CHANGE))}  # fmt: skip
-    moving = np.abs(speed) > MOVING
+            (("average", AVERAGE_TIME), ("window", WINDOW_TIME), ("change", CHANGE_TIME))}  # fmt: skip
+    moving = np.abs(speed) > MIN_MOVING_SPEED
     misfits = {}
     for name, kinematic in (("accel_x", np.gradient(speed, log.time)), ("accel_y", speed * d["yaw_rate"])):
         if not np.isfinite(d[name]).any() or not np.isfinite(kinematic).any():
@@ -138,14 +138,15 @@ def kinematic_misfit(log: Log, radius_front: float, radius_rear: float) -> dict[
             continue
         change = (slow[rows["change"] :] - slow[: -rows["change"]])[both]
         misfits[name] = Misfit(
-            sd=float(np.quantile(windows, QUIET) * np.sqrt(rows["average"])),
-            bias=_quiet_sd(slow[moving] - np.median(slow[moving])) + float(abs(np.median(slow[moving]))),
-            walk=_quiet_sd(change),
+            sd=float(np.quantile(windows, QUIET_QUANTILE) * np.sqrt(rows["average"])),
+            bias=_compute_quiet_sd(slow[moving] - np.median(slow[moving]))
+            + float(abs(np.median(slow[moving]))),
+            walk=_compute_quiet_sd(change),
         )
     return misfits
 
 
-def filled(x: np.ndarray) -> np.ndarray:
+def fill_gaps(x: np.ndarray) -> np.ndarray:
     """Missing values on the straight line between their neighbours."""
     good = np.isfinite(x)
     return np.interp(np.arange(len(x)), np.flatnonzero(good), x[good]) if good.any() else x
@@ -157,14 +158,14 @@ def smooth(x: np.ndarray, n: int) -> np.ndarray:
     return np.convolve(padded, np.ones(n) / n, mode="valid")
 
 
-def _quiet_sd(x: np.ndarray) -> float:
-    return float(np.quantile(np.abs(x), QUIET) / NORMAL_QUIET)
+def _compute_quiet_sd(x: np.ndarray) -> float:
+    return float(np.quantile(np.abs(x), QUIET_QUANTILE) / NORMAL_QUIET)
 
 
 # ---- Values that are held: of a signal that is slower than the rows of its log, which rows have a new one.
 
 
-def fresh(x: np.ndarray) -> np.ndarray:
+def find_new_values(x: np.ndarray) -> np.ndarray:
     """Rows with a new value, where a slow signal is held in a fast log: held values are old ones, and half a hold late on average.
     All rows, unless new values come every k-th row: a quantised signal repeats itself, too, but at no beat."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:]))).astype(

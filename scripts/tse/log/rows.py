@@ -12,7 +12,7 @@ import numpy as np
 
 from tse.library.core import CONFIG, INPUT, Field, library
 from tse.library.errors import UserError
-from tse.log.clock import LONGEST_GAP, straight
+from tse.log.clock import MAX_TIME_GAP, straighten_time
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,11 +81,11 @@ OPTIONAL = {
 VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
 ROAD = ("bank", "grade")
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")
-SHUFFLED = (
+MAX_SHUFFLED = (
     0.2  # share of rows that are earlier than the one before, above which they are in another order than time
 )
-MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
-FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
+MAX_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
+MAX_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
 HINTS = {
     "steer_angle": "if the column holds degrees, multiply by pi/180; if it is the steering-wheel angle, divide by the "
     "steering ratio",
@@ -94,16 +94,22 @@ HINTS = {
 }
 HINTS["yaw_rate"] = "if the column holds deg/s, multiply by pi/180"
 HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
-FASTEST, SLOWEST = 0.001, 1.0  # s: rows of a log are so far apart; a median step above is refused
-TURN_SHOWN = (
+MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0  # s: rows of a log are so far apart; a median step above is refused
+MIN_TURN_SHARE = (
     0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
 )
-COMPUTED = 0.015  # of accel_y, that speed times yaw rate leaves of it: less, and it was computed from them; 0.04 without any noise
+# share of accel_y that speed times yaw rate leaves unexplained: below it, accel_y was
+# computed from them. A noise-free simulation leaves 0.04
+MAX_COMPUTED_MISFIT = 0.015
 # zeros that are no values: times in the log, so many steps of a row off, share of all times that it is 0
-WRITTEN_RUNS, WRITTEN_STEPS, WRITTEN_SHARE = 10, 4.0, 0.2
-ALONE, ALONE_ROWS, ALONE_VALUES = 1.5, 5, 10  # of the next value; rows; values that the others have at least
-STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
-MOST_WITNESS = 100000  # rows of a longer log that are looked at for it
+MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
+MIN_CODE_RATIO, MIN_CODE_ROWS, MIN_OTHER_VALUES = (
+    1.5,
+    5,
+    10,
+)  # of the next value; rows; values that the others have at least
+MIN_STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
+MAX_WITNESS_ROWS = 100000  # rows of a longer log that are looked at for it
 # a measurement, what it goes with, and by how much that has to change (5 .. 95 %) for it to change, too
 WITNESSES = (
     ("accel_x", "wheel_speed_rear", 5.0),  # rad/s: 1.5 m/s of speed
@@ -124,12 +130,12 @@ class Reading:
 
     def files(self, log: Path) -> list[Path]:
         """The files beside the log on which its rows depend."""
-        beside = beside_of(log) if self.signals is None else self.signals
+        beside = find_signals_file(log) if self.signals is None else self.signals
         return [p for p in (beside, *self.databases) if p is not None and p.is_file()]
 
 
 @dataclass(frozen=True)
-class Slower:
+class SlowChannel:
     """The entries of a channel that was interpolated: their time, s, and values; and rows per entry."""
 
     time: np.ndarray
@@ -137,7 +143,7 @@ class Slower:
     rows: float
 
 
-def give_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
+def fill_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
     """Fill the optional channels of rows for the library, where they have a value; a course within -pi .. pi rad."""
     for bit, f in enumerate(library().optional):
         if f.name not in columns:
@@ -151,7 +157,7 @@ def give_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
 
 
 @dataclass
-class Log:
+class CheckedLog:
     """A checked log. `data` has the channels of the library, NaN = missing; `line` is the line in the file."""
 
     path: Path
@@ -163,14 +169,14 @@ class Log:
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # rows of the file in one of these, usually
     extra: pd.DataFrame = field(
-        default_factory=lambda: _frame({}, 0)
+        default_factory=lambda: _make_frame({}, 0)
     )  # of OPTIONAL those that are there; NaN = missing
     place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
     stand_in: str | None = (
         None  # an axle without wheel speeds: it has the other's, and slip is not observable
     )
     stands_by: float = 1.0  # ... times that, which depends on the radii of the car: of_car()
-    slower: dict[str, Slower] = field(
+    slower: dict[str, SlowChannel] = field(
         default_factory=dict
     )  # channels whose entries are further apart than the rows
     # of an axle with two wheels: right less left over the yaw rate, track/radius
@@ -193,7 +199,7 @@ class Log:
         rows["dt"] = np.diff(self.time[part], prepend=before)
         for name in self.data:
             rows[name] = self.data[name].to_numpy()[part]
-        give_optional(rows, {name: self.extra[name].to_numpy(float)[part] for name in self.optional})
+        fill_optional(rows, {name: self.extra[name].to_numpy(float)[part] for name in self.optional})
         return rows
 
     @property
@@ -210,13 +216,13 @@ def columns() -> list[str]:
     return ["time", *(f.name for f in library().channels)]
 
 
-def files_of(path: Path) -> list[Path]:
+def list_log_files(path: Path) -> list[Path]:
     """The files of a log: itself, or those of the folder that it is."""
     path = Path(path)
     return sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
 
 
-def beside_of(path: Path) -> Path | None:
+def find_signals_file(path: Path) -> Path | None:
     """The signals.toml that stands beside a log: of its own name, or of its folder."""
     path = Path(path)
     for name in (f"{path.stem}.signals.toml", "signals.toml"):
@@ -225,7 +231,7 @@ def beside_of(path: Path) -> Path | None:
     return None
 
 
-def lacking(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
+def find_absent_channels(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
     """Channels that the log does not have and that may be missing: `spare`, and one of both axles."""
     other = {n.lower() for n in names} - {*names}  # written otherwise: not missing, misspelt
     gone = [c for c in columns() if c not in names and c not in sides and c not in other]
@@ -235,7 +241,7 @@ def lacking(names: Collection[str], sides: Collection[str], spare: Collection[st
     return [c for c in gone if c in spare or c in alone]
 
 
-def checked(
+def check_log(
     path: Path,
     time: np.ndarray,
     table: dict[str, np.ndarray],
@@ -243,7 +249,7 @@ def checked(
     notes: list[str],
     spare: Collection[str] = MEASURES,
     place: str = "line",
-) -> Log:
+) -> CheckedLog:
     """A log from columns in SI units, (rows,), with the library's names; wheels also by their side. `line`: of each row, in the
     file (`place`: what it counts). UserError: a column that cannot be what it is called."""
     wanted = columns()[1:]
@@ -255,11 +261,11 @@ def checked(
     for c, mine in parts.items():
         if not any(s in table and np.isfinite(table[s]).any() for s in mine):
             empty.append(c)
-    absent = lacking([c for c in wanted if c not in empty], [], spare)
+    absent = find_absent_channels([c for c in wanted if c not in empty], [], spare)
     needed = [c for name in wanted if name not in absent for c in parts[name]]
     missing = [c for c in needed if c not in table]
     if missing:
-        raise UserError(f"{path}: {', '.join(missing)} is missing{_remedy(missing)}")
+        raise UserError(f"{path}: {', '.join(missing)} is missing{_suggest_remedy(missing)}")
     data = {name: table.pop(name) for name in needed}
     for f in library().channels:
         if f.name in absent:
@@ -270,9 +276,9 @@ def checked(
         for name in parts[f.name]:
             _check_channel(path, data, line, f, notes, name, place)
     for name in data:
-        _not_code(data, name, notes)
-        _not_written(data, name, notes)
-    _not_stuck(data, parts, notes)
+        _drop_code(data, name, notes)
+        _drop_written_zeros(data, name, notes)
+    _drop_stuck(data, parts, notes)
     if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
         raise UserError(
             f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
@@ -280,10 +286,10 @@ def checked(
     per_turn: dict[str, float] = {}
     for axle, pair in sides.items():
         if axle not in absent:
-            mean, per_turn[axle] = _axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
+            mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
             data[axle] = mean
             del mean
-    _not_computed(data, notes)
+    _drop_computed(data, notes)
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
         other = next(c for c in SIDES if c != stand_in)
@@ -294,28 +300,30 @@ def checked(
             f"cx_front not estimated"
         )
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
-    if sample_time is not None and sample_time > SLOWEST:
-        hint = _time_hint(sample_time)
+    if sample_time is not None and sample_time > MAX_ROW_STEP:
+        hint = _hint_at_time_unit(sample_time)
         raise UserError(
-            f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {SLOWEST:g} s{hint}"
+            f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {MAX_ROW_STEP:g} s{hint}"
         )
-    if sample_time is not None and sample_time < 0.5 * FASTEST:
-        hint = _time_hint(sample_time)
+    if sample_time is not None and sample_time < 0.5 * MIN_ROW_STEP:
+        hint = _hint_at_time_unit(sample_time)
         raise UserError(
-            f"{path}: column time: rows are {sample_time:.3g} s apart (median); allowed: from {FASTEST:g} s{hint}"
+            f"{path}: column time: rows are {sample_time:.3g} s apart (median); allowed: from {MIN_ROW_STEP:g} s{hint}"
         )
     for name in wanted:
         gone = np.isnan(data[name])
         if 0 < (count := int(gone.sum())) < len(time):
             where = f"first in {place} {line[gone.argmax()]}"
             notes.append(f"{name}: {count} of {len(time)} cells are missing or not usable ({where})")
-    frame = _frame({name: data[name] for name in wanted}, len(time))
-    ref = _frame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, len(time))
+    frame = _make_frame({name: data[name] for name in wanted}, len(time))
+    ref = _make_frame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, len(time))
     some = {
-        c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None
+        c: x
+        for c in OPTIONAL
+        if c in table and (x := _check_optional(c, table[c], line, notes, place)) is not None
     }
-    extra = _frame(some, len(time) if some else 0)
-    return Log(
+    extra = _make_frame(some, len(time) if some else 0)
+    return CheckedLog(
         path,
         time,
         frame,
@@ -330,16 +338,16 @@ def checked(
     )
 
 
-def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str]) -> None:
+def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str]) -> None:
     """A measurement that has one value all the time, while the car does what it should show, measures nothing: it is missing.
     The filter would find it at fault, but only row by row, and what it says before that is lost."""
     for name, witness, least in WITNESSES:
         value = data[name]
         first = int(np.isfinite(value).argmax())
-        if np.isfinite(value).sum() < STUCK_ROWS or np.nanmin(value) != np.nanmax(value):
+        if np.isfinite(value).sum() < MIN_STUCK_ROWS or np.nanmin(value) != np.nanmax(value):
             continue
         other = next((data[c] for c in parts.get(witness, ()) if c in data), np.zeros(0))
-        other = other[:: max(1, len(other) // MOST_WITNESS)]
+        other = other[:: max(1, len(other) // MAX_WITNESS_ROWS)]
         other = other[np.isfinite(other)]
         if len(other) and np.subtract(*np.quantile(other, [0.95, 0.05])) > least:
             notes.append(
@@ -348,15 +356,19 @@ def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], 
             data[name] = np.full(len(value), np.nan)
 
 
-def _not_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
+def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
     """A value far from all others, of many rows to the last digit, is none: a bus says so that there is no value."""
     size = np.abs(data[name])
     top = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
     rows = size == top
-    if not ALONE_ROWS <= rows.sum() < MOST_BACK * len(rows):
+    if not MIN_CODE_ROWS <= rows.sum() < MAX_BACK * len(rows):
         return
     others = size[np.isfinite(size) & ~rows]
-    if not len(others) or not top > ALONE * others.max() or len(np.unique(others)) < ALONE_VALUES:
+    if (
+        not len(others)
+        or not top > MIN_CODE_RATIO * others.max()
+        or len(np.unique(others)) < MIN_OTHER_VALUES
+    ):
         return
     value = data[name][rows.argmax()]
     notes.append(
@@ -365,7 +377,7 @@ def _not_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
     data[name] = np.where(rows, np.nan, data[name])
 
 
-def _not_written(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
+def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
     """A zero between two values of one sign, both further from it than the channel moves in a row, was written for a missing one;
     where many are, all are."""
     value = data[name]
@@ -374,14 +386,14 @@ def _not_written(data: dict[str, np.ndarray], name: str, notes: list[str]) -> No
     first, after = edges[::2], edges[1::2]
     inner = (first > 0) & (after < len(value))
     first, after = first[inner], after[inner]
-    if len(first) < WRITTEN_RUNS:
+    if len(first) < MIN_ZERO_RUNS:
         return
     steps = np.abs(np.diff(value))[~(zero[1:] | zero[:-1])]
     steps = steps[np.isfinite(steps)]
-    moves = WRITTEN_STEPS * float(np.quantile(steps, 0.95)) if len(steps) else np.inf
+    moves = ZERO_JUMP_STEPS * float(np.quantile(steps, 0.95)) if len(steps) else np.inf
     before, then = value[first - 1], value[after]
     written = (before * then > 0) & (np.minimum(np.abs(before), np.abs(then)) > moves)
-    if written.sum() < WRITTEN_RUNS or written.sum() < WRITTEN_SHARE * len(first):
+    if written.sum() < MIN_ZERO_RUNS or written.sum() < MIN_ZERO_SHARE * len(first):
         return
     notes.append(
         f"{name} is 0 in {zero.sum()} rows, between values far from it: written where there is none, and missing"
@@ -389,17 +401,17 @@ def _not_written(data: dict[str, np.ndarray], name: str, notes: list[str]) -> No
     data[name] = np.where(zero, np.nan, value)
 
 
-def _not_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
+def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
     """An accel_y that is speed times yaw rate, but for the last digits, was not measured: it says nothing that they do not."""
     y = data["accel_y"]
     for wheel in SIDES:
         x = data[wheel] * data["yaw_rate"] if wheel in data else np.full(len(y), np.nan)
         both = np.isfinite(x) & np.isfinite(y)
         across, turned = float(np.sum(y[both] ** 2)), float(np.sum(x[both] ** 2))
-        if both.sum() < STUCK_ROWS or not np.std(y[both]) > 0 or not turned > 0:
+        if both.sum() < MIN_STUCK_ROWS or not np.std(y[both]) > 0 or not turned > 0:
             continue
         explained = float(np.sum(x[both] * y[both])) ** 2 / (turned * across)
-        if 1.0 - explained < COMPUTED**2:
+        if 1.0 - explained < MAX_COMPUTED_MISFIT**2:
             notes.append(
                 "accel_y is speed times yaw_rate to the digit: computed, not measured, and taken as missing"
             )
@@ -407,7 +419,7 @@ def _not_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
             return
 
 
-def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
+def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
     """The columns as they are: a copy of ten hours is another 200 MB. A filter for rows that come one at a time has no frames, and
     needs no pandas."""
     import pandas as pd
@@ -415,7 +427,7 @@ def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
     return pd.DataFrame(columns, index=range(rows), copy=False)
 
 
-def liveliest(log: Log, rows: int) -> Log:
+def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
     """Of a log that is longer the part of so many rows in which the car turns most: enough to say what its sensors are like. Of
     rows that are further apart than 0.01 s as much time."""
     rows = max(1, int(rows * min(1.0, 0.01 / log.sample_time))) if log.sample_time else rows
@@ -431,7 +443,7 @@ def liveliest(log: Log, rows: int) -> Log:
     part = slice(first, first + rows)
     begin, end = log.time[first], log.time[first + rows - 1]
     slower = {
-        name: Slower(s.time[inside], s.value[inside], s.rows)
+        name: SlowChannel(s.time[inside], s.value[inside], s.rows)
         for name, s in log.slower.items()
         for inside in ((s.time >= begin) & (s.time <= end),)
     }
@@ -441,7 +453,7 @@ def liveliest(log: Log, rows: int) -> Log:
     )
 
 
-def _remedy(missing: Collection[str]) -> str:
+def _suggest_remedy(missing: Collection[str]) -> str:
     if any(c.endswith(("_left", "_right")) for c in missing):
         return ": both wheels of an axle are needed, or the axle's mean"
     if "steer_angle" in missing:
@@ -449,7 +461,7 @@ def _remedy(missing: Collection[str]) -> str:
     return ": name its signal in signals.toml"
 
 
-def _axle(
+def _average_axle(
     axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]
 ) -> tuple[np.ndarray, float]:
     """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
@@ -475,11 +487,11 @@ def _axle(
             f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate"
         )
     # on a straight road both are noise, and do not show units
-    shown = bool(per_turn**2 * turned > TURN_SHOWN * differed)
+    shown = bool(per_turn**2 * turned > MIN_TURN_SHARE * differed)
     return mean, per_turn if shown else 0.0
 
 
-def _optional(
+def _check_optional(
     name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
 ) -> np.ndarray | None:
     """One of OPTIONAL, checked; None, and a note why, if it cannot be used. It refuses no log: the estimator needs none."""
@@ -488,7 +500,7 @@ def _optional(
     with np.errstate(invalid="ignore"):
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
-    if not there or bad.sum() > FEW_OUTSIDE * there:
+    if not there or bad.sum() > MAX_OUTSIDE * there:
         where = (
             f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}"
             if there
@@ -502,7 +514,7 @@ def _optional(
     return value
 
 
-def _straight_angle(name: str, column: pd.Series) -> np.ndarray:
+def _unwrap_course(name: str, column: pd.Series) -> np.ndarray:
     """Return a column without the steps of an angle that wraps; `Log.rows` wraps it again."""
     value = column.to_numpy(float).copy()
     if name == "gnss_course":
@@ -511,12 +523,12 @@ def _straight_angle(name: str, column: pd.Series) -> np.ndarray:
     return value
 
 
-MOST_MISSING = (
+MAX_MISSING = (
     0.5  # of a block's rows: a channel of which more is missing is missing; a block of which more is, too
 )
 
 
-def average(log: Log, seconds: float) -> Log:
+def average(log: CheckedLog, seconds: float) -> CheckedLog:
     """The log in blocks of so many seconds: every channel and reference its mean over the block, at the block's mean time,
     whatever the sampling. Noise that is white falls with the root of the rows in a block."""
     f = library().field(CONFIG, "sample_time")
@@ -531,31 +543,31 @@ def average(log: Log, seconds: float) -> Log:
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     count = np.diff(np.append(starts, len(log)))
     usual = float(np.median(count))
-    keep = count > MOST_MISSING * usual if len(count) > 1 else np.ones(1, bool)
+    keep = count > MAX_MISSING * usual if len(count) > 1 else np.ones(1, bool)
 
     def means(x: np.ndarray) -> np.ndarray:
         good = np.isfinite(x)
         present = np.add.reduceat(good.astype(float), starts)
         total = np.add.reduceat(np.where(good, x, 0.0), starts)
-        return np.where(present > (1 - MOST_MISSING) * count, total / np.maximum(present, 1), np.nan)[keep]
+        return np.where(present > (1 - MAX_MISSING) * count, total / np.maximum(present, 1), np.nan)[keep]
 
     time = means(log.time)
-    data = _frame({name: means(log.data[name].to_numpy(float)) for name in log.data}, len(time))
-    ref = _frame({name: means(log.ref[name].to_numpy(float)) for name in log.ref}, len(time))
-    extra = _frame({name: means(_straight_angle(name, log.extra[name])) for name in log.extra}, len(time))
+    data = _make_frame({name: means(log.data[name].to_numpy(float)) for name in log.data}, len(time))
+    ref = _make_frame({name: means(log.ref[name].to_numpy(float)) for name in log.ref}, len(time))
+    extra = _make_frame({name: means(_unwrap_course(name, log.extra[name])) for name in log.extra}, len(time))
     step = float(np.median(np.diff(time))) if len(time) > 1 else None
     notes = [
         *log.notes,
         f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each",
     ]
     slower = {
-        name: Slower(x.time, x.value, x.rows / usual) for name, x in log.slower.items() if x.rows > usual
+        name: SlowChannel(x.time, x.value, x.rows / usual) for name, x in log.slower.items() if x.rows > usual
     }
     return replace(log, time=time, data=data, ref=ref, line=log.line[starts[keep]], sample_time=step, notes=notes,
                    averaged=max(1, round(usual)), extra=extra, slower=slower)  # fmt: skip
 
 
-def sampling_notes(log: Log, max_gap: float) -> list[str]:
+def describe_sampling(log: CheckedLog, max_gap: float) -> list[str]:
     """What is odd about the sampling, in words."""
     if len(log) < 2 or log.sample_time is None:
         return ["the log has a single row"]
@@ -575,7 +587,7 @@ def sampling_notes(log: Log, max_gap: float) -> list[str]:
     return notes
 
 
-def steering_notes(log: Log, max_steer: float) -> list[str]:
+def describe_steering(log: CheckedLog, max_steer: float) -> list[str]:
     """The model takes angles as small: what is done where they are not."""
     large = log.steers_beyond(max_steer)
     if not large.any():
@@ -586,17 +598,17 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
     ]
 
 
-def straightened(
+def straighten_log_time(
     path: Path, time: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
 ) -> tuple[np.ndarray, np.ndarray]:
     """A time that increases, and which rows are kept. UserError: it is no time."""
-    if np.isfinite(time).sum() > 1 and (np.diff(time[np.isfinite(time)]) <= 0).mean() > MOST_BACK:
+    if np.isfinite(time).sum() > 1 and (np.diff(time[np.isfinite(time)]) <= 0).mean() > MAX_BACK:
         check_time(path, time, line, place)
     step = np.diff(time[np.isfinite(time)])
-    if len(step) > 1 and ((step < 0).mean() > SHUFFLED or np.median(step) > LONGEST_GAP):
+    if len(step) > 1 and ((step < 0).mean() > MAX_SHUFFLED or np.median(step) > MAX_TIME_GAP):
         check_time(path, time[np.isfinite(time)], line[np.isfinite(time)], place)
-    fixed, keep, said = straight(time)
-    if keep.sum() < MOST_BACK * len(time):
+    fixed, keep, said = straighten_time(time)
+    if keep.sum() < MAX_BACK * len(time):
         check_time(path, time, line, place)
     notes += [f"time: {text}" for text in said]
     return fixed, keep
@@ -613,17 +625,17 @@ def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "lin
     if bad.any():
         i = int(bad.argmax())
         what = "the same time as" if step[i] == 0 else "earlier than"
-        hint = "\n  hint: sort the rows by time" if (step < 0).mean() > SHUFFLED else ""
+        hint = "\n  hint: sort the rows by time" if (step < 0).mean() > MAX_SHUFFLED else ""
         raise UserError(
             f"{path}: {place} {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} {place} {line[i]} ({time[i]:.10g}); "
             f"time must increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''}){hint}"
         )
-    bad = step > LONGEST_GAP
+    bad = step > MAX_TIME_GAP
     if bad.any():
         i = int(bad.argmax())
         raise UserError(
-            f"{path}: {place} {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_GAP:g} s"
-            f"{_time_hint(float(np.median(step)))}"
+            f"{path}: {place} {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {MAX_TIME_GAP:g} s"
+            f"{_hint_at_time_unit(float(np.median(step)))}"
         )
 
 
@@ -645,7 +657,7 @@ def _check_channel(
     if not bad.any():
         return
     i = int(bad.argmax())
-    if bad.mean() > FEW_OUTSIDE:
+    if bad.mean() > MAX_OUTSIDE:
         more = f" ({bad.sum()} such rows)" if bad.sum() > 1 else ""
         raise UserError(
             f"{path}: {place} {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
@@ -657,8 +669,8 @@ def _check_channel(
     )
 
 
-def _time_hint(step: float) -> str:
-    if step < 0.5 * FASTEST:
+def _hint_at_time_unit(step: float) -> str:
+    if step < 0.5 * MIN_ROW_STEP:
         return "\n  hint: if the column holds minutes, multiply by 60; days: by 86400"
     if 1.0 <= step <= 200.0:
         return "\n  hint: if the column holds milliseconds, divide by 1000"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 # Spellings that pint does not know, or takes for something else; without blanks, and in lower case where nothing else is spelt
 # so: S and MS are times, kN no knot. Hz is of wheels: turns. Dots of products are left to pint.
-SPELT = {
+SPELLINGS = {
     "": "1", "-": "1", "1": "1", "none": "1", "unitless": "1", "n/a": "1", "null": "1",
     "rad": "rad", "radian": "rad", "radians": "rad", "deg": "degree", "°": "degree", "º": "degree", "grad": "degree",
     "degree": "degree", "degrees": "degree", "unit_degreofarc": "degree", "unit_deg": "degree", "\ufffd": "degree",
@@ -40,13 +40,13 @@ SPELT = {
 }  # fmt: skip
 
 
-_PLAIN = re.compile(
+_SIMPLE_UNIT = re.compile(
     r"(?!.*\^.*\^)[A-Za-z0-9°µΩ%·/^(). -]{1,24}"
 )  # no towers of powers, which pint would work out
 
 
 @functools.lru_cache(maxsize=1)
-def registry() -> pint.UnitRegistry:
+def load_units() -> pint.UnitRegistry:
     """Return the units that pint knows."""
     import pint  # a third of a second, and dask where it is installed: for those who have units
 
@@ -54,52 +54,52 @@ def registry() -> pint.UnitRegistry:
 
 
 @functools.lru_cache(maxsize=512)
-def quantity(unit: str) -> pint.Quantity | None:
+def parse_unit(unit: str) -> pint.Quantity | None:
     """A unit as it is spelt in a log, as a quantity; None where nobody knows it."""
     text = unit.strip().strip("[]()").strip()
     compact = re.sub(r"\s+", "", text)
-    plain = SPELT.get(compact) or SPELT.get(compact.lower())
-    if plain is None and not _PLAIN.fullmatch(text):
+    plain = SPELLINGS.get(compact) or SPELLINGS.get(compact.lower())
+    if plain is None and not _SIMPLE_UNIT.fullmatch(text):
         return None
     try:
-        return registry().Quantity(plain or text)
+        return load_units().Quantity(plain or text)
     except Exception:  # pint's tokenizer raises what it likes at odd text
         return None
 
 
-def is_strange(unit: str) -> bool:
+def is_unknown_unit(unit: str) -> bool:
     """Return whether a unit is one that nobody knows: km^h. The size of the signal says then what it is."""
-    return quantity(unit) is None
+    return parse_unit(unit) is None
 
 
-def known(unit: str) -> bool:
+def is_known_unit(unit: str) -> bool:
     """Is it a unit that somebody knows, and more than a blank?"""
-    found = quantity(unit)
+    found = parse_unit(unit)
     return found is not None and not found.unitless
 
 
 @functools.lru_cache(maxsize=512)
-def factor(unit: str, wanted: str, radius: float | None = None) -> float | None:
+def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | None:
     """How much of `wanted` (SI) one `unit` is; None where it is none of it. Speeds become rates of wheels of this radius, m."""
-    found = quantity(unit)
+    found = parse_unit(unit)
     if found is None:
         return None
-    target = registry().Quantity(1.0, {"m/s2": "m/s^2", "Nm": "N*m"}.get(wanted, wanted))
+    target = load_units().Quantity(1.0, {"m/s2": "m/s^2", "Nm": "N*m"}.get(wanted, wanted))
     if wanted == "rad/s" and found.check("[length]/[time]"):
         return None if not radius else float(found.to("m/s").magnitude) / radius
     if found.check("[frequency]") and not target.check("[frequency]"):
         return None
     if not found.is_compatible_with(target) or (found.unitless and wanted not in ("rad", "1")):
         return None
-    if wanted == "rad" and kind(unit) not in ("", "angle"):  # a slope in %
+    if wanted == "rad" and unit_kind(unit) not in ("", "angle"):  # a slope in %
         return None
     return float(found.to(target.units).magnitude)
 
 
 @functools.lru_cache(maxsize=512)
-def kind(unit: str) -> str:
+def unit_kind(unit: str) -> str:
     """angle, rate, speed, acceleration, torque, time, other; "": no unit."""
-    found = quantity(unit)
+    found = parse_unit(unit)
     if found is None:
         return "other"
     dims = str(found.dimensionality)
@@ -114,6 +114,6 @@ def kind(unit: str) -> str:
     if found.check("[frequency]"):
         return "rate"
     if dims == "dimensionless":
-        return "" if found.units == registry().dimensionless and found.magnitude == 1.0 else (
+        return "" if found.units == load_units().dimensionless and found.magnitude == 1.0 else (
             "angle" if str(found.to_root_units().units) == "radian" else "other")  # fmt: skip
     return "other"

@@ -15,11 +15,11 @@ import pandas as pd
 
 from tse.library.errors import UserError
 
-LOOKED_AT = 1 << 16  # bytes from which a kind is recognised
-LONGEST_LINE = 1 << 14  # characters of a line of a log
-FIRST = 2000  # lines from which stamps and identifiers are understood
-MOST_ODD = 3  # odd lines that a note names
-ERROR_FRAME, IDENTIFIER = 0x20000000, 0x1FFFFFFF
+DETECTION_BYTES = 1 << 16  # bytes from which a kind is recognised
+MAX_LINE_LENGTH = 1 << 14  # characters of a line of a log
+DETECTION_LINES = 2000  # lines from which stamps and identifiers are understood
+MAX_LISTED_LINES = 3  # odd lines that a note names
+ERROR_FRAME, IDENTIFIER_MASK = 0x20000000, 0x1FFFFFFF
 DAY = 86400.0  # s
 
 
@@ -43,21 +43,21 @@ class Lines:
         self.errors = 0  # error frames
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
-        with open(self._path, encoding=_encoding(self._path), errors="replace") as file:
-            for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
+        with open(self._path, encoding=_detect_encoding(self._path), errors="replace") as file:
+            for number, line in enumerate(iter(lambda: file.readline(MAX_LINE_LENGTH), ""), 1):
                 self.number = number
                 yield number, line
 
     def note(self) -> str:
         """What is said of odd lines."""
-        first = ", ".join(str(n) for n in self.odd[:MOST_ODD])
-        more = f" and {len(self.odd) - MOST_ODD} more" if len(self.odd) > MOST_ODD else ""
+        first = ", ".join(str(n) for n in self.odd[:MAX_LISTED_LINES])
+        more = f" and {len(self.odd) - MAX_LISTED_LINES} more" if len(self.odd) > MAX_LISTED_LINES else ""
         return f"{len(self.odd)} lines are no frames of their format and are left out: line {first}{more}"
 
 
-def _encoding(path: Path) -> str:
+def _detect_encoding(path: Path) -> str:
     with open(path, "rb") as file:
-        start = file.read(LOOKED_AT)
+        start = file.read(DETECTION_BYTES)
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     try:
@@ -78,15 +78,15 @@ CONSOLE = re.compile(
 ASC = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
 TRC = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
 BUSMASTER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
-HEADER = {  # columns of a table with a frame per row, by their titles without blanks, units and signs
+TITLE_PATTERNS = {  # columns of a table with a frame per row, by their titles without blanks, units and signs
     "time": r"time|timestamp|timestamps|timestampepoch|timeoffset|timestampus|timestampms|zeit|zeitstempel|ts|timeabs|timerel",
     "identifier": r"id|arbitrationid|canid|identifier|addr|address|messageid|msgid|frameid|idhex",
     "data": r"data|databytes|databyte|payload|d0|d1|byte0|byte1|data0|data1|b0|b1|datahex|datafield|bytes",
 }
-EACH = re.compile(r"(?:d|b|byte|data|databyte)(\d)\Z")
+BYTE_TITLE = re.compile(r"(?:d|b|byte|data|databyte)(\d)\Z")
 
 
-def kind_of(head: bytes, suffix: str) -> str:
+def detect_bus_text(head: bytes, suffix: str) -> str:
     """Return which tool's frames a text has.
 
     Parameters
@@ -115,10 +115,10 @@ def kind_of(head: bytes, suffix: str) -> str:
         return "trc"
     if suffix == ".asc" or any(ASC.match(x) for x in lines[:20]):
         return "asc"
-    return "table" if any(_columns(x) for x in lines[:40]) else ""
+    return "table" if any(_find_columns(x) for x in lines[:40]) else ""
 
 
-def frames_of(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
+def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
     """Return the frames of a text.
 
     Parameters
@@ -143,8 +143,8 @@ def frames_of(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool])
         The frames have no times.
     """
     if kind == "candump":
-        return _candump(path, lines)
-    return _busmaster(lines) if kind == "busmaster" else _table(path, lines, knows)
+        return _read_candump(path, lines)
+    return _read_busmaster(lines) if kind == "busmaster" else _read_table(path, lines, knows)
 
 
 # ---- candump: of its log, and of what it writes to the console
@@ -159,30 +159,32 @@ SHOWN = re.compile(
 )
 
 
-def _candump(path: Path, lines: Lines) -> Iterator[Frame]:
-    found = (f for number, line in lines if (f := _of_candump(number, line, lines)) is not None)
-    first = list(itertools.islice(found, FIRST))
+def _read_candump(path: Path, lines: Lines) -> Iterator[Frame]:
+    found = (f for number, line in lines if (f := _parse_candump_line(number, line, lines)) is not None)
+    first = list(itertools.islice(found, DETECTION_LINES))
     if first and all(f[0] == "" for f in first):
         raise UserError(
             f"{path}: its frames have no times: record with candump -l, or candump -ta, which write them"
         )
-    stamps = np.array([_stamp(f[0]) for f in first])
+    stamps = np.array([_parse_stamp(f[0]) for f in first])
     differences = (
         len(stamps) > 10 and float(np.nanmean(np.diff(stamps) < 0)) > 0.1 and float(np.nanmax(stamps)) < 100.0
     )
     total = 0.0
     for part in (first, found):
         for stamp, bus, identifier, data in part:
-            time = _stamp(stamp)
+            time = _parse_stamp(stamp)
             total += time if differences and np.isfinite(time) else 0.0
             number = int(identifier, 16)
             if number & ERROR_FRAME and len(identifier) > 3:
                 lines.errors += 1
                 continue
-            yield Frame(total if differences else time, number & IDENTIFIER, len(identifier) > 3, bus, data)
+            yield Frame(
+                total if differences else time, number & IDENTIFIER_MASK, len(identifier) > 3, bus, data
+            )
 
 
-def _of_candump(number: int, line: str, lines: Lines) -> tuple[str, str, str, bytes] | None:
+def _parse_candump_line(number: int, line: str, lines: Lines) -> tuple[str, str, str, bytes] | None:
     """Return stamp, bus, identifier and data of a line; None: it is no frame, or one without data."""
     if not line.strip():
         return None
@@ -207,7 +209,7 @@ def _of_candump(number: int, line: str, lines: Lines) -> tuple[str, str, str, by
         return None
 
 
-def _stamp(text: str) -> float:
+def _parse_stamp(text: str) -> float:
     """Return a time as candump writes it, s: a number, or a date. NaN: it is neither."""
     try:
         return float(text)
@@ -221,13 +223,13 @@ def _stamp(text: str) -> float:
 
 # ---- BUSMASTER
 
-LINE = re.compile(
+BUSMASTER_LINE = re.compile(
     r"\s*(\d+):(\d+):(\d+):(\d+)\s+(?:Rx|Tx)\s+(\S+)\s+(?:0[xX])?([0-9A-Fa-f]+)\s+(\w+)\s+(\d+)((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
     re.ASCII | re.IGNORECASE,
 )
 
 
-def _busmaster(lines: Lines) -> Iterator[Frame]:
+def _read_busmaster(lines: Lines) -> Iterator[Frame]:
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
@@ -238,7 +240,7 @@ def _busmaster(lines: Lines) -> Iterator[Frame]:
                 word, relative
             )
             continue
-        found = LINE.match(line)
+        found = BUSMASTER_LINE.match(line)
         if found is None:
             if text:
                 lines.odd.append(number)
@@ -256,7 +258,7 @@ def _busmaster(lines: Lines) -> Iterator[Frame]:
         try:
             cells = bytes(int(c, base) for c in data.split()[: int(length)])
             yield Frame(
-                time + days, int(identifier, base) & IDENTIFIER, kind.lower().startswith("x"), bus, cells
+                time + days, int(identifier, base) & IDENTIFIER_MASK, kind.lower().startswith("x"), bus, cells
             )
         except ValueError:
             lines.odd.append(number)
@@ -265,47 +267,49 @@ def _busmaster(lines: Lines) -> Iterator[Frame]:
 # ---- Tables with a frame per row
 
 
-def _plain(title: str) -> str:
+def _simplify_title(title: str) -> str:
     """Return a title without what stands in brackets, blanks and signs: "Time Stamp (ms)" is timestamp."""
     return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*?[\])]", "", title.strip().strip("\"'").lower()))
 
 
-def _columns(line: str) -> dict[str, int]:
+def _find_columns(line: str) -> dict[str, int]:
     """Return the places of time, identifier and data in a line of titles; {} where it is none."""
-    if len(line) > LONGEST_LINE:
+    if len(line) > MAX_LINE_LENGTH:
         return {}
-    names = [_plain(n) for n in _cells(line)]
+    names = [_simplify_title(n) for n in _split_titles(line)]
     found = {
         what: next((i for i, n in enumerate(names) if re.fullmatch(pattern, n)), -1)
-        for what, pattern in HEADER.items()
+        for what, pattern in TITLE_PATTERNS.items()
     }
     return found if len(names) >= 3 and min(found.values()) >= 0 else {}
 
 
-def _separator(line: str) -> str:
+def _find_separator(line: str) -> str:
     return max(",;\t", key=line.count)
 
 
-def _cells(line: str) -> list[str]:
-    return next(csv.reader([line.lstrip(";").rstrip("\r\n")], delimiter=_separator(line)), [])
+def _split_titles(line: str) -> list[str]:
+    return next(csv.reader([line.lstrip(";").rstrip("\r\n")], delimiter=_find_separator(line)), [])
 
 
 HEXADECIMAL = re.compile(r"(0x)?[0-9a-f]*\Z", re.IGNORECASE)
 
 
-def _table(path: Path, lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
+def _read_table(path: Path, lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
     """Frames of a CSV: time, identifier, bytes in one column (hexadecimal, or python-can's base 64) or in one each.
 
     Identifiers are hexadecimal, unless more of them are in the databases as decimal ones. Times are in s, or as the title
     says; whole numbers are us, as SavvyCAN's, or what their size and distance says."""
     source = iter(lines)
-    title = next(((number, line) for number, line in source if _columns(line)), None)
+    title = next(((number, line) for number, line in source if _find_columns(line)), None)
     if title is None:
         return
-    at, separator = _columns(title[1]), _separator(title[1])
-    names = [_plain(n) for n in _cells(title[1])]
-    heads = [n.lower() for n in _cells(title[1])]
-    each = [i for i, n in enumerate(names) if EACH.match(n)] if EACH.match(names[at["data"]]) else []
+    at, separator = _find_columns(title[1]), _find_separator(title[1])
+    names = [_simplify_title(n) for n in _split_titles(title[1])]
+    heads = [n.lower() for n in _split_titles(title[1])]
+    each = (
+        [i for i, n in enumerate(names) if BYTE_TITLE.match(n)] if BYTE_TITLE.match(names[at["data"]]) else []
+    )
     length = next((i for i, n in enumerate(names) if n in ("datalength", "len", "length")), -1)
     length = length if length >= 0 else next((i for i, n in enumerate(names) if n == "dlc"), -1)
     extended = next(
@@ -313,12 +317,12 @@ def _table(path: Path, lines: Lines, knows: Callable[[int], bool]) -> Iterator[F
     )
     bus = next((i for i, n in enumerate(names) if n in ("bus", "channel", "buschannel", "can", "port")), -1)
     remote = next((i for i, n in enumerate(names) if n in ("rtr", "isremoteframe", "remote")), -1)
-    cut = (part for part in ((n, _row(line, separator)) for n, line in source) if part[1])
-    begin = list(itertools.islice(cut, FIRST))
+    cut = (part for part in ((n, _split_row(line, separator)) for n, line in source) if part[1])
+    begin = list(itertools.islice(cut, DETECTION_LINES))
     good = [row for _, row in begin if len(row) > max(at.values())]
     decimal = _is_decimal({row[at["identifier"]] for row in good}, knows)
-    per = _tick(heads[at["time"]], [row[at["time"]] for row in good])
-    coded = not each and not all(HEXADECIMAL.match(_squeezed(row[at["data"]])) for row in good)
+    per = _make_time_parser(heads[at["time"]], [row[at["time"]] for row in good])
+    coded = not each and not all(HEXADECIMAL.match(_strip_hex(row[at["data"]])) for row in good)
 
     def frame(row: list[str]) -> Frame | None:
         if remote >= 0 and row[remote].strip().lower() in ("1", "true"):
@@ -336,14 +340,18 @@ def _table(path: Path, lines: Lines, knows: Callable[[int], bool]) -> Iterator[F
             )  # titles end before the bytes do
             data = bytes(int(c, 16) for c in cells[:count] if c)
         else:
-            text = _squeezed(row[at["data"]])
+            text = _strip_hex(row[at["data"]])
             data = (
                 base64.b64decode(row[at["data"]], validate=True)
                 if coded
                 else bytes.fromhex(text.removeprefix("0x"))
             )
         return Frame(
-            per(row[at["time"]]), number & IDENTIFIER, is_long, row[bus].strip() if bus >= 0 else "0", data
+            per(row[at["time"]]),
+            number & IDENTIFIER_MASK,
+            is_long,
+            row[bus].strip() if bus >= 0 else "0",
+            data,
         )
 
     for part in (begin, cut):
@@ -357,7 +365,7 @@ def _table(path: Path, lines: Lines, knows: Callable[[int], bool]) -> Iterator[F
                 yield made
 
 
-def _row(line: str, separator: str) -> list[str]:
+def _split_row(line: str, separator: str) -> list[str]:
     if not line.strip() or line.startswith(("#", "//")):
         return []
     if '"' in line:
@@ -365,14 +373,14 @@ def _row(line: str, separator: str) -> list[str]:
     return line.rstrip("\r\n").split(separator)
 
 
-def _squeezed(text: str) -> str:
+def _strip_hex(text: str) -> str:
     return re.sub(r"[\s:_-]|0[xX](?=[0-9A-Fa-f]{1,2}\b)", "", text.strip().strip("\"'")).replace("0X", "0x")
 
 
 TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:[.,]\d+)?)", re.ASCII)
 
 
-def _tick(title: str, stamps: list[str]) -> Callable[[str], float]:
+def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
     """Return what makes seconds of a stamp."""
     unit = re.search(r"[\[(]\s*(ms|us|µs|ns|s)\s*[\])]", title) or re.search(
         r"(?<![a-z])(ms|us|ns)$|_(ms|us|ns)$", title.strip()
@@ -388,7 +396,7 @@ def _tick(title: str, stamps: list[str]) -> Callable[[str], float]:
             nonlocal before, days
             found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
             if found is None:
-                return _stamp(text.strip().strip("\"'").replace(",", "."))
+                return _parse_stamp(text.strip().strip("\"'").replace(",", "."))
             time = 3600.0 * int(found[1] or 0) + 60.0 * int(found[2]) + float(found[3].replace(",", "."))
             days += DAY * (time < before - 0.5 * DAY)
             before = time
@@ -426,7 +434,7 @@ def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
 # ---- ASC and TRC for python-can, whose readers stop at the first line that is none
 
 
-class _Made:
+class _GeneratedText:
     """Lines that are made while they are read, for readers of python-can, which ask for a file."""
 
     def __init__(self, made: Iterator[str]):
@@ -447,7 +455,7 @@ class _Made:
         return self._made
 
 
-class AscText(_Made):
+class AscText(_GeneratedText):
     """The lines of an ASC for python-can's reader: stamps that are relative are summed up, those below 0 counted from the first."""
 
     EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
@@ -484,7 +492,7 @@ class AscText(_Made):
             yield f"{max(total, 0.0):.9f}{event[2]}"
 
 
-class TrcText(_Made):
+class TrcText(_GeneratedText):
     """The lines of a TRC for python-can's reader, which does not know version 1.2."""
 
     def __init__(self, lines: Lines):

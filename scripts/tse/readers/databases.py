@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from tse.library.errors import UserError
-from tse.readers.recording import need
+from tse.readers.recording import import_optional
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
-LARGEST_DATABASE = 512 << 20  # bytes; ARXML of a whole car has 200 MB
-MOST_SAID = 4  # odd lines that one note names
-IDENTIFIER, LONGEST_STANDARD, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
-OF_NO_MESSAGE = 0xC0000000  # under which Vector's tools keep signals of no message
+MAX_DATABASE_BYTES = 512 << 20  # bytes; ARXML of a whole car has 200 MB
+MAX_NOTED_LINES = 4  # odd lines that one note names
+IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
+ORPHAN_IDENTIFIER = 0xC0000000  # under which Vector's tools keep signals of no message
 NAME = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
-BEGINS = re.compile(r"\s*(VERSION|NS_|BS_|BU_|BO_|SG_|SG_MUL_VAL_|SIG_VALTYPE_|VAL_|VAL_TABLE_|CM_|BA_\w*|EV_|EV_DATA_|ENVVAR_\w*|"
+KEYWORD = re.compile(r"\s*(VERSION|NS_|BS_|BU_|BO_|SG_|SG_MUL_VAL_|SIG_VALTYPE_|VAL_|VAL_TABLE_|CM_|BA_\w*|EV_|EV_DATA_|ENVVAR_\w*|"
                     r"BO_TX_BU_|SIG_GROUP_|SGTYPE_\w*|SIG_TYPE_\w*|BU_\w+|CAT_\w*|FILTER)\b\s*:?")  # fmt: skip
 MESSAGE = re.compile(r"\s*BO_\s+(\d+)\s+([^\s:]+)\s*:\s*(\d+)\s*(\S*)")
 NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
@@ -54,7 +54,7 @@ class _Message:
 
 
 @dataclass
-class _Odd:
+class _OddLines:
     """Lines that are left out or mended, with what is the matter."""
 
     said: list[tuple[int, str]] = field(default_factory=list)
@@ -64,8 +64,8 @@ class _Odd:
 
     def note(self, path: Path) -> str:
         self.said.sort()
-        first = "; ".join(f"line {line}: {what}" for line, what in self.said[:MOST_SAID])
-        more = len(self.said) - MOST_SAID
+        first = "; ".join(f"line {line}: {what}" for line, what in self.said[:MAX_NOTED_LINES])
+        more = len(self.said) - MAX_NOTED_LINES
         return f"{path.name}: {first}{f'; and {more} more such lines' if more > 0 else ''}"
 
 
@@ -89,19 +89,19 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     UserError
         Nothing of it can be read.
     """
-    cantools = need("cantools", "can", str(path))
+    cantools = import_optional("cantools", "can", str(path))
     logging.getLogger("cantools").setLevel(
         logging.CRITICAL
     )  # two messages of one name are no matter: they go by identifier
     try:
         size = path.stat().st_size
-        if size > LARGEST_DATABASE:
+        if size > MAX_DATABASE_BYTES:
             raise UserError(
-                f"{path}: has {size >> 20:,} MB; databases of up to {LARGEST_DATABASE >> 20} MB are read"
+                f"{path}: has {size >> 20:,} MB; databases of up to {MAX_DATABASE_BYTES >> 20} MB are read"
             )
         if path.suffix.lower() != ".dbc":
             return list(getattr(cantools.database.load_file(path, strict=False), "messages", []))
-        text = _text(path)
+        text = _read_text(path)
         return list(cantools.database.load_string(text, "dbc", strict=False).messages)
     except (UserError, MemoryError):
         raise
@@ -111,12 +111,12 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
         first = (str(error).splitlines() or [type(error).__name__])[0][:150]
         refused = UserError(f"{path}: is no database of a bus that can be read: {first}")
     if path.suffix.lower() != ".dbc":
-        text = _by_canmatrix(path)
+        text = _convert_by_canmatrix(path)
         notes += [f"{path.name}: cantools does not read it ({first}); canmatrix does"] if text else []
     if not re.search(r"^\s*BO_\s+\d+", text, re.MULTILINE):
         raise refused
-    odd = _Odd()
-    messages = _leniently(cantools, text, odd)
+    odd = _OddLines()
+    messages = _load_leniently(cantools, text, odd)
     if not messages:
         raise refused
     if odd.said:
@@ -124,7 +124,7 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     return messages
 
 
-def _by_canmatrix(path: Path) -> str:
+def _convert_by_canmatrix(path: Path) -> str:
     """Return a database as a DBC, as canmatrix has it; "" where that is not installed, or does not read it, either."""
     try:
         formats = importlib.import_module("canmatrix.formats")
@@ -138,7 +138,7 @@ def _by_canmatrix(path: Path) -> str:
         return ""
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     """Return a DBC's text: in UTF-8 where it is that, else in cp1252, as Vector's tools write it."""
     raw = path.read_bytes()
     try:
@@ -147,9 +147,9 @@ def _text(path: Path) -> str:
         return raw.decode("cp1252", errors="replace")
 
 
-def _leniently(cantools: Any, text: str, odd: _Odd) -> list[Any]:
+def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
     """Return the messages of a DBC with odd lines."""
-    messages, others = _parts(text, odd)
+    messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
     for more in ([x for _, x in others], []):
         if (found := _load(cantools, [*whole, *more])) is not None:
@@ -180,15 +180,15 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
         return None
 
 
-def _parts(text: str, odd: _Odd) -> tuple[list[_Message], list[tuple[int, str]]]:
+def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
     """Return messages with their signals, and lines that belong to a signal that is there, by their place in the file."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
-    for line, part in _statements(text):
-        kind = BEGINS.match(part)
+    for line, part in _split_statements(text):
+        kind = KEYWORD.match(part)
         word = kind[1] if kind else ""
         if word == "BO_":
-            if (message := _message(line, part, odd)) is not None:
+            if (message := _parse_message(line, part, odd)) is not None:
                 messages.append(message)
             elif not messages or messages[-1].length >= 0:
                 messages.append(_Message(line, -1, "", -1, ""))  # takes the signals of what is left out
@@ -199,15 +199,15 @@ def _parts(text: str, odd: _Odd) -> tuple[list[_Message], list[tuple[int, str]]]
     messages = [m for m in messages if m.length >= 0]
     by_number: dict[int, _Message] = {}
     for m in messages:
-        by_number.setdefault(m.identifier & IDENTIFIER, m)
-    return messages, [(line, x) for line, part in later if (x := _of_signal(by_number, line, part, odd))]
+        by_number.setdefault(m.identifier & IDENTIFIER_MASK, m)
+    return messages, [(line, x) for line, part in later if (x := _rename_signal(by_number, line, part, odd))]
 
 
-def _statements(text: str) -> Iterator[tuple[int, str]]:
+def _split_statements(text: str) -> Iterator[tuple[int, str]]:
     """Yield what a DBC says, each with the number of its first line. Texts in quotes may have several lines."""
     now, first, open_ = "", 0, False
     for number, line in enumerate(text.splitlines(), 1):
-        begins = BEGINS.match(line)
+        begins = KEYWORD.match(line)
         if begins and (
             not open_ or begins[1] in ("BO_", "SG_")
         ):  # a quote that is not closed does not take all that follows
@@ -222,34 +222,38 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
         yield first, now
 
 
-def _message(line: int, part: str, odd: _Odd) -> _Message | None:
+def _parse_message(line: int, part: str, odd: _OddLines) -> _Message | None:
     found = MESSAGE.match(part)
     if found is None:
         odd.add(line, f"{part.strip()[:40]!r} is no message: left out")
         return None
     identifier, name, length = int(found[1]), found[2], int(found[3])
-    if identifier == OF_NO_MESSAGE:
+    if identifier == ORPHAN_IDENTIFIER:
         return None
     plain = identifier & ~EXTENDED_BIT
-    if plain > IDENTIFIER or length > 64:
+    if plain > IDENTIFIER_MASK or length > 64:
         what = (
             f"identifier {identifier} has more than 29 bits"
-            if plain > IDENTIFIER
+            if plain > IDENTIFIER_MASK
             else f"a length of {length} bytes"
         )
         odd.add(line, f"message {name[:40]}: {what}: left out")
         return None
-    if plain > LONGEST_STANDARD and identifier == plain:
+    if plain > MAX_STANDARD_IDENTIFIER and identifier == plain:
         odd.add(
             line, f"message {name[:40]}: its identifier has more than 11 bits, so it is taken as extended"
         )
         identifier |= EXTENDED_BIT
     return _Message(
-        line, identifier, _name(line, name, odd), length, found[4] if NAME.match(found[4]) else "Vector__XXX"
+        line,
+        identifier,
+        _clean_name(line, name, odd),
+        length,
+        found[4] if NAME.match(found[4]) else "Vector__XXX",
     )
 
 
-def _add_signal(messages: list[_Message], line: int, part: str, odd: _Odd) -> None:
+def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) -> None:
     found = SIGNAL.match(part.replace("\n", " "))
     if not messages or messages[-1].length < 0:
         return  # its message is left out, and named
@@ -257,7 +261,7 @@ def _add_signal(messages: list[_Message], line: int, part: str, odd: _Odd) -> No
         odd.add(line, f"{part.strip()[:60]!r} is no signal: left out")
         return
     given, mux, start, length, order, sign, scale, offset, low, high, unit, _ = found.groups()
-    name = _name(line, given, odd)
+    name = _clean_name(line, given, odd)
     if not 1 <= int(length) <= 64 or name in messages[-1].signals:
         odd.add(
             line,
@@ -272,7 +276,7 @@ def _add_signal(messages: list[_Message], line: int, part: str, odd: _Odd) -> No
     )
 
 
-def _name(line: int, name: str, odd: _Odd) -> str:
+def _clean_name(line: int, name: str, odd: _OddLines) -> str:
     """Return a name as a DBC wants it: letters, digits and _, no digit first."""
     if NAME.match(name):
         return name
@@ -282,18 +286,18 @@ def _name(line: int, name: str, odd: _Odd) -> str:
     return plain
 
 
-def _of_signal(messages: dict[int, _Message], line: int, part: str, odd: _Odd) -> str:
+def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
     """Return a line of values, kind or comment of a signal, with its names as they are here; "" where it is of none, or odd."""
     if LONG_NAME.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
-        return part if of is None or int(of[1]) & IDENTIFIER in messages else ""
+        return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""
     found = OF_SIGNAL.match(part)
     if found is None:
         if re.match(r"\s*CM_\s+(SG_\b(?!\s+\d+\s+[^\s\"]+\s+\")|(?!BO_|BU_|EV_|SG_|\"))", part):
             odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment of nothing: left out")
         return ""
     word, number, name, rest = found.groups()
-    message = messages.get(int(number) & IDENTIFIER)
+    message = messages.get(int(number) & IDENTIFIER_MASK)
     if name.startswith('"'):
         odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment of nothing: left out")
         return ""

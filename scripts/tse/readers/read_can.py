@@ -11,29 +11,32 @@ from typing import Any
 import numpy as np
 
 from tse.library.errors import NoFile, UserError
-from tse.log.clock import straight
-from tse.readers.bus_text import LOOKED_AT, AscText, Frame, Lines, TrcText, frames_of, kind_of
+from tse.log.clock import straighten_time
+from tse.readers.bus_text import DETECTION_BYTES, AscText, Frame, Lines, TrcText, detect_bus_text, read_frames
 from tse.readers.databases import SUFFIXES, read_database
 from tse.readers.recording import (
-    FRAME,
-    PIECE,
+    CHUNK_ROWS,
+    MIN_FRAME_BYTES,
     Channel,
     Growing,
-    How,
+    ReadOptions,
     Recording,
     check_rows,
-    listed,
-    need,
-    unused,
+    find_unused_name,
+    import_optional,
+    list_names,
 )
 
 # ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
 
-IDENTIFIER, LONGEST_STANDARD = 0x1FFFFFFF, 0x7FF
-EXTENDED, BUS = 29, 32  # bits of a key, above the identifier: that it is an extended one, and which bus
+IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER = 0x1FFFFFFF, 0x7FF
+EXTENDED_SHIFT, BUS_SHIFT = (
+    29,
+    32,
+)  # bits of a key, above the identifier: that it is an extended one, and which bus
 
 
-def databases_for(path: Path, how: How, required: bool) -> list[Path]:
+def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     """Those that were named, or all beside the log."""
     if how.databases:
         for p in how.databases:
@@ -62,10 +65,10 @@ class _Kept:
 class Bus:
     """Frames, some at a time, into signals: their bits all at once, as the databases say. `how`: which signals are needed."""
 
-    def __init__(self, path: Path, databases: Sequence[Path], how: How):
+    def __init__(self, path: Path, databases: Sequence[Path], how: ReadOptions):
         self._path, self._databases, self._how = path, databases, how
         self.notes: list[str] = []
-        self._messages = messages_of(databases, self.notes)
+        self._messages = read_messages(databases, self.notes)
         self._kept: dict[int, _Kept] = {}
         self._unknown: set[int] = set()
         self._buses: dict[str, int] = {}
@@ -73,13 +76,13 @@ class Bus:
 
     def knows(self, identifier: int) -> bool:
         """Is there a message of that identifier?"""
-        return key_of(identifier, False) in self._messages
+        return make_key(identifier, False) in self._messages
 
     def add(self, ids: np.ndarray, extended: np.ndarray, buses: Sequence[str], data: Sequence[bytes]) -> None:
         """The next frames, in the order of the file: identifiers, whether they are extended ones, names of the bus, (frames,)."""
         ids = (
-            key_of(ids, extended)
-            | np.array([self._buses.setdefault(b, len(self._buses)) for b in buses]) << BUS
+            make_key(ids, extended)
+            | np.array([self._buses.setdefault(b, len(self._buses)) for b in buses]) << BUS_SHIFT
         )
         seen, order = np.unique(ids), np.argsort(ids, kind="stable")
         bounds = [*np.searchsorted(ids[order], seen).tolist(), len(ids)]
@@ -88,21 +91,21 @@ class Bus:
             if kept is None:
                 continue
             rows = order[bounds[k] : bounds[k + 1]]
-            for s, have, value in values_of(kept.message, kept.signals, [data[i] for i in rows]):
+            for s, have, value in decode_signals(kept.message, kept.signals, [data[i] for i in rows]):
                 if s.name not in kept.value:
                     kept.value[s.name] = Growing()
-                frames = kept.frames.get(_pattern(s))
+                frames = kept.frames.get(_make_pattern(s))
                 if frames is None:
-                    frames = kept.frames[_pattern(s)] = Growing()
+                    frames = kept.frames[_make_pattern(s)] = Growing()
                 if len(frames) == len(kept.value[s.name]):  # the first of those that share them
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)
         self._count += len(ids)
 
     def _new(self, key: int) -> _Kept | None:
-        message = self._messages.get(key & ((1 << BUS) - 1))
+        message = self._messages.get(key & ((1 << BUS_SHIFT) - 1))
         if message is None:
-            self._unknown.add(key & IDENTIFIER)
+            self._unknown.add(key & IDENTIFIER_MASK)
             return None
         wanted = self._how.wanted
         signals = [
@@ -120,14 +123,14 @@ class Bus:
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         bus = list(self._buses)  # the lowest first, whichever sent first in this log
-        for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS]), bus[k >> BUS], k)):
+        for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
             again = ""
             clocks: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray | slice]] = {}
             for s in kept.signals:
                 if s.name not in kept.value:
                     continue
-                frames = _pattern(s)
+                frames = _make_pattern(s)
                 if frames not in clocks:
                     clocks[frames] = self._clock(
                         kept.frames[frames].array().astype(np.int64), time, keep, place
@@ -139,23 +142,23 @@ class Bus:
                     clocks[frames] = same, clocks[frames][1]
                 at, chosen = clocks[frames]
                 value = kept.value[s.name].array()[chosen]
-                states = states_of(s)
-                value = without_codes(f"{kept.message.name}.{s.name}", s, value, states, notes)
+                states = read_states(s)
+                value = drop_codes(f"{kept.message.name}.{s.name}", s, value, states, notes)
                 plain = f"{kept.message.name}.{s.name}"
-                name = unused(plain, channels)
+                name = find_unused_name(plain, channels)
                 again = name if name != plain else again
                 channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200], states)
             if again:
-                notes.append(f"message {kept.message.name} is there more than once: signals of {key & IDENTIFIER:#x} on bus "
-                             f"{bus[key >> BUS]} are called as {again}")  # fmt: skip
+                notes.append(f"message {kept.message.name} is there more than once: signals of {key & IDENTIFIER_MASK:#x} on bus "
+                             f"{bus[key >> BUS_SHIFT]} are called as {again}")  # fmt: skip
         unknown = [f"{i:#x}" for i in sorted(self._unknown)]
         if not channels and not self._how.wanted:
             raise UserError(
-                f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers ({listed(unknown)}) is in "
+                f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers ({list_names(unknown)}) is in "
                 f"{', '.join(p.name for p in self._databases)}: it is the database of another bus"
             )
         if unknown and not self._how.wanted:
-            notes.append(f"{len(unknown)} identifiers are in no database: {listed(unknown)}")
+            notes.append(f"{len(unknown)} identifiers are in no database: {list_names(unknown)}")
         return channels
 
     def _clock(
@@ -172,15 +175,15 @@ class Bus:
         return own, slice(None)
 
 
-def messages_of(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
+def read_messages(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
     messages: dict[int, Any] = {}
     for p in databases:
         for message in read_database(p, notes):
-            messages.setdefault(key_of(message.frame_id, message.is_extended_frame), message)
+            messages.setdefault(make_key(message.frame_id, message.is_extended_frame), message)
     return messages
 
 
-LEAST_MEASURED = 8  # bits of a signal that measures: one that has fewer is a state
+MIN_MEASUREMENT_BITS = 8  # bits of a signal that measures: one that has fewer is a state
 NO_VALUE = re.compile(
     r"\b(sna|snv|inval\w*|not ?(avail\w*|valid|def\w*|present|init\w*)|no ?(value|data|signal)|n/a|init\w*|error|err|fault\w*|"
     r"failure|fehler\w*|ung(ue|ü)ltig\w*|nicht ?(verf\w*|def\w*)|unbef\w*|undef\w*|unknown|unplausi\w*|implaus\w*|reserv\w*)\b",
@@ -188,41 +191,41 @@ NO_VALUE = re.compile(
 )
 
 
-def states_of(s: Any) -> dict[float, str]:
+def read_states(s: Any) -> dict[float, str]:
     """Return what single values of a signal mean, by the value in its unit."""
     return {
         float(raw) * float(s.scale) + float(s.offset): str(text) for raw, text in (s.choices or {}).items()
     }
 
 
-def without_codes(
+def drop_codes(
     name: str, s: Any, value: np.ndarray, states: dict[float, str], notes: list[str]
 ) -> np.ndarray:
     """Return a measurement, NaN where its database says that the number stands for no value."""
     codes = {v: t for v, t in states.items() if NO_VALUE.search(t.replace("_", " "))}
-    if s.length < LEAST_MEASURED or not codes:
+    if s.length < MIN_MEASUREMENT_BITS or not codes:
         return value
     near = 0.25 * abs(float(s.scale))
     bad = np.any([np.abs(value - v) <= near for v in codes], axis=0)
     if not bad.any():
         return value
-    said = listed(dict.fromkeys(t for v, t in codes.items() if (np.abs(value - v) <= near).any()))
+    said = list_names(dict.fromkeys(t for v, t in codes.items() if (np.abs(value - v) <= near).any()))
     notes.append(f"{name}: {bad.sum()} values that the database calls {said} are treated as missing")
     return np.where(bad, np.nan, value)
 
 
-def key_of(identifier: Any, extended: Any) -> Any:
+def make_key(identifier: Any, extended: Any) -> Any:
     """Standard and extended identifiers are apart; whatever a log or database calls it, one of more than 11 bits is extended."""
-    identifier = identifier & IDENTIFIER
-    return identifier | (extended | (identifier > LONGEST_STANDARD)) << EXTENDED
+    identifier = identifier & IDENTIFIER_MASK
+    return identifier | (extended | (identifier > MAX_STANDARD_IDENTIFIER)) << EXTENDED_SHIFT
 
 
-def _pattern(s: Any) -> tuple[object, ...]:
+def _make_pattern(s: Any) -> tuple[object, ...]:
     """Signals that agree in this are in the same frames."""
-    return _last_bit(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
+    return _find_last_byte(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
 
 
-def values_of(
+def decode_signals(
     message: Any, signals: Sequence[Any], data: Sequence[bytes]
 ) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
     """Of each signal which frames have it, and its values there."""
@@ -237,17 +240,17 @@ def values_of(
     )  # bit 8 b + i: bit i of byte b, counted from its least
     by_name = {s.name: s for s in message.signals}
     for s in signals:
-        rows = whole | (long * 8 > _last_bit(s))
+        rows = whole | (long * 8 > _find_last_byte(s))
         if s.multiplexer_ids and s.multiplexer_signal in by_name:
-            selector = _number(by_name[s.multiplexer_signal], bits, raw=True)
+            selector = _decode_number(by_name[s.multiplexer_signal], bits, raw=True)
             rows = rows & np.isin(selector, s.multiplexer_ids)
         if not rows.any():
             continue
         with contextlib.suppress(ValueError):
-            yield s, np.flatnonzero(rows), _number(s, bits if rows.all() else bits[rows])
+            yield s, np.flatnonzero(rows), _decode_number(s, bits if rows.all() else bits[rows])
 
 
-def _positions(s: Any) -> np.ndarray:
+def _find_bits(s: Any) -> np.ndarray:
     """Bits of a signal, least first, as unpackbits counts them."""
     if s.byte_order == "little_endian":
         return s.start + np.arange(s.length)
@@ -258,13 +261,13 @@ def _positions(s: Any) -> np.ndarray:
     return np.array(found[::-1])
 
 
-def _last_bit(s: Any) -> int:
-    return int(_positions(s).max() // 8 * 8)
+def _find_last_byte(s: Any) -> int:
+    return int(_find_bits(s).max() // 8 * 8)
 
 
-def _number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
+def _decode_number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
     """Values of one signal, (frames,)."""
-    at = _positions(s)
+    at = _find_bits(s)
     if at.max() >= bits.shape[1] or s.length > 64:
         raise ValueError(s.name)
     part = bits[:, at].astype(np.uint64)
@@ -293,16 +296,16 @@ KINDS = {
 }
 
 
-def read(path: Path, how: How) -> Recording:
+def read(path: Path, how: ReadOptions) -> Recording:
     """Signals of all messages that the databases know, named message.signal."""
-    can = need("can", "can", str(path))
+    can = import_optional("can", "can", str(path))
     logging.getLogger("can").setLevel(logging.CRITICAL)
-    databases = databases_for(path, how, required=True)
+    databases = find_databases(path, how, required=True)
     bus, times = Bus(path, databases, how), Growing()
     frames: list[Frame] = []
 
     def decode() -> None:
-        check_rows(path, "the bus", len(times) + len(frames), FRAME)
+        check_rows(path, "the bus", len(times) + len(frames), MIN_FRAME_BYTES)
         times.extend(np.array([f.time for f in frames]))
         bus.add(np.array([f.identifier for f in frames], np.int64), np.array([f.extended for f in frames], bool),
                 [f.bus for f in frames], [f.data for f in frames])  # fmt: skip
@@ -311,18 +314,18 @@ def read(path: Path, how: How) -> Recording:
     notes: list[str] = []
     lines = Lines(path)
     with open(path, "rb") as file:
-        head = file.read(LOOKED_AT)
-    kind = "blf" if head.startswith(b"LOGG") else kind_of(head, path.suffix.lower()) or "candump"
+        head = file.read(DETECTION_BYTES)
+    kind = "blf" if head.startswith(b"LOGG") else detect_bus_text(head, path.suffix.lower()) or "candump"
     try:
         of_text = kind in ("candump", "table", "busmaster")
         source = (
-            frames_of(path, kind, lines, bus.knows)
+            read_frames(path, kind, lines, bus.knows)
             if of_text
-            else _of_library(_reader(can, path, kind, lines, notes), lines)
+            else _convert_frames(_make_reader(can, path, kind, lines, notes), lines)
         )
         for frame in source:
             frames.append(frame)
-            if len(frames) == PIECE:
+            if len(frames) == CHUNK_ROWS:
                 decode()
     except (UserError, MemoryError):
         raise
@@ -343,7 +346,7 @@ def read(path: Path, how: How) -> Recording:
         notes.append(lines.note())
     if lines.errors:
         notes.append(f"{lines.errors} error frames on the bus")
-    clock, keep, said = straight(
+    clock, keep, said = straighten_time(
         times.array(), together=True
     )  # one clock for all messages: before they are separated
     notes += [f"frames: {s}" for s in said]
@@ -351,7 +354,7 @@ def read(path: Path, how: How) -> Recording:
     return Recording(path, TITLES.get(kind, "CAN log"), channels, notes)
 
 
-def _of_library(reader: Any, lines: Lines) -> Iterator[Frame]:
+def _convert_frames(reader: Any, lines: Lines) -> Iterator[Frame]:
     """Frames of a reader of python-can."""
     for m in reader:
         if m.is_error_frame or m.is_remote_frame:
@@ -360,7 +363,7 @@ def _of_library(reader: Any, lines: Lines) -> Iterator[Frame]:
         yield Frame(m.timestamp, m.arbitration_id, m.is_extended_id, str(m.channel or 0), bytes(m.data))
 
 
-def _reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:
+def _make_reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:
     """A reader of python-can that leaves out a line which is no frame, and goes on."""
     if kind == "blf":
         return can.BLFReader(str(path))

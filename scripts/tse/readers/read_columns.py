@@ -8,22 +8,24 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
-from tse.readers.recording import How, Recording, check_rows, need
-from tse.readers.table import Column, recording_of
+from tse.readers.recording import ReadOptions, Recording, check_rows, import_optional
+from tse.readers.table import Column, make_recording
 
 
-def read(path: Path, how: How) -> Recording:
+def read(path: Path, how: ReadOptions) -> Recording:
     """All columns that are numbers or times; a struct's fields by their path."""
-    pa = need("pyarrow", "all", str(path))
+    pa = import_optional("pyarrow", "all", str(path))
     with open(path, "rb") as file:
         parquet = file.read(4) == b"PAR1"
     try:
-        schema, rows, read_column = (_parquet if parquet else _feather)(path)
+        schema, rows, read_column = (_open_parquet if parquet else _open_feather)(path)
         check_rows(path, "the table", rows)
         if not rows:
             raise UserError(f"{path}: has columns but no rows")
-        columns = [_column(pa, field, steps, rows, read_column) for field, steps in _leaves(pa, schema)]
-        found = recording_of(path, "Parquet" if parquet else "Feather", columns, how)
+        columns = [
+            _make_column(pa, field, steps, rows, read_column) for field, steps in _flatten_fields(pa, schema)
+        ]
+        found = make_recording(path, "Parquet" if parquet else "Feather", columns, how)
         pa.default_memory_pool().release_unused()
     except (UserError, MemoryError):
         raise
@@ -34,10 +36,10 @@ def read(path: Path, how: How) -> Recording:
     return found
 
 
-Read = Callable[[int], Any]  # a column of the file by its place
+ReadColumn = Callable[[int], Any]  # a column of the file by its place
 
 
-def _parquet(path: Path) -> tuple[Any, int, Read]:
+def _open_parquet(path: Path) -> tuple[Any, int, ReadColumn]:
     """Schema, rows, and who reads a column."""
     import pyarrow.parquet as pq
 
@@ -56,7 +58,7 @@ def _parquet(path: Path) -> tuple[Any, int, Read]:
     return schema, rows, column
 
 
-def _feather(path: Path) -> tuple[Any, int, Read]:
+def _open_feather(path: Path) -> tuple[Any, int, ReadColumn]:
     import pyarrow as pa
     import pyarrow.feather as feather
 
@@ -77,7 +79,7 @@ def _feather(path: Path) -> tuple[Any, int, Read]:
     return schema, rows, column
 
 
-def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
+def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
     """Fields that are no structs, with their path in names, and as places."""
 
     def walk(field: Any, at: tuple[int, ...]) -> Iterator[tuple[Any, tuple[int, ...]]]:
@@ -92,7 +94,7 @@ def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
         yield from walk(field, (place,))
 
 
-def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: Read) -> Column:
+def _make_column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: ReadColumn) -> Column:
     meta = {
         k.decode(errors="replace").lower(): v.decode(errors="replace")
         for k, v in (field.metadata or {}).items()

@@ -6,21 +6,21 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tse.library.errors import UserError
-from tse.readers.recording import Collector, How, Recording, listed, need
+from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
 
-def read(path: Path, how: How) -> Recording:
+def read(path: Path, how: ReadOptions) -> Recording:
     """Fields of all messages by topic and path."""
-    mcap = need("mcap.reader", "ros", str(path))
+    mcap = import_optional("mcap.reader", "ros", str(path))
     collect, notes = Collector(path, how.wanted), []
     decoders: dict[int, Any] = {}
     strange: dict[str, str] = {}
     count = 0
     try:
         with open(path, "rb") as file:
-            for schema, channel, message in _messages(mcap, file, notes):
+            for schema, channel, message in _read_messages(mcap, file, notes):
                 if channel.id not in decoders:
-                    decoders[channel.id] = _decoder(
+                    decoders[channel.id] = _find_decoder(
                         path, channel.message_encoding, schema, strange, channel.topic
                     )
                 decoder = decoders[channel.id]
@@ -44,18 +44,18 @@ def read(path: Path, how: How) -> Recording:
         )
     if strange and not count:
         raise UserError(
-            f"{path}: its messages cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}; ROS 1, ROS 2, JSON, "
+            f"{path}: its messages cannot be read: {list_names(f'{t} ({e})' for t, e in strange.items())}; ROS 1, ROS 2, JSON, "
             f"protobuf can"
         )
     if strange:
-        notes.append(f"topics that cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}")
+        notes.append(f"topics that cannot be read: {list_names(f'{t} ({e})' for t, e in strange.items())}")
     return Recording(path, "MCAP", collect.channels(), notes)
 
 
 MAGIC = b"\x89MCAP0\r\n"
 
 
-def _messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
+def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
     """All messages. A file whose end is missing has no index: it is read from the front, chunk by chunk."""
     file.seek(0, 2)
     file.seek(max(file.tell() - len(MAGIC), 0))
@@ -68,7 +68,7 @@ def _messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any
         yield from mcap.NonSeekingReader(file).iter_messages(log_time_order=False)
 
 
-def _decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], topic: str) -> Any:
+def _find_decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], topic: str) -> Any:
     if encoding == "json":
         return json.loads
     factory = {
@@ -79,14 +79,14 @@ def _decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], to
     if encoding not in factory:
         strange[topic] = f"encoding {encoding!r}"
         return None
-    module = need(*factory[encoding], str(path))
+    module = import_optional(*factory[encoding], str(path))
     found = module.DecoderFactory().decoder_for(encoding, schema)
     if found is None:
         strange[topic] = f"schema {schema.encoding if schema else 'none'}"
-    return _of_protobuf(found) if encoding == "protobuf" and found else found
+    return _wrap_protobuf(found) if encoding == "protobuf" and found else found
 
 
-def _of_protobuf(decoder: Any) -> Any:
+def _wrap_protobuf(decoder: Any) -> Any:
     from google.protobuf.json_format import MessageToDict
 
     return lambda data: MessageToDict(decoder(data), preserving_proto_field_name=True)

@@ -12,16 +12,25 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tse.library.errors import UserError
-from tse.readers.read_can import Bus, databases_for
-from tse.readers.recording import PIECE, Channel, Growing, How, Recording, check_rows, need, unused
-from tse.readers.table import in_seconds
+from tse.readers.read_can import Bus, find_databases
+from tse.readers.recording import (
+    CHUNK_ROWS,
+    Channel,
+    Growing,
+    ReadOptions,
+    Recording,
+    check_rows,
+    find_unused_name,
+    import_optional,
+)
+from tse.readers.table import correct_time_units
 
-FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
+FRAME_CHANNELS = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
 
 
-def read(path: Path, how: How) -> Recording:
+def read(path: Path, how: ReadOptions) -> Recording:
     """Channels with their conversions; values that are marked invalid are missing. Frames are decoded and their messages named."""
-    asammdf = need("asammdf", "mf4", str(path))
+    asammdf = import_optional("asammdf", "mf4", str(path))
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     notes: list[str] = []
     damage = ""
@@ -30,8 +39,8 @@ def read(path: Path, how: How) -> Recording:
     sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
         with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
-            channels = in_seconds(_plain(path, mdf, how), how, notes)
-            channels |= _of_frames(path, mdf, how, bool(channels), notes)
+            channels = correct_time_units(_read_channels(path, mdf, how), how, notes)
+            channels |= _decode_frames(path, mdf, how, bool(channels), notes)
             version = mdf.version
     except (UserError, MemoryError):
         raise
@@ -48,7 +57,7 @@ def read(path: Path, how: How) -> Recording:
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-CHAINS = {
+CHILD_BLOCKS = {
     b"##DG": (b"##CG", b"##DL"),
     b"##CG": (b"##CN",),
     b"##CN": (b"##CN",),
@@ -56,7 +65,7 @@ CHAINS = {
     b"##DL": (),
     b"##HL": (b"##DL",),
 }
-MOST_BLOCKS = 5_000_000  # that are followed
+MAX_BLOCKS = 5_000_000  # that are followed
 
 
 def _check_chains(path: Path) -> None:
@@ -93,7 +102,7 @@ def _check_chains(path: Path) -> None:
             kind, at = todo.pop()
             chain: set[int] = set()
             while 0 < at < 1 << 62:
-                if at in chain or len(met) > MOST_BLOCKS:
+                if at in chain or len(met) > MAX_BLOCKS:
                     raise UserError(
                         f"{path}: is damaged: its list of {kind[2:].decode()} blocks leads in a circle at byte {at}; copy it again"
                     )
@@ -103,7 +112,7 @@ def _check_chains(path: Path) -> None:
                 met.add(at)
                 found = links(at, kind, kind in (b"##DG", b"##CG", b"##FH") or len(chain) > 1)
                 for other in found[1:3] if kind == b"##DG" else found[1:2]:
-                    todo += [(k, other) for k in CHAINS[kind] if other]
+                    todo += [(k, other) for k in CHILD_BLOCKS[kind] if other]
                 at = found[0] if found else 0
 
 
@@ -115,7 +124,7 @@ def _is_finished(file: BinaryIO) -> bool:
     return finished
 
 
-def _plain(path: Path, mdf: Any, how: How) -> dict[str, Channel]:
+def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]:
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
@@ -133,7 +142,7 @@ def _plain(path: Path, mdf: Any, how: How) -> dict[str, Channel]:
                 or (how.wanted and not how.wanted(channel.name))
             ):
                 continue
-            if (signal := _samples(mdf, g, c)) is None:
+            if (signal := _read_samples(mdf, g, c)) is None:
                 continue
             value, bad = signal.samples.astype(float), signal.invalidation_bits
             if bad is not None and len(np.atleast_1d(bad)) == len(value):
@@ -147,12 +156,12 @@ def _plain(path: Path, mdf: Any, how: How) -> dict[str, Channel]:
     often = Counter(name for name, _, _ in found)
     channels: dict[str, Channel] = {}
     for name, title, c in found:
-        full = unused(f"{title}.{name}" if often[name] > 1 and title else name, channels)
+        full = find_unused_name(f"{title}.{name}" if often[name] > 1 and title else name, channels)
         channels[full] = Channel(full, c.time, c.value, c.unit, c.text)
     return channels
 
 
-def _samples(mdf: Any, group: int, index: int) -> Any | None:
+def _read_samples(mdf: Any, group: int, index: int) -> Any | None:
     """A channel as asammdf's Signal of numbers; of a table of texts the numbers below it. None: there are none."""
     for raw in (False, True):
         signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
@@ -161,7 +170,7 @@ def _samples(mdf: Any, group: int, index: int) -> Any | None:
     return None
 
 
-def _pieces(mdf: Any, group: int, index: int) -> Iterator[Any]:
+def _read_chunks(mdf: Any, group: int, index: int) -> Iterator[Any]:
     """Frames as asammdf's Signals of so many records each, until there are none."""
     done = 0
     while True:
@@ -171,34 +180,36 @@ def _pieces(mdf: Any, group: int, index: int) -> Iterator[Any]:
             raw=True,
             ignore_invalidation_bits=True,
             record_offset=done,
-            record_count=PIECE,
+            record_count=CHUNK_ROWS,
         )
         if not len(signal.samples):
             return
         yield signal
-        done += PIECE
-        if len(signal.samples) < PIECE:
+        done += CHUNK_ROWS
+        if len(signal.samples) < CHUNK_ROWS:
             return
 
 
-def _of_frames(path: Path, mdf: Any, how: How, others: bool, notes: list[str]) -> dict[str, Channel]:
+def _decode_frames(
+    path: Path, mdf: Any, how: ReadOptions, others: bool, notes: list[str]
+) -> dict[str, Channel]:
     """Signals of the frames of all buses, in order of time. `others`: the file has other channels, too."""
     bus, times = None, Growing()
     for g, group in enumerate(mdf.groups):
         for c, channel in enumerate(group.channels):
-            if channel.name != FRAMES[0]:
+            if channel.name != FRAME_CHANNELS[0]:
                 continue
-            for frame in _pieces(mdf, g, c):
+            for frame in _read_chunks(mdf, g, c):
                 samples = frame.samples
                 names = samples.dtype.names or ()
-                if not all(n in names for n in FRAMES[1:]):
+                if not all(n in names for n in FRAME_CHANNELS[1:]):
                     break
                 if bus is None:
-                    databases = databases_for(path, how, required=not others)
+                    databases = find_databases(path, how, required=not others)
                     if not databases:
                         return {}
                     bus = Bus(path, databases, how)
-                raw = samples[FRAMES[2]]
+                raw = samples[FRAME_CHANNELS[2]]
                 length = (
                     samples["CAN_DataFrame.DataLength"]
                     if "CAN_DataFrame.DataLength" in names
@@ -206,7 +217,7 @@ def _of_frames(path: Path, mdf: Any, how: How, others: bool, notes: list[str]) -
                 )
                 data = [bytes(r[: int(n)]) for r, n in zip(raw, length, strict=True)]
                 times.extend(np.asarray(frame.timestamps, float))
-                ids = np.asarray(samples[FRAMES[1]], np.int64)
+                ids = np.asarray(samples[FRAME_CHANNELS[1]], np.int64)
                 extended = (
                     np.asarray(samples["CAN_DataFrame.IDE"], bool)
                     if "CAN_DataFrame.IDE" in names

@@ -6,24 +6,24 @@ from pathlib import Path
 from typing import Any
 
 from tse.library.errors import UserError
-from tse.readers.recording import Collector, How, Recording, need
+from tse.readers.recording import Collector, ReadOptions, Recording, import_optional
 
 # Services that say how the car moves. Cameras, models and states of the software are left out: they are most of a log.
 SERVICES = ("carState", "accelerometer", "gyroscope", "sensorEvents", "gpsLocation", "gpsLocationExternal", "livePose",
             "liveLocationKalman", "liveParameters", "carControl")  # fmt: skip
 
 
-def read(path: Path, how: How) -> Recording:
+def read(path: Path, how: ReadOptions) -> Recording:
     """Fields of the services that say how the car moves, by their path: carState.wheelSpeeds.fl."""
-    capnp = need("capnp", "openpilot", str(path))
+    capnp = import_optional("capnp", "openpilot", str(path))
     spec = importlib.util.find_spec("openpilot_logging")
     if spec is None or not spec.submodule_search_locations:
-        need("openpilot_logging", "openpilot", str(path))
+        import_optional("openpilot_logging", "openpilot", str(path))
         raise UserError(f"{path}: the schema is not in the Python package openpilot_logging")
     capnp.remove_import_hook()
     folder = Path(next(iter(spec.submodule_search_locations))) / "cereal"
     log = capnp.load(str(folder / "log.capnp"))
-    raw = _bytes(path)
+    raw = _unpack(path)
     collect, notes, count = Collector(path, how.wanted), [], 0
     try:
         for event in log.Event.read_multiple_bytes(raw):
@@ -53,14 +53,17 @@ def _add(collect: Collector, service: str, time: float, message: Any) -> None:
     collect.add(service, time, message.to_dict())
 
 
-def _bytes(path: Path) -> bytes:
+def _unpack(path: Path) -> bytes:
     raw = path.read_bytes()
     try:
         if raw.startswith(b"BZh"):
             return bz2.decompress(raw)
         if raw.startswith(b"\x28\xb5\x2f\xfd"):
             return bytes(
-                need("zstandard", "openpilot", str(path)).ZstdDecompressor().stream_reader(raw).read()
+                import_optional("zstandard", "openpilot", str(path))
+                .ZstdDecompressor()
+                .stream_reader(raw)
+                .read()
             )
     except (UserError, MemoryError):
         raise

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tse.library.errors import UserError
-from tse.readers.recording import Collector, How, Recording, listed, need
+from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
-CHUNK, CONNECTION, MESSAGE, HEADER = 5, 7, 2, 3  # op of a record of a ROS 1 bag
-LARGEST = 1 << 30  # bytes of a record or of a chunk; rosbag's own chunks are of 0.8 MB
-DAMAGE = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
+OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # op of a record of a ROS 1 bag
+MAX_RECORD_BYTES = 1 << 30  # bytes of a record or of a chunk; rosbag's own chunks are of 0.8 MB
+DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 
 
 def _is_closed(path: Path) -> bool:
@@ -20,41 +20,41 @@ def _is_closed(path: Path) -> bool:
     try:
         with open(path, "rb") as file:
             file.readline()
-            op, fields, _ = _record(file)
-        return op != HEADER or 0 < struct.unpack("<Q", fields[b"index_pos"])[0] < path.stat().st_size
-    except DAMAGE:
+            op, fields, _ = _read_record(file)
+        return op != OP_HEADER or 0 < struct.unpack("<Q", fields[b"index_pos"])[0] < path.stat().st_size
+    except DAMAGE_ERRORS:
         return True
 
 
-def _record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
+def _read_record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
     """One record: op, fields of its header, data. EOFError: the file ends before it does."""
 
     def part() -> bytes:
         head = file.read(4)
         size = struct.unpack("<I", head)[0] if len(head) == 4 else -1
-        data = file.read(size) if 0 <= size <= LARGEST else b""
+        data = file.read(size) if 0 <= size <= MAX_RECORD_BYTES else b""
         if len(data) != size:
             raise EOFError
         return data
 
-    fields, data = _fields(part()), part()
+    fields, data = _split_fields(part()), part()
     return fields[b"op"][0], fields, data
 
 
-def _unpacked(compression: bytes, data: bytes) -> bytes:
+def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
     if compression == b"none":
         return data
     if compression == b"bz2":
         work = bz2.BZ2Decompressor()
-        plain = work.decompress(data, LARGEST)
+        plain = work.decompress(data, MAX_RECORD_BYTES)
     else:
-        plain = need("lz4.frame", "ros", "the bag").decompress(data)
-    if len(plain) >= LARGEST:
+        plain = import_optional("lz4.frame", "ros", "the bag").decompress(data)
+    if len(plain) >= MAX_RECORD_BYTES:
         raise ValueError("a chunk is larger than 1 GB")
     return plain
 
 
-def _from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
+def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
     """Messages of a ROS 1 bag without an index, up to the last whole chunk: topic, time s, message, its type."""
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     known: dict[int, tuple[str, str]] = {}
@@ -62,31 +62,31 @@ def _from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str
         file.readline()
         while True:
             try:
-                op, fields, data = _record(file)
-                if op != CHUNK:
+                op, fields, data = _read_record(file)
+                if op != OP_CHUNK:
                     continue
-                inner = io.BytesIO(_unpacked(fields[b"compression"], data))
-            except DAMAGE:
+                inner = io.BytesIO(_unpack_chunk(fields[b"compression"], data))
+            except DAMAGE_ERRORS:
                 return
             while inner.tell() < len(inner.getbuffer()):
                 try:
-                    op, fields, data = _record(inner)
-                except DAMAGE:
+                    op, fields, data = _read_record(inner)
+                except DAMAGE_ERRORS:
                     break
-                if op == CONNECTION:
-                    number, said = struct.unpack("<I", fields[b"conn"])[0], _fields(data)
+                if op == OP_CONNECTION:
+                    number, said = struct.unpack("<I", fields[b"conn"])[0], _split_fields(data)
                     kind = said[b"type"].decode().replace("/", "/msg/")
                     if number not in known:
                         store.register(typesys.get_types_from_msg(said[b"message_definition"].decode(), kind))
                         known[number] = fields[b"topic"].decode(), kind
-                elif op == MESSAGE:
+                elif op == OP_MESSAGE:
                     topic, kind = known.get(struct.unpack("<I", fields[b"conn"])[0], ("", ""))
                     seconds, rest = struct.unpack("<II", fields[b"time"])
                     if topic:
                         yield topic, seconds + 1e-9 * rest, store.deserialize_ros1(data, kind), kind
 
 
-def _fields(data: bytes) -> dict[bytes, bytes]:
+def _split_fields(data: bytes) -> dict[bytes, bytes]:
     found, at = {}, 0
     while at < len(data):
         size = struct.unpack_from("<I", data, at)[0]
@@ -96,10 +96,10 @@ def _fields(data: bytes) -> dict[bytes, bytes]:
     return found
 
 
-def read(path: Path, how: How) -> Recording:
+def read(path: Path, how: ReadOptions) -> Recording:
     """Fields of all messages by topic and path."""
-    highlevel = need("rosbags.highlevel", "ros", str(path))
-    typesys = need("rosbags.typesys", "ros", str(path))
+    highlevel = import_optional("rosbags.highlevel", "ros", str(path))
+    typesys = import_optional("rosbags.typesys", "ros", str(path))
     bag = path
     if path.is_file() and path.suffix.lower() != ".bag":
         bag = path.parent
@@ -122,7 +122,7 @@ def read(path: Path, how: How) -> Recording:
     try:
         if bag.is_file() and not _is_closed(bag):
             notes.append("the bag was not closed, or its end is missing: what is before is used")
-            for topic, time, message, kind in _from_front(bag, typesys):
+            for topic, time, message, kind in _read_from_front(bag, typesys):
                 collect.add(topic, time, message, kind)
                 count += 1
             if count:
@@ -148,9 +148,9 @@ def read(path: Path, how: How) -> Recording:
             ) from None
         notes.append(f"the bag is damaged after {count} messages ({str(error)[:60]}): what is before is used")
     if strange:
-        notes.append(f"topics whose message types the bag does not define: {listed(strange)}")
+        notes.append(f"topics whose message types the bag does not define: {list_names(strange)}")
     if not count:
         raise UserError(
-            f"{path}: has no message that can be read{f' (types unknown: {listed(strange.values())})' if strange else ''}"
+            f"{path}: has no message that can be read{f' (types unknown: {list_names(strange.values())})' if strange else ''}"
         )
     return Recording(path, "ROS bag", collect.channels(), notes)

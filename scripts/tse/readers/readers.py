@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from tse.library.errors import NoFile, UserError
-from tse.readers.bus_text import kind_of
+from tse.readers.bus_text import detect_bus_text
 from tse.readers.databases import SUFFIXES as DATABASES
-from tse.readers.recording import How, Recording, in_room, in_time
+from tse.readers.recording import ReadOptions, Recording, limit_memory, limit_time
 
 # module, its suffixes, what a file of it begins with
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
@@ -26,7 +26,7 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "vbo": ((".vbo",), ()),
     "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
 }
-OTHERS = {  # what people have, that nobody reads here, and what to do
+UNREADABLE = {  # what people have, that nobody reads here, and what to do
     ".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV", ".ods": "save the sheet as CSV", ".zip": "unpack it first",
     ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it first",
     ".pcap": "record the bus as BLF, ASC or MF4", ".pcapng": "record the bus as BLF, ASC or MF4",
@@ -37,11 +37,11 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
     ".d97": "export it as MF4", ".ld": "export it as CSV or MAT",
     ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
-HEAD = 1 << 14  # bytes from which a format is recognised
+HEAD_BYTES = 1 << 14  # bytes from which a format is recognised
 FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
-def reader_of(path: Path) -> str:
+def choose_reader(path: Path) -> str:
     """Name of the module that reads it. UserError: nobody does."""
     if path.is_dir():
         if (path / "metadata.yaml").exists():
@@ -51,7 +51,7 @@ def reader_of(path: Path) -> str:
         raise UserError(f"{path}: is no file; a log is read more than once, so write it to a file first")
     try:
         with open(path, "rb") as file:
-            head = file.read(HEAD)
+            head = file.read(HEAD_BYTES)
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None
     except OSError as error:
@@ -62,10 +62,10 @@ def reader_of(path: Path) -> str:
         if head.startswith(beginnings):
             return name
     suffix = path.suffix.lower()
-    if kind_of(head, suffix):
+    if detect_bus_text(head, suffix):
         return "can"
-    if suffix in OTHERS:
-        raise UserError(f"{path}: cannot be read as it is: {OTHERS[suffix]}; read are {FORMATS}")
+    if suffix in UNREADABLE:
+        raise UserError(f"{path}: cannot be read as it is: {UNREADABLE[suffix]}; read are {FORMATS}")
     text = b"\0" not in head[:256] or head.startswith((b"\xff\xfe", b"\xfe\xff"))
     found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
     if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
@@ -82,11 +82,14 @@ def reader_of(path: Path) -> str:
 
 
 GZIP = b"\x1f\x8b"
-LEAST_UNPACKED, MOST_UNPACKED = 64 << 20, 40  # bytes that any packed log may have; and times its own size
+MIN_UNPACKED_LIMIT, MAX_UNPACKED_RATIO = (
+    64 << 20,
+    40,
+)  # bytes that any packed log may have; and times its own size
 
 
 @contextmanager
-def unpacked(path: Path) -> Iterator[Path]:
+def unpack_log(path: Path) -> Iterator[Path]:
     """Give a log that is packed by gzip as a file that is not, for as long as the block lasts.
 
     Parameters
@@ -113,7 +116,7 @@ def unpacked(path: Path) -> Iterator[Path]:
         yield path
         return
     name = path.name[:-3] if path.suffix.lower() == ".gz" else path.name
-    room = max(LEAST_UNPACKED, MOST_UNPACKED * path.stat().st_size)
+    room = max(MIN_UNPACKED_LIMIT, MAX_UNPACKED_RATIO * path.stat().st_size)
     with tempfile.TemporaryDirectory(prefix="tselab-") as folder:
         plain = Path(folder) / (name or "log")
         try:
@@ -121,7 +124,7 @@ def unpacked(path: Path) -> Iterator[Path]:
                 while part := source.read(1 << 20):
                     if target.tell() + len(part) > room:
                         raise UserError(
-                            f"{path}: unpacks to more than {room >> 20:,} MB, {MOST_UNPACKED} times its size: "
+                            f"{path}: unpacks to more than {room >> 20:,} MB, {MAX_UNPACKED_RATIO} times its size: "
                             "unpack it first, if it is a log"
                         )
                     target.write(part)
@@ -132,13 +135,13 @@ def unpacked(path: Path) -> Iterator[Path]:
         yield plain
 
 
-def read_recording(path: Path, how: How | None = None) -> Recording:
+def read_recording(path: Path, how: ReadOptions | None = None) -> Recording:
     """A log as it is in its file. UserError: it cannot be read; the text says what helps."""
     path = Path(path)
-    with in_time(path), unpacked(path) as plain:
+    with limit_time(path), unpack_log(path) as plain:
         if plain == path:
             return _read_plain(path, how)
-        how = how or How()
+        how = how or ReadOptions()
         beside = how.databases or tuple(
             sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASES)
         )
@@ -149,11 +152,11 @@ def read_recording(path: Path, how: How | None = None) -> Recording:
         return replace(found, path=path)
 
 
-def _read_plain(path: Path, how: How | None) -> Recording:
-    module = importlib.import_module(f"tse.readers.read_{reader_of(path)}")
+def _read_plain(path: Path, how: ReadOptions | None) -> Recording:
+    module = importlib.import_module(f"tse.readers.read_{choose_reader(path)}")
     try:
-        with in_room(path):
-            found: Recording = module.read(path, how or How())
+        with limit_memory(path):
+            found: Recording = module.read(path, how or ReadOptions())
     except UserError:
         raise
     except MemoryError:

@@ -33,11 +33,11 @@ try:
 except ImportError:  # Windows has none
     resource = None
 
-MOST_NAMED = 6  # names that one message lists
-PIECE = 1 << 16  # frames and rows of text that are decoded at a time
+MAX_LISTED_NAMES = 6  # names that one message lists
+CHUNK_ROWS = 1 << 16  # frames and rows of text that are decoded at a time
 
 
-RECEIVER = "receiver of GNSS"  # what is said about a channel of one
+RECEIVER_TEXT = "receiver of GNSS"  # what is said about a channel of one
 
 
 _ABBREVIATED = re.compile(r"(?<=[A-Za-z])\.(?=_|$)")
@@ -92,9 +92,11 @@ class Recording:
             return alike[0]
         if alike:
             raise UserError(
-                f"{source}: {name!r} is in {self.path.name} {len(alike)} times: say which: {listed(c.name for c in alike)}"
+                f"{source}: {name!r} is in {self.path.name} {len(alike)} times: say which: {list_names(c.name for c in alike)}"
             )
-        raise UserError(f"{source}: there is no {name!r} in {self.path.name}{near(name, self.channels)}")
+        raise UserError(
+            f"{source}: there is no {name!r} in {self.path.name}{suggest_channels(name, self.channels)}"
+        )
 
     def has(self, name: str) -> bool:
         """Would find() find it?"""
@@ -156,21 +158,21 @@ class Growing:
 
 # ---- What a file may take. Compressed, it says of itself how much there is, and may be made to fill the machine.
 
-LEAST_ROWS = 1_500_000  # that any log may have: four hours at 100 Hz
-SIGNAL, ROW, FRAME, MESSAGE = (
+ALWAYS_ALLOWED_ROWS = 1_500_000  # that any log may have: four hours at 100 Hz
+MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = (
     2,
     5,
     4,
     8,
 )  # bytes of the file, at least: for a value of a signal, a row of all, a frame, a message
-HOLD = "TSE_HOLD_MEMORY"  # of the environment
-LEAST_ROOM, EACH_ROOM = (
+MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # of the environment
+BASE_MEMORY, MEMORY_PER_BYTE = (
     700 << 20,
     16,
 )  # bytes of memory for what is read of any file, and more for each byte of it
 
 
-def size_of(path: Path) -> int:
+def measure_size(path: Path) -> int:
     """Bytes of a file, or of all in a folder."""
     return (
         sum(p.stat().st_size for p in path.rglob("*") if p.is_file())
@@ -179,9 +181,13 @@ def size_of(path: Path) -> int:
     )
 
 
-def check_rows(path: Path, what: str, rows: int, each: int = SIGNAL) -> None:
+def check_rows(path: Path, what: str, rows: int, each: int = MIN_SIGNAL_BYTES) -> None:
     """Before it is unpacked. UserError: a row has less than `each` bytes of the file, and there are more than any log may have."""
-    most = max(LEAST_ROWS, size_of(path) // each) if rows > LEAST_ROWS else LEAST_ROWS
+    most = (
+        max(ALWAYS_ALLOWED_ROWS, measure_size(path) // each)
+        if rows > ALWAYS_ALLOWED_ROWS
+        else ALWAYS_ALLOWED_ROWS
+    )
     if rows > most:
         raise UserError(
             f"{path}: {what} has {rows:,} rows; of a file of its size up to {most:,} are read (four hours at 100 Hz of any): cut "
@@ -189,8 +195,8 @@ def check_rows(path: Path, what: str, rows: int, each: int = SIGNAL) -> None:
         )
 
 
-MOST_COLUMNS = 20_000  # of a table; the largest of public logs has 3 000
-LONGEST_NAME = 1000  # characters
+MAX_COLUMNS = 20_000  # of a table; the largest of public logs has 3 000
+MAX_NAME_LENGTH = 1000  # characters
 
 
 def check_columns(path: Path, names: Collection[str]) -> None:
@@ -208,26 +214,26 @@ def check_columns(path: Path, names: Collection[str]) -> None:
     UserError
         There are more than MOST_COLUMNS, or a name is longer than LONGEST_NAME.
     """
-    if len(names) > MOST_COLUMNS:
+    if len(names) > MAX_COLUMNS:
         raise UserError(
-            f"{path}: has {len(names):,} columns; up to {MOST_COLUMNS:,} are read: leave out those that are not needed"
+            f"{path}: has {len(names):,} columns; up to {MAX_COLUMNS:,} are read: leave out those that are not needed"
         )
-    long = next((n for n in names if len(n) > LONGEST_NAME), None)
+    long = next((n for n in names if len(n) > MAX_NAME_LENGTH), None)
     if long is not None:
         raise UserError(
-            f"{path}: the name of a column has {len(long):,} characters ({long[:30]!r} ...); up to {LONGEST_NAME:,} are read"
+            f"{path}: the name of a column has {len(long):,} characters ({long[:30]!r} ...); up to {MAX_NAME_LENGTH:,} are read"
         )
 
 
 @contextmanager
-def in_room(path: Path) -> Iterator[None]:
+def limit_memory(path: Path) -> Iterator[None]:
     """Hold the process to the memory that reading the file may take, where the system can (Linux) and HOLD is set, which commands
     set for themselves and their workers: other work of a process would be held to it, too. UserError: it takes more."""
-    taken = _data_taken() if HOLD in os.environ and path.exists() else None
+    taken = _read_data_size() if MEMORY_LIMIT_VARIABLE in os.environ and path.exists() else None
     if taken is None:
         yield
         return
-    room = LEAST_ROOM + EACH_ROOM * size_of(path)
+    room = BASE_MEMORY + MEMORY_PER_BYTE * measure_size(path)
     before = resource.getrlimit(resource.RLIMIT_DATA)
     most = taken + room if before[0] == resource.RLIM_INFINITY else min(taken + room, before[0])
     resource.setrlimit(resource.RLIMIT_DATA, (most, before[1]))
@@ -242,7 +248,10 @@ def in_room(path: Path) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
-LEAST_TIME, EACH_TIME = 30.0, 3.0  # s of processor that reading any file may take, and more for each MB of it
+BASE_READ_TIME, READ_TIME_PER_MB = (
+    30.0,
+    3.0,
+)  # s of processor that reading any file may take, and more for each MB of it
 
 
 class _TookLong(BaseException):
@@ -250,7 +259,7 @@ class _TookLong(BaseException):
 
 
 @contextmanager
-def in_time(path: Path) -> Iterator[None]:
+def limit_time(path: Path) -> Iterator[None]:
     """Hold the reading of a file to a time of the processor, where the system can.
 
     Parameters
@@ -268,10 +277,10 @@ def in_time(path: Path) -> Iterator[None]:
     Signals reach the main thread alone. In others, and on Windows, a thread beside it watches; it cannot stop a library that
     does not come back to Python. The innermost of several blocks leaves the limit to the outermost.
     """
-    most = LEAST_TIME + EACH_TIME * size_of(path) / 2**20 if path.exists() else 0.0
+    most = BASE_READ_TIME + READ_TIME_PER_MB * measure_size(path) / 2**20 if path.exists() else 0.0
     alone = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
-    if not alone and most and not getattr(_HERE, "watched", False):
-        with _watched(path, most):
+    if not alone and most and not getattr(_THREAD, "watched", False):
+        with _watch_thread(path, most):
             yield
         return
     if not alone or not most or signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0:
@@ -286,24 +295,24 @@ def in_time(path: Path) -> Iterator[None]:
     try:
         yield
     except _TookLong as error:
-        _forget(error)
-        raise _endless(path, most) from None
+        _release_frames(error)
+        raise _make_time_error(path, most) from None
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
         signal.signal(signal.SIGVTALRM, before)
 
 
-def _endless(path: Path, most: float) -> UserError:
+def _make_time_error(path: Path, most: float) -> UserError:
     return UserError(
         f"{path}: takes more than {most:.0f} s to read, which is far more than its size: its blocks lead in a circle, or it is "
         "made to keep a machine busy"
     )
 
 
-_HERE = threading.local()  # watched: somebody watches this thread
+_THREAD = threading.local()  # watched: somebody watches this thread
 
 
-def _busy(ident: int) -> float:
+def _measure_work(ident: int) -> float:
     """Return how long a thread has worked, s; where the system does not say, a clock."""
     try:
         return time.clock_gettime(time.pthread_getcpuclockid(ident))
@@ -312,35 +321,35 @@ def _busy(ident: int) -> float:
 
 
 @contextmanager
-def _watched(path: Path, most: float) -> Iterator[None]:
+def _watch_thread(path: Path, most: float) -> Iterator[None]:
     """The same as in_time() for a thread that no signal reaches: another one watches it, and interrupts it."""
     ident, ended = threading.get_ident(), threading.Event()
-    begin, interrupt = _busy(ident), ctypes.pythonapi.PyThreadState_SetAsyncExc
+    begin, interrupt = _measure_work(ident), ctypes.pythonapi.PyThreadState_SetAsyncExc
 
     def watch() -> None:
         while not ended.wait(min(1.0, most)):
-            if _busy(ident) - begin > most:
+            if _measure_work(ident) - begin > most:
                 interrupt(
                     ctypes.c_ulong(ident), ctypes.py_object(_TookLong)
                 )  # again each second: a reader may have caught it
 
     watcher = threading.Thread(target=watch, daemon=True, name="watchdog of a reader")
-    _HERE.watched = True
+    _THREAD.watched = True
     watcher.start()
     try:
         try:
             yield
         finally:
-            _HERE.watched = False
+            _THREAD.watched = False
             ended.set()
             watcher.join()
             interrupt(ctypes.c_ulong(ident), None)  # one that has not come yet comes no more
     except _TookLong as error:
-        _forget(error)
-        raise _endless(path, most) from None
+        _release_frames(error)
+        raise _make_time_error(path, most) from None
 
 
-def _forget(error: BaseException) -> None:
+def _release_frames(error: BaseException) -> None:
     """Let go of what a reader had opened, without what it complains of on its way out."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
@@ -352,13 +361,13 @@ def _forget(error: BaseException) -> None:
         sys.unraisablehook = hook
 
 
-LONGEST_CELL = 1 << 16  # characters
+MAX_CELL_LENGTH = 1 << 16  # characters
 csv.field_size_limit(
     1 << 22
 )  # more than is ever looked at: a separator that is tried makes one cell of a whole line
 
 
-def cells_of(
+def split_cells(
     path: Path, line: str, separator: str = ",", blanks: bool = False, tried: bool = False
 ) -> list[str]:
     """Return the cells of a line of CSV.
@@ -392,15 +401,15 @@ def cells_of(
         raise UserError(
             f"{path}: a line is no row of a table: {error}; it begins with {line[:30]!r}"
         ) from None
-    long = next((c for c in cells if len(c) > LONGEST_CELL), None)
+    long = next((c for c in cells if len(c) > MAX_CELL_LENGTH), None)
     if long is not None and not tried:
         raise UserError(
-            f"{path}: a cell has {len(long):,} characters; up to {LONGEST_CELL:,} are read: {long[:30]!r} ..."
+            f"{path}: a cell has {len(long):,} characters; up to {MAX_CELL_LENGTH:,} are read: {long[:30]!r} ..."
         )
     return cells
 
 
-def _data_taken() -> int | None:
+def _read_data_size() -> int | None:
     """Bytes that the process holds; None: the system does not say."""
     if resource is None:
         return None
@@ -412,7 +421,7 @@ def _data_taken() -> int | None:
 
 
 @dataclass(frozen=True)
-class How:
+class ReadOptions:
     """Options of a reader: [log] of signals.toml, and options. `wanted`: which names are needed; None: all."""
 
     databases: tuple[Path, ...] = ()
@@ -426,33 +435,33 @@ class How:
     wanted: Callable[[str], bool] | None = None
 
 
-def unused(name: str, taken: Container[str]) -> str:
+def find_unused_name(name: str, taken: Container[str]) -> str:
     """A name that none has: the second of it is NAME#2."""
     return next(n for k in itertools.count(1) if (n := f"{name}#{k}" if k > 1 else name) not in taken)
 
 
-def near(name: str, known: Iterable[str]) -> str:
+def suggest_channels(name: str, known: Iterable[str]) -> str:
     """A hint for a name that is not there."""
     known = list(known)
     lower = {k.lower(): k for k in known}
     short = {k.replace("/", ".").rpartition(".")[2].lower(): k for k in known}
     found = get_close_matches(name.lower(), [*lower, *short], 3, 0.6)
     if found:
-        return f" (did you mean {listed(dict.fromkeys(lower.get(f) or short[f] for f in found))}?)"
-    return f"; it has {listed(known)}; 'tselab signals LOG' lists them"
+        return f" (did you mean {list_names(dict.fromkeys(lower.get(f) or short[f] for f in found))}?)"
+    return f"; it has {list_names(known)}; 'tselab signals LOG' lists them"
 
 
-def listed(names: Iterable[str]) -> str:
+def list_names(names: Iterable[str]) -> str:
     """Some names, and how many more."""
     names = list(names)
-    more = len(names) - MOST_NAMED
-    return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - MAX_LISTED_NAMES
+    return ", ".join(names[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 # ---- Libraries that are optional: what is not installed is named with the command that installs it.
 
 
-def need(module: str, extra: str, what: str) -> ModuleType:
+def import_optional(module: str, extra: str, what: str) -> ModuleType:
     """The module, or a sentence how to get it. `extra`: of pyproject.toml; `what`: that cannot be read without."""
     try:
         return importlib.import_module(module)
@@ -471,24 +480,26 @@ def need(module: str, extra: str, what: str) -> ModuleType:
 
 # ---- Messages into channels by the path of their fields: what ROS, MCAP, JSON and Cap'n Proto have in common.
 
-LONGEST = 12  # elements of an array that become channels of their own: four wheels, not a camera's picture or a covariance
-DEEPEST = 8
+# elements of an array that become channels of their own: enough for four wheels, too few
+# for a picture or a covariance
+MAX_ARRAY_CHANNELS = 12
+MAX_MESSAGE_DEPTH = 8
 # Units by the definitions of the messages, by the last two fields of a path: REP 103, sensor_msgs, nav_msgs
 SI = {"angular_velocity": "rad/s", "linear_acceleration": "m/s2", "linear": "m/s", "angular": "rad/s"}
 ROS_TYPES = ("sensor_msgs", "geometry_msgs", "nav_msgs")
 
 
-def flat(message: Any, at: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
+def flatten_message(message: Any, at: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
     """Numbers of a message with their paths: angular_velocity.z, wheels.0."""
     if isinstance(message, (bool, int, float, np.integer, np.floating, np.bool_)):
         yield at, float(message)
         return
-    if depth > DEEPEST or isinstance(message, (str, bytes)) or message is None:
+    if depth > MAX_MESSAGE_DEPTH or isinstance(message, (str, bytes)) or message is None:
         return
     if isinstance(message, dict):
         items = message.items()
     elif isinstance(message, (list, tuple, np.ndarray)):
-        if len(message) > LONGEST or "covariance" in at:
+        if len(message) > MAX_ARRAY_CHANNELS or "covariance" in at:
             return
         items = ((str(i), x) for i, x in enumerate(message))
     else:
@@ -501,10 +512,10 @@ def flat(message: Any, at: str = "", depth: int = 0) -> Iterator[tuple[str, floa
     for name, part in items:
         if name in ("header", "check_fields", "_check_fields"):
             continue
-        yield from flat(part, f"{at}.{name}" if at else name, depth + 1)
+        yield from flatten_message(part, f"{at}.{name}" if at else name, depth + 1)
 
 
-def stamp(message: Any) -> float | None:
+def read_stamp(message: Any) -> float | None:
     """Time of measurement in the header of a ROS message, s; None where there is none, or it is 0."""
     header = message.get("header") if isinstance(message, dict) else getattr(message, "header", None)
     s = header.get("stamp") if isinstance(header, dict) else getattr(header, "stamp", None)
@@ -534,17 +545,17 @@ class Collector:
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
         """One message. Its time is that of its header, where it has one. UserError: more than such a file holds."""
         self._messages += 1
-        if self._messages % PIECE == 0:
-            check_rows(self._path, "what is recorded", self._messages, MESSAGE)
+        if self._messages % CHUNK_ROWS == 0:
+            check_rows(self._path, "what is recorded", self._messages, MIN_MESSAGE_BYTES)
         own = self._topics.get(topic)
         if own is None:
             own = self._topics[topic] = _Topic(type_, Growing())
         row = len(own.time)
-        measured = stamp(message)
+        measured = read_stamp(message)
         own.time.set(row, time if measured is None else measured)
-        for name, value in flat(message):
+        for name, value in flatten_message(message):
             if name not in own.columns:
-                needed = self._wanted is None or self._wanted(_full(topic, name))
+                needed = self._wanted is None or self._wanted(_join_path(topic, name))
                 own.columns[name] = Growing() if needed else None
             if (column := own.columns[name]) is not None:
                 column.set(row, value)
@@ -557,16 +568,16 @@ class Collector:
             for name, column in own.columns.items():
                 if column is not None:
                     column.pad(len(time))
-                    full = _full(topic, name)
-                    found[full] = Channel(full, time, column.array(), _unit(own.type, name), own.type)
+                    full = _join_path(topic, name)
+                    found[full] = Channel(full, time, column.array(), _find_unit(own.type, name), own.type)
         return found
 
 
-def _full(topic: str, name: str) -> str:
+def _join_path(topic: str, name: str) -> str:
     return f"{topic}.{name}" if name else topic
 
 
-def _unit(type_: str, name: str) -> str:
+def _find_unit(type_: str, name: str) -> str:
     if not type_.startswith(ROS_TYPES):
         return ""
     parts = name.split(".")

@@ -9,16 +9,24 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
-from tse.log.units import factor, kind, known
-from tse.readers.recording import Channel, How, Recording, check_columns, listed, near, unused
+from tse.log.units import is_known_unit, unit_factor, unit_kind
+from tse.readers.recording import (
+    Channel,
+    ReadOptions,
+    Recording,
+    check_columns,
+    find_unused_name,
+    list_names,
+    suggest_channels,
+)
 
 TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
     "stamp",
               "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc")  # fmt: skip
-FEW_WRONG = 0.05  # share of cells that are no number, above which a column is none
+MAX_WRONG = 0.05  # share of cells that are no number, above which a column is none
 # A clock's ticks: by how far rows are apart, median. Logs have 1 ms .. 1 s between rows; whoever counts otherwise is off by 1000.
-TICKS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
-EPOCH = 1e8  # s: later than 1973, if seconds since 1970
+TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
+MIN_EPOCH = 1e8  # s: later than 1973, if seconds since 1970
 
 
 @dataclass
@@ -48,46 +56,46 @@ def _are_dates(x: pd.Series | np.ndarray) -> bool:
     return pd.api.types.is_datetime64_any_dtype(x) or pd.api.types.is_timedelta64_dtype(x)
 
 
-def recording_of(
-    path: Path, format_: str, columns: Sequence[Column], how: How, notes: Sequence[str] = ()
+def make_recording(
+    path: Path, format_: str, columns: Sequence[Column], how: ReadOptions, notes: Sequence[str] = ()
 ) -> Recording:
     """Columns as channels. UserError: none can be the time."""
     said = list(notes)
     check_columns(path, [str(c.name) for c in columns])
     named = []
     for c in columns:
-        name, unit = with_unit(str(c.name))
+        name, unit = split_unit(str(c.name))
         named.append(replace(c, name=name or str(c.name), unit=c.unit or unit))
     rows = max((len(c) for c in named), default=0)
     if not rows:
         raise UserError(f"{path}: has a header but no rows")
-    at = _time_column(path, named, how)
+    at = _find_time_column(path, named, how)
     if at is None:
         time = np.arange(rows) * float(how.step or 0.0)
         said.append(f"without a time of its own: rows are {how.step:g} s apart, as [log] step says")
     else:
-        time = seconds(path, named[at], said, how)
+        time = convert_to_seconds(path, named[at], said, how)
     channels: dict[str, Channel] = {}
     skipped = []
     for i, c in enumerate(named):
         if i == at or (how.wanted and not how.wanted(c.name)):
             continue
-        value, note = numbers(c.read())
+        value, note = convert_numbers(c.read())
         if value is None:
             skipped.append(c.name)
             continue
         if note:
             said.append(f"column {c.name}: {note}")
-        name = unused(c.name, channels)
+        name = find_unused_name(c.name, channels)
         if name != c.name:
             said.append(f"column {c.name} appears more than once: the next one is called {name}")
-        channels[name] = Channel(name, time, value, c.unit or unit_at_end(name), c.text)
+        channels[name] = Channel(name, time, value, c.unit or find_unit_suffix(name), c.text)
     if skipped and not how.wanted:
-        said.append(f"not numbers, not used: {listed(skipped)}")
+        said.append(f"not numbers, not used: {list_names(skipped)}")
     return Recording(path, format_, channels, said)
 
 
-def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
+def convert_numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
     """As floats, NaN: missing, and what is to be said; None where it holds no numbers."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return values, ""
@@ -104,11 +112,11 @@ def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
         found.isna()
         & there
         & (x.astype(str).str.strip() != "")
-        & ~x.astype(str).str.strip().str.lower().isin(BLANKS)
+        & ~x.astype(str).str.strip().str.lower().isin(MISSING_WORDS)
     ).to_numpy()
     if not found.notna().any():
         return None, ""
-    if wrong.sum() > FEW_WRONG * there.sum():
+    if wrong.sum() > MAX_WRONG * there.sum():
         return None, ""
     note = ""
     if wrong.any():
@@ -117,32 +125,34 @@ def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
     return found.to_numpy(dtype=float, na_value=np.nan), note
 
 
-BLANKS = {"nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind",
+MISSING_WORDS = {"nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind",
     "inval",
           "invalid", "sna", "init", "missing", "nil", "."}  # fmt: skip
 
 
-def may_be_time(place: int, name: str, unit: str) -> bool:
+def can_be_time(place: int, name: str, unit: str) -> bool:
     """Can a column of this name and unit be the time? The first one can whatever its name."""
-    return place == 0 or any(w in TIME_WORDS for w in words(name)) or kind(unit) == "time"
+    return place == 0 or any(w in TIME_WORDS for w in split_words(name)) or unit_kind(unit) == "time"
 
 
-def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
+def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -> int | None:
     names = [c.name for c in columns]
     if how.time is not None:
         if how.time not in names:
-            raise UserError(f"{path}: [log] time: there is no column {how.time!r}{near(how.time, names)}")
+            raise UserError(
+                f"{path}: [log] time: there is no column {how.time!r}{suggest_channels(how.time, names)}"
+            )
         return names.index(how.time)
     ranked = []
     for i, c in enumerate(columns):
         if c.is_dates():
             ranked.append((0, i))
             continue
-        w = words(c.name)
+        w = split_words(c.name)
         said = [TIME_WORDS.index(x) for x in w if x in TIME_WORDS]
         if w and said and (len(w) <= 3):
             ranked.append((1 + min(said) + 10 * (len(w) > 1), i))
-        elif kind(c.unit) == "time":
+        elif unit_kind(c.unit) == "time":
             ranked.append((60, i))
     for _, i in sorted(ranked):
         if _increases(columns[i]):
@@ -154,7 +164,7 @@ def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
     if columns and _increases(columns[0], strictly=True):
         return 0
     raise UserError(
-        f'{path}: no column is a time; its columns: {listed(names)}. Say which in signals.toml: [log] time = "NAME", or, where '
+        f'{path}: no column is a time; its columns: {list_names(names)}. Say which in signals.toml: [log] time = "NAME", or, where '
         f"rows "
         "are at a steady beat, [log] step = 0.01 (seconds)"
     )
@@ -168,7 +178,8 @@ def _increases(c: Column, strictly: bool = False) -> bool:
     if x.dtype == object or pd.api.types.is_string_dtype(x):
         x = x.dropna()
         return len(x) > 0 and (
-            bool(_CLOCK.search(str(x.iloc[0]))) or pd.to_numeric(x.iloc[:50], errors="coerce").notna().all()
+            bool(_CLOCK_TIME.search(str(x.iloc[0])))
+            or pd.to_numeric(x.iloc[:50], errors="coerce").notna().all()
         )
     step = np.diff(x.to_numpy(dtype=float, na_value=np.nan))
     step = step[np.isfinite(step)]
@@ -177,38 +188,38 @@ def _increases(c: Column, strictly: bool = False) -> bool:
     return bool((step > 0).all()) if strictly else bool((step >= 0).mean() > 0.9 and (step > 0).mean() > 0.1)
 
 
-_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2})?")
+_CLOCK_TIME = re.compile(r"\d{1,2}:\d{2}(:\d{2})?")
 
 
-def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> np.ndarray:
+def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions | None = None) -> np.ndarray:
     """A column that is the time, s, NaN: missing: numbers, dates (since 1970), times of day, spans. UserError: it is none."""
-    how = how or How()
+    how = how or ReadOptions()
     values = c.read()
     x = values if isinstance(values, pd.Series) else pd.Series(values)
     if pd.api.types.is_datetime64_any_dtype(x):
-        return _of_dates(x)
+        return _convert_dates(x)
     if pd.api.types.is_timedelta64_dtype(x):
         return (x / pd.Timedelta(seconds=1)).to_numpy(float)
     if not pd.api.types.is_numeric_dtype(x):
         text = x.astype("string").str.strip()
         found = pd.to_numeric(text, errors="coerce")
         if found.notna().mean() < 0.5:
-            return _of_text(path, c.name, text)
+            return _parse_times(path, c.name, text)
         x = found
     time = x.to_numpy(dtype=float, na_value=np.nan)
-    unit = how.time_unit or (c.unit if kind(c.unit) == "time" else "") or _unit_of_name(c.name)
+    unit = how.time_unit or (c.unit if unit_kind(c.unit) == "time" else "") or _find_time_unit(c.name)
     if unit in ("", "s") and how.time_unit is None and is_packed(time):
-        notes.append(PACKED)
-        return of_packed(time)
+        notes.append(PACKED_NOTE)
+        return unpack_times(time)
     if unit:
-        per = factor(unit, "s")
+        per = unit_factor(unit, "s")
         if per is None:
             raise UserError(f"{path}: [log] time_unit: {unit!r} is no unit of time; s, ms, us, ns are")
         return time * per
     step = np.diff(time)
     step = step[np.isfinite(step) & (step > 0)]
     usual = float(np.median(step)) if len(step) else 0.01
-    _, name, per = next(t for t in TICKS if usual <= t[0])
+    _, name, per = next(t for t in TICK_UNITS if usual <= t[0])
     if name != "s":
         notes.append(
             f"time: rows are {usual:g} apart, so they are taken as {name} ([log] time_unit says otherwise)"
@@ -216,12 +227,14 @@ def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> 
     return time * per
 
 
-SLOWEST_GROUP = 2.0  # s between the entries of the fastest group, above which a file does not count in s
-FEWEST = 100  # entries of a group that is looked at
-LIKE = 0.03  # of a ratio of durations
+MAX_GROUP_STEP = 2.0  # s between the entries of the fastest group, above which a file does not count in s
+MIN_GROUP_ENTRIES = 100  # entries of a group that is looked at
+DURATION_TOLERANCE = 0.03  # of a ratio of durations
 
 
-def in_seconds(channels: dict[str, Channel], how: How, notes: list[str]) -> dict[str, Channel]:
+def correct_time_units(
+    channels: dict[str, Channel], how: ReadOptions, notes: list[str]
+) -> dict[str, Channel]:
     """Return channels whose times are in s, of a file that should count in s.
 
     Parameters
@@ -242,31 +255,31 @@ def in_seconds(channels: dict[str, Channel], how: How, notes: list[str]) -> dict
     times = {id(c.time): c.time for c in channels.values()}
     per: dict[int, float] = dict.fromkeys(times, 1.0)
     if how.time_unit:
-        per = dict.fromkeys(times, factor(how.time_unit, "s") or 1.0)
+        per = dict.fromkeys(times, unit_factor(how.time_unit, "s") or 1.0)
     else:
         steps = {
             i: float(np.median(d[d > 0]))
             for i, t in times.items()
-            if len(t) >= FEWEST and (d := np.diff(t))[d > 0].size
+            if len(t) >= MIN_GROUP_ENTRIES and (d := np.diff(t))[d > 0].size
         }
         spans = {i: float(np.ptp(times[i][np.isfinite(times[i])])) for i in steps}
-        if steps and min(steps.values()) > SLOWEST_GROUP:
-            _, unit, each = next(t for t in TICKS if min(steps.values()) <= t[0])
+        if steps and min(steps.values()) > MAX_GROUP_STEP:
+            _, unit, each = next(t for t in TICK_UNITS if min(steps.values()) <= t[0])
             per = dict.fromkeys(times, each)
             notes.append(
                 f"time seems to be in {unit}: entries are {min(steps.values()):g} apart, so it is taken as such "
                 "([log] time_unit says otherwise)"
             )
         for i in steps if len(steps) > 1 and per[next(iter(times))] == 1.0 else ():
-            others = [s for j, s in spans.items() if j != i and steps[j] <= SLOWEST_GROUP]
+            others = [s for j, s in spans.items() if j != i and steps[j] <= MAX_GROUP_STEP]
             for unit, each in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
                 if (
                     others
-                    and steps[i] > SLOWEST_GROUP
-                    and abs(spans[i] * each / np.median(others) - 1) < LIKE
+                    and steps[i] > MAX_GROUP_STEP
+                    and abs(spans[i] * each / np.median(others) - 1) < DURATION_TOLERANCE
                 ):
                     per[i] = each
-                    named = listed(c.name for c in channels.values() if id(c.time) == i)
+                    named = list_names(c.name for c in channels.values() if id(c.time) == i)
                     notes.append(
                         f"time of {named} seems to be in {unit}, unlike that of the others: it is taken as such"
                     )
@@ -276,11 +289,11 @@ def in_seconds(channels: dict[str, Channel], how: How, notes: list[str]) -> dict
     return {n: replace(c, time=scaled[id(c.time)]) for n, c in channels.items()}
 
 
-PACKED = "time: its numbers are times of day as HHMMSS.ss, so they are taken as such ([log] time_unit says otherwise)"
+PACKED_NOTE = "time: its numbers are times of day as HHMMSS.ss, so they are taken as such ([log] time_unit says otherwise)"
 DAY = 86400.0  # s
 
 
-def of_packed(time: np.ndarray) -> np.ndarray:
+def unpack_times(time: np.ndarray) -> np.ndarray:
     """Return times of day that are packed as HHMMSS.ss, s since the first midnight.
 
     Parameters
@@ -319,25 +332,25 @@ def is_packed(time: np.ndarray) -> bool:
     minute = np.diff(t // 100) != 0
     if not 0 < usual <= 1.0 or not minute.any():
         return False
-    after = np.diff(of_packed(t))
+    after = np.diff(unpack_times(t))
     return bool((step[minute] > 39).all() and np.median(after[minute]) < 5 * usual + 1e-3)
 
 
-def _unit_of_name(name: str) -> str:
-    last = (words(name) or [""])[-1]
+def _find_time_unit(name: str) -> str:
+    last = (split_words(name) or [""])[-1]
     return {"ms": "ms", "us": "us", "ns": "ns", "millis": "ms", "micros": "us", "nanos": "ns", "msec": "ms", "usec": "us",
             "nsec": "ns", "logmonotime": "ns", "nanoseconds": "ns", "milliseconds": "ms",
             "microseconds": "us"}.get(last, "")  # fmt: skip
 
 
-def _of_dates(x: pd.Series) -> np.ndarray:
+def _convert_dates(x: pd.Series) -> np.ndarray:
     """Seconds since 1970, NaN: missing."""
     x = x.dt.tz_convert("UTC").dt.tz_localize(None) if getattr(x.dt, "tz", None) is not None else x
     ns = x.to_numpy("datetime64[ns]")
     return np.where(np.isnat(ns), np.nan, ns.astype(np.int64) * 1e-9)
 
 
-def _of_text(path: Path, name: str, text: pd.Series) -> np.ndarray:
+def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
     """Dates and times of day in words."""
     text = text.str.replace(r"(\d{1,2}:\d{2}:\d{2}),(\d)", r"\1.\2", regex=True)
     first = str(text.dropna().iloc[0]) if text.notna().any() else ""
@@ -350,7 +363,7 @@ def _of_text(path: Path, name: str, text: pd.Series) -> np.ndarray:
         except (ValueError, TypeError):
             continue
         if found.notna().mean() > 0.5:
-            return _of_dates(found)
+            return _convert_dates(found)
     raise UserError(
         f"{path}: column {name}: {first[:30]!r} is no time; seconds, a date as 2024-05-01 12:00:00.010 or a time of day as "
         "12:00:00.010 are; another column: [log] time in signals.toml"
@@ -368,23 +381,23 @@ _AT_END = {  # suffix after _ or a capital -> unit
 }  # fmt: skip
 
 
-def with_unit(name: str) -> tuple[str, str]:
+def split_unit(name: str) -> tuple[str, str]:
     """Name and unit of "Speed [km/h]"; "" where there is none in brackets."""
     found = _BRACKETS.match(name.strip())
     if found and found[1]:
         unit = found[2].strip()
-        if known(unit) or unit in ("", "-", "1"):
+        if is_known_unit(unit) or unit in ("", "-", "1"):
             return found[1].strip(), unit
     return name.strip(), ""
 
 
-def unit_at_end(name: str) -> str:
+def find_unit_suffix(name: str) -> str:
     """The unit that the last word of a name is: vx_kmh, steeringAngleDeg; "" where it is none."""
-    last = (words(name) or [""])[-1]
-    return _AT_END.get(last, "") if len(words(name)) > 1 else ""
+    last = (split_words(name) or [""])[-1]
+    return _AT_END.get(last, "") if len(split_words(name)) > 1 else ""
 
 
-def words(name: str) -> list[str]:
+def split_words(name: str) -> list[str]:
     """Words of a name, lower case: ESP_v_Signal_VL -> esp v signal vl; wheelSpeedFL -> wheel speed fl; AccelX -> accel x."""
     text = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", name)
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
