@@ -1,9 +1,9 @@
-"""Work in other processes, of this machine or of a Dask cluster: the same interface, the same numbers.
+"""Run tasks in processes of this machine or of a Dask cluster, with the same results.
 
-    for task, result in each(do, tasks, jobs, scheduler):     # as they are done
-        result()                                              # what do(task) returned, or raised
+    for task, result in run_in_processes(do, tasks, jobs, scheduler):  # as they finish
+        result()  # returns the value of do(task), or raises its error
 
-`do` is a plain function of a module, a task what pickle takes."""
+`do` is a function of a module; pickle must be able to send the tasks."""
 
 from __future__ import annotations
 
@@ -26,21 +26,23 @@ from typing import Any, TypeAlias
 
 from tse.library.errors import UserError
 
-CONNECT_TIMEOUT = 10  # s, for an answer of a scheduler
-WORKERS_TIMEOUT = 3  # s, for the first worker: those that start with the scheduler come a moment later
+CONNECT_TIMEOUT = 10  # s; wait for the answer of a scheduler
+WORKERS_TIMEOUT = 3  # s; wait for the first worker: workers start a moment after the scheduler
 Work: TypeAlias = Callable[[Any], Any]
-Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task, and what gives or raises its result
+Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task; a call that returns or raises its result
 
 
 class Died(RuntimeError):
-    """The process that worked on a task is gone."""
+    """The process of a task has died."""
 
     def __init__(self, more: str = ""):
         super().__init__("the process that worked on it died, probably for want of memory" + more)
 
 
 class Workers:
-    """Takes tasks (submit), and gives them back as they are done (next). Left with an error, it waits for nothing."""
+    """Accepts tasks (submit) and returns finished ones (next).
+
+    On an error, leaving the `with` block does not wait for running tasks."""
 
     submit: Callable[[Any], None]
     next: Callable[[], Finished]
@@ -49,13 +51,32 @@ class Workers:
         return self
 
     def __exit__(self, kind: Any, *error: object) -> None:
-        """Nothing is to be ended."""
+        """End nothing; subclasses end their processes."""
 
 
 def run_in_processes(
     do: Work, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None
 ) -> Iterator[Finished]:
-    """Yield each task when it is done: of this process one after the other, of several in the order of their ends."""
+    """Yield each task when it has finished.
+
+    Parameters
+    ----------
+    do : callable
+        The work: a function of a module with one argument.
+    tasks : sequence
+        Its arguments.
+    jobs : int
+        Number of processes; 1: this process, in the order of the tasks.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers replace the processes.
+
+    Yields
+    ------
+    task
+        One of the tasks.
+    result : callable
+        Returns the result of the task, or raises its error.
+    """
     if tasks:
         few = InProcess(do) if jobs == 1 else LocalPool(do, min(jobs, len(tasks)))
         with few if scheduler is None else DaskCluster(do, scheduler) as workers:
@@ -66,7 +87,7 @@ def run_in_processes(
 
 
 class InProcess(Workers):
-    """This process: a task is done when its result is asked for."""
+    """This process: each task runs when its result is called."""
 
     def __init__(self, do: Work):
         self._do = do
@@ -87,9 +108,8 @@ class LocalPool(Workers):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        self._suspects: deque[Any] = (
-            deque()
-        )  # were worked on when a process died: each alone, to see which it was
+        # tasks that ran when a process died; each runs again in a process of its own
+        self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 
     @staticmethod
@@ -98,7 +118,7 @@ class LocalPool(Workers):
         return ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
 
     def submit(self, task: Any) -> None:
-        with ignore_interrupts():  # it may start a process
+        with ignore_interrupts():  # submit() may start a process
             try:
                 future = self._pool.submit(self._do, task)
             except BrokenProcessPool:
@@ -109,9 +129,9 @@ class LocalPool(Workers):
 
     def next(self) -> Finished:
         while not self._suspects:
-            future = (
-                self._done.get()
-            )  # not wait(): Ctrl-C within that leaves futures locked, and the pool never ends
+            # get(), because Ctrl-C within wait() leaves futures locked and the pool
+            # running
+            future = self._done.get()
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
                 return task, future.result
@@ -134,24 +154,27 @@ class LocalPool(Workers):
 
 
 def _raise_died(more: str = "") -> Any:
+    """Raise Died; in the place of a result."""
     raise Died(more)
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent is killed would wait for work for ever."""
+    """End this worker when its parent ends; otherwise it would wait for work forever."""
     parent = multiprocessing.parent_process()
 
-    def watch() -> None:
+    def end_after_parent() -> None:
         if parent is not None:
             connection.wait([parent.sentinel])
             os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+    threading.Thread(target=end_after_parent, daemon=True).start()
 
 
 class DaskCluster(Workers):
-    """A Dask cluster, whose workers see files under the same paths. A worker that dies costs its task once more, elsewhere.
-    `check`: looks at the cluster before the first task."""
+    """A Dask cluster, whose workers reach files under the same paths as this process.
+
+    The scheduler repeats the task of a dead worker on another one. `check` is called with
+    client and address before the first task."""
 
     def __init__(
         self, do: Work, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
@@ -160,7 +183,7 @@ class DaskCluster(Workers):
         check(self._client, scheduler)
         import distributed
 
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a worker that died, which is borne
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a dead worker is expected
         self._finished: Any = distributed.as_completed([], loop=self._client.loop)
         self._tasks: dict[str, Any] = {}
         self._futures: dict[str, Any] = {}
@@ -182,19 +205,19 @@ class DaskCluster(Workers):
         return task, future.result
 
     def __exit__(self, kind: Any, *error: object) -> None:
-        with contextlib.suppress(Exception):  # a cluster that is gone has nothing to cancel
+        with contextlib.suppress(Exception):  # the cluster may have ended
             self._client.cancel(list(self._futures.values()))
         self._client.close()
 
 
 def connect_to_dask(scheduler: str) -> Any:
-    """A client of the cluster at this address."""
+    """Return a client of the Dask cluster at this address."""
     try:
         import distributed
     except ImportError:
         raise UserError("option --scheduler needs Dask: pip install 'tse[cluster]'") from None
     try:
-        if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
+        if not scheduler.startswith("inproc://"):  # a client without a scheduler logs many lines
             socket.create_connection(
                 distributed.comm.get_address_host_port(scheduler), CONNECT_TIMEOUT
             ).close()
@@ -204,11 +227,13 @@ def connect_to_dask(scheduler: str) -> Any:
 
 
 def check_workers(client: Any, scheduler: str) -> None:
-    """There are workers, and they compute what this process would: else the run would wait for ever, or give other numbers."""
+    """Refuse a cluster without workers, or whose workers have other code than this
+    process.
 
-    def theirs() -> tuple[
-        str, str
-    ]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in
+    Without workers the run would wait forever; other code gives other results."""
+
+    # an inner function is sent as code: a worker may have no tselab to import it from
+    def read_version() -> tuple[str, str]:
         import hashlib
         from pathlib import Path
 
@@ -222,24 +247,23 @@ def check_workers(client: Any, scheduler: str) -> None:
         return library.__version__, code.hexdigest()
 
     end = time.monotonic() + WORKERS_TIMEOUT
-    while not (found := client.run(theirs)):
+    while not (found := client.run(read_version)):
         if time.monotonic() > end:
             raise UserError(f"option --scheduler: the Dask cluster at {scheduler} has no workers")
         time.sleep(0.2)
-    mine = theirs()
+    mine = read_version()
     for worker, (version, code) in sorted(found.items()):
         if (version, code) != mine:
-            what = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}.get(
-                version, f"tselab {version}"
-            )
+            other = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}
             raise UserError(
-                f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has {what}, this is tselab {mine[0]}"
+                f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has "
+                f"{other.get(version, f'tselab {version}')}, this is tselab {mine[0]}"
             )
 
 
 @contextlib.contextmanager
 def treat_kill_as_interrupt() -> Iterator[None]:
-    """A plain kill ends as Ctrl-C does: the workers go, too."""
+    """Let a plain kill (SIGTERM) end the block as Ctrl-C does, workers included."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -256,8 +280,9 @@ def treat_kill_as_interrupt() -> Iterator[None]:
 
 @contextlib.contextmanager
 def ignore_interrupts() -> Iterator[None]:
-    """Ctrl-C goes to all processes of a terminal; what it means is decided by the first. Processes that are started in
-    here take no notice of it."""
+    """Let processes that are started in the block ignore Ctrl-C.
+
+    A terminal sends Ctrl-C to all its processes; only the first one reacts."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
