@@ -1,26 +1,47 @@
-"""Clocks of logs: duplicates, late entries, jumps. Nothing is refused: what can be put right is, and said."""
+"""Repair the clocks of logs: duplicates, late entries, jumps. Each repair is noted."""
 
 import numpy as np
 
-MAX_LATE_ROWS, MAX_LATE_TIME = (
-    8,
-    0.5,
-)  # an entry that is out of order belongs before so many, and so many seconds, at most: a buffer's
-MAX_TIME_GAP = 3600.0  # s: the library's limit; a clock that jumps further was set
-BRIDGED_GAP = 60.0  # s: what is left of such a jump: longer than any state of a car lasts
+# An entry that is out of order by less was delayed in a buffer; otherwise the clock was
+# set.
+MAX_LATE_ROWS = 8
+MAX_LATE_TIME = 0.5  # s
+MAX_TIME_GAP = 3600.0  # s; limit of the library. A longer jump means that the clock was set.
+BRIDGED_GAP = 60.0  # s; gap in the place of such a jump. Longer than any transient of a car.
 
 
 def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """A time that increases: the times that are kept, which entries those are, and what was done.
+    """Return an increasing time.
 
-    An entry without a time is dropped. Of entries that share a time the last is kept, unless that would be most of them: then the
-    clock is too coarse, and they are spread over its ticks. Single entries that come late are put where they belong by dropping
-    them. A clock that goes back and on from there was set or has wrapped: the rest follows one usual step later. A jump ahead
-    by more than LONGEST_GAP becomes a gap of BRIDGED. `together`: entries may share a time, as messages of a bus do.
+    Parameters
+    ----------
+    time : ndarray, (entries,)
+        Times in the order of the file, s. NaN: missing.
+    together : bool
+        Entries may share a time, as messages of a bus do.
+
+    Returns
+    -------
+    ndarray, (kept entries,)
+        The new times, s.
+    ndarray of bool, (entries,)
+        The kept entries.
+    list of str
+        Notes about the repairs.
+
+    Notes
+    -----
+    - Entries without a time are dropped.
+    - Of entries with the same time the last one is kept. If more than 20 % share a time,
+      the clock is too coarse: all are kept and spread over its ticks.
+    - Single late entries are dropped.
+    - A clock that falls and continues from there was set or has wrapped: the following
+      entries continue one usual step later.
+    - A jump ahead by more than MAX_TIME_GAP becomes a gap of BRIDGED_GAP.
     """
     notes: list[str] = []
     keep = np.isfinite(time)
-    if len(time) > 1 and keep.all():  # as nearly all are: no copies
+    if len(time) > 1 and keep.all():  # the usual case, without copies
         step = np.diff(time)
         if (step.min() > 0 or (together and step.min() == 0)) and step.max() <= MAX_TIME_GAP:
             return time, keep, notes
@@ -39,8 +60,8 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
     if sets:
         first = sets[0]
         notes.append(
-            f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} (first by {first[1]:.3g} s at {first[0]:.3f} s): "
-            "what follows is bridged, one usual step later"
+            f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} "
+            f"(first by {first[1]:.3g} s at {first[0]:.3f} s): what follows is bridged, one usual step later"
         )
     if late.any():
         notes.append(f"{late.sum()} entries are out of order: left out")
@@ -50,11 +71,13 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
         if same.mean() > 0.2:
             t = _spread_over_ticks(t)
             notes.append(
-                f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): they are spread over its ticks"
+                f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): "
+                "they are spread over its ticks"
             )
         else:
             notes.append(
-                f"{same.sum()} entries have the time of the next one (first at {t[same.argmax()]:.3f} s): left out"
+                f"{same.sum()} entries have the time of the next one "
+                f"(first at {t[same.argmax()]:.3f} s): left out"
             )
             at, t = at[~same], t[~same]
     jump = np.diff(t)
@@ -62,7 +85,8 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
     if far.any():
         i = int(far.argmax())
         notes.append(
-            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, a gap of {BRIDGED_GAP:g} s is left"
+            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, "
+            f"a gap of {BRIDGED_GAP:g} s is left"
         )
         t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED_GAP, 0.0)))
     kept = np.zeros(len(time), bool)
@@ -71,11 +95,28 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
 
 
 def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
-    """Times that never fall, entries that are late, and where the clock was set back: when, by how much."""
+    """Remove falls from a time, s.
+
+    Parameters
+    ----------
+    t : ndarray, (entries,)
+        Finite times, s.
+    usual : float
+        Usual step, s.
+
+    Returns
+    -------
+    ndarray, (entries,)
+        Times that never fall, except at late entries.
+    ndarray of bool, (entries,)
+        Late entries.
+    list of (float, float)
+        Time and size of each fall of the clock, s.
+    """
     late, added = np.zeros(len(t), bool), np.zeros(len(t))
     sets: list[tuple[float, float]] = []
     falls = np.append(np.flatnonzero(np.diff(t) < 0) + 1, len(t))
-    highest, shift = float(t[0]), 0.0  # what is added from here on
+    highest, shift = float(t[0]), 0.0  # highest time so far; correction from here on
     i = 0
     while i < len(t):
         if t[i] + shift >= highest:
@@ -96,7 +137,7 @@ def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _spread_over_ticks(t: np.ndarray) -> np.ndarray:
-    """Entries that share a tick, spread evenly up to the next one."""
+    """Spread entries with the same time evenly up to the next time."""
     ticks, first, count = np.unique(t, return_index=True, return_counts=True)
     following = np.append(ticks[1:], ticks[-1] + (np.median(np.diff(ticks)) if len(ticks) > 1 else 0.01))
     length = np.minimum(following - ticks, 2 * np.median(following - ticks))
