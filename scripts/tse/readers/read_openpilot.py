@@ -1,4 +1,4 @@
-"""openpilot's rlog and qlog, by the schema in the Python package openpilot-logging."""
+"""Read openpilot's rlog and qlog, by the schema in the package openpilot-logging."""
 
 import bz2
 import importlib.util
@@ -8,13 +8,24 @@ from typing import Any
 from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional
 
-# Services that say how the car moves. Cameras, models and states of the software are left out: they are most of a log.
-SERVICES = ("carState", "accelerometer", "gyroscope", "sensorEvents", "gpsLocation", "gpsLocationExternal", "livePose",
-            "liveLocationKalman", "liveParameters", "carControl")  # fmt: skip
+# Services about the motion of the car. Cameras, models and states of the software are
+# most of a log and are skipped.
+SERVICES = (
+    "carState",
+    "accelerometer",
+    "gyroscope",
+    "sensorEvents",
+    "gpsLocation",
+    "gpsLocationExternal",
+    "livePose",
+    "liveLocationKalman",
+    "liveParameters",
+    "carControl",
+)
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Fields of the services that say how the car moves, by their path: carState.wheelSpeeds.fl."""
+    """Read the fields of SERVICES, named by their path: carState.wheelSpeeds.fl."""
     capnp = import_optional("capnp", "openpilot", str(path))
     spec = importlib.util.find_spec("openpilot_logging")
     if spec is None or not spec.submodule_search_locations:
@@ -34,7 +45,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
             count += 1
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # Cap'n Proto throws what C++ throws
+    except Exception as error:  # parsers raise errors of many kinds
         if not count:
             raise UserError(
                 f"{path}: is no log of openpilot, or damaged: {str(error).splitlines()[0][:100]}"
@@ -46,6 +57,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 
 def _add(collect: Collector, service: str, time: float, message: Any) -> None:
+    """Collect a message; of sensorEvents each sensor on its own."""
     if service == "sensorEvents":
         for part in message:
             collect.add(f"{service}.{part.which()}", time, part.to_dict())
@@ -54,17 +66,14 @@ def _add(collect: Collector, service: str, time: float, message: Any) -> None:
 
 
 def _unpack(path: Path) -> bytes:
+    """Return the content of a file, unpacked from bzip2 or Zstandard."""
     raw = path.read_bytes()
     try:
         if raw.startswith(b"BZh"):
             return bz2.decompress(raw)
         if raw.startswith(b"\x28\xb5\x2f\xfd"):
-            return bytes(
-                import_optional("zstandard", "openpilot", str(path))
-                .ZstdDecompressor()
-                .stream_reader(raw)
-                .read()
-            )
+            zstandard = import_optional("zstandard", "openpilot", str(path))
+            return bytes(zstandard.ZstdDecompressor().stream_reader(raw).read())
     except (UserError, MemoryError):
         raise
     except (OSError, EOFError, ValueError) as error:

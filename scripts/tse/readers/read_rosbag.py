@@ -1,4 +1,4 @@
-"""ROS 1 bags and the folders of ROS 2 bags by rosbags."""
+"""Read ROS 1 bags and folders of ROS 2 bags by rosbags."""
 
 import bz2
 import io
@@ -10,13 +10,16 @@ from typing import Any, BinaryIO
 from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
-OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # op of a record of a ROS 1 bag
-MAX_RECORD_BYTES = 1 << 30  # bytes of a record or of a chunk; rosbag's own chunks are of 0.8 MB
+OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # kinds of records of a ROS 1 bag
+MAX_RECORD_BYTES = 1 << 30  # of a record or chunk; rosbag writes chunks of 0.8 MB
 DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 
 
 def _is_closed(path: Path) -> bool:
-    """Has a ROS 1 bag an index? Its first record says where, and 0 while it is written; where the end is cut off, it is behind."""
+    """Return whether a ROS 1 bag has an index.
+
+    The first record holds its place: 0 while the bag is written, beyond the end of the
+    file if that was cut off."""
     try:
         with open(path, "rb") as file:
             file.readline()
@@ -27,9 +30,11 @@ def _is_closed(path: Path) -> bool:
 
 
 def _read_record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
-    """One record: op, fields of its header, data. EOFError: the file ends before it does."""
+    """Return op, fields of the header and data of a record.
 
-    def part() -> bytes:
+    EOFError: it is incomplete."""
+
+    def read_part() -> bytes:
         head = file.read(4)
         size = struct.unpack("<I", head)[0] if len(head) == 4 else -1
         data = file.read(size) if 0 <= size <= MAX_RECORD_BYTES else b""
@@ -37,11 +42,12 @@ def _read_record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
             raise EOFError
         return data
 
-    fields, data = _split_fields(part()), part()
+    fields, data = _split_fields(read_part()), read_part()
     return fields[b"op"][0], fields, data
 
 
 def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
+    """Return the records of a chunk."""
     if compression == b"none":
         return data
     if compression == b"bz2":
@@ -55,7 +61,10 @@ def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
 
 
 def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
-    """Messages of a ROS 1 bag without an index, up to the last whole chunk: topic, time s, message, its type."""
+    """Yield topic, time (s), message and type of all messages of a ROS 1 bag without
+    index.
+
+    The last complete chunk ends the bag."""
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     known: dict[int, tuple[str, str]] = {}
     with open(path, "rb") as file:
@@ -87,6 +96,7 @@ def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any
 
 
 def _split_fields(data: bytes) -> dict[bytes, bytes]:
+    """Return the fields of the header of a record."""
     found, at = {}, 0
     while at < len(data):
         size = struct.unpack_from("<I", data, at)[0]
@@ -96,26 +106,30 @@ def _split_fields(data: bytes) -> dict[bytes, bytes]:
     return found
 
 
+def _find_bag(path: Path) -> Path:
+    """Return the bag of a path: the file of a ROS 1 bag, or the folder of a ROS 2 bag."""
+    if not path.is_file() or path.suffix.lower() == ".bag":
+        return path
+    if (path.parent / "metadata.yaml").exists():
+        return path.parent
+    with open(path, "rb") as file:
+        has_frames = b"arbitration_id" in file.read(1 << 16)  # a column of python-can's table
+    if has_frames:
+        raise UserError(
+            f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: "
+            f"write them as BLF: python -m can.logconvert {path.name} {path.stem}.blf"
+        )
+    raise UserError(
+        f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: "
+        "give the folder of the bag"
+    )
+
+
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Fields of all messages by topic and path."""
+    """Read the fields of all messages, named by topic and path."""
     highlevel = import_optional("rosbags.highlevel", "ros", str(path))
     typesys = import_optional("rosbags.typesys", "ros", str(path))
-    bag = path
-    if path.is_file() and path.suffix.lower() != ".bag":
-        bag = path.parent
-        if not (bag / "metadata.yaml").exists():
-            with open(path, "rb") as file:
-                frames = b"arbitration_id" in file.read(
-                    1 << 16
-                )  # a column of the table that python-can writes
-            if frames:
-                raise UserError(
-                    f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: write them as BLF: "
-                    f"python -m can.logconvert {path.name} {path.stem}.blf"
-                )
-            raise UserError(
-                f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
-            )
+    bag = _find_bag(path)
     collect, notes = Collector(path, how.wanted), []
     count = 0
     strange: dict[str, str] = {}
@@ -141,7 +155,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
                 count += 1
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # damage shows in many ways
+    except Exception as error:  # parsers raise errors of many kinds
         if not count:
             raise UserError(
                 f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}"
@@ -150,7 +164,6 @@ def read(path: Path, how: ReadOptions) -> Recording:
     if strange:
         notes.append(f"topics whose message types the bag does not define: {list_names(strange)}")
     if not count:
-        raise UserError(
-            f"{path}: has no message that can be read{f' (types unknown: {list_names(strange.values())})' if strange else ''}"
-        )
+        unknown = f" (types unknown: {list_names(strange.values())})" if strange else ""
+        raise UserError(f"{path}: has no message that can be read{unknown}")
     return Recording(path, "ROS bag", collect.channels(), notes)

@@ -1,4 +1,4 @@
-"""Text tables, CSV of any dialect: delimiter, decimal comma, encoding, a preamble, a row of units, dates."""
+"""Read tables of text: CSV with any separator, decimal sign, encoding and preamble."""
 
 import itertools
 import re
@@ -28,18 +28,19 @@ from tse.readers.table import (
     split_words,
 )
 
-MAX_HEADERS = 4  # rows of names, units and sources
-HEAD_LINES = 400  # lines that are looked at
+MAX_HEADERS = 4  # rows above the data: names, units, sources
+HEAD_LINES = 400  # used to find the layout
 DELIMITERS = (",", ";", "\t", "|")
 NUMBER_CELL = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 CLOCK_CELL = re.compile(
-    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]?)?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?|\d{4}-\d{2}-\d{2}.*"
+    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]?)?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?"
+    r"|\d{4}-\d{2}-\d{2}.*"
 )
 EMPTY_CELLS = {"", "nan", "na", "n/a", "null", "-", "none", "#n/a", "inf", "-inf", "true", "false"}
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """A table of text."""
+    """Read a table of text."""
     encoding, errors = detect_encoding(path, how)
     with open(path, encoding=encoding, errors=errors, newline="") as file:
         head = file.read(1 << 20)
@@ -55,7 +56,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     names = _take_names(path, cells[header] if header is not None else None, width, lines, header)
     check_columns(path, names)
     decimal = how.decimal or _find_decimal(cells[first:])
-    if decimal is None and separator != ",":  # whole numbers as far as was looked: a car that stands
+    if decimal is None and separator != ",":  # all numbers are whole so far: the car stands
         with open(path, encoding=encoding, errors=errors, newline="") as file:
             further = (
                 _find_decimal([_split_line(path, x, separator)])
@@ -66,16 +67,22 @@ def read(path: Path, how: ReadOptions) -> Recording:
     decimal = decimal or "."
     of = dict(zip(names, units or [""] * len(names), strict=False))
     long = _find_long_table(names, cells[first:])
-    needed = (
-        list(long)
-        if long
-        else [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
-    )
+    needed = list(long)
+    if not long:
+        needed = [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
     with open(path, encoding=encoding, errors=errors, newline="") as file, translate_parser_errors(path):
         parts = pd.read_csv(
-            file, sep=r"\s+" if separator == " " else separator, decimal=decimal, names=range(len(names)), header=None,
-            skiprows=first, index_col=False, skipinitialspace=True, low_memory=False, chunksize=CHUNK_ROWS,
-        )  # fmt: skip
+            file,
+            sep=r"\s+" if separator == " " else separator,
+            decimal=decimal,
+            names=range(len(names)),
+            header=None,
+            skiprows=first,
+            index_col=False,
+            skipinitialspace=True,
+            low_memory=False,
+            chunksize=CHUNK_ROWS,
+        )
         table = pd.concat([part[needed] for part in parts], ignore_index=True)
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
@@ -94,18 +101,19 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return make_recording(path, "CSV", columns, how, notes)
 
 
-# A long table has a value per row, and beside it the name of what was measured.
+# A long table has one value per row, with the name of its channel in another column.
 NAME_TITLE = re.compile(
-    r"(?:^|[_ .])(name|signal|channel|parameter|variable|metric|key|tag|measurement|sensor|kanal|messgroesse)$",
+    r"(?:^|[_ .])"
+    r"(name|signal|channel|parameter|variable|metric|key|tag|measurement|sensor|kanal|messgroesse)$",
     re.I,
 )
 VALUE_TITLE = re.compile(r"(?:^|[_ .])(value|val|reading|wert|messwert)$", re.I)
 CAR_TITLE = re.compile(r"(?:^|[_ .])(vehicle|car|device|vin|fahrzeug)(?:[_ .]?(id|name|number))?$", re.I)
-MAX_LONG_NAMES = 2000  # names in a long table
+MAX_LONG_NAMES = 2000  # different names in a long table
 
 
 def _find_long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]:
-    """Return the columns of time, name, value and, where there is one, car of a long table; () where it is none."""
+    """Return the columns of time, name, value and car (if any) of a long table, or ()."""
     titles = [n.strip().lower() for n in names]
     name, value = ([i for i, n in enumerate(titles) if p.search(n)] for p in (NAME_TITLE, VALUE_TITLE))
     value = [i for i in value if i not in name]
@@ -126,7 +134,7 @@ def _find_long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]
 
 
 def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOptions) -> Recording:
-    """Return a channel per name of a long table, each with its own times."""
+    """Return the channels of a long table, each with its own times."""
     notes = [f"a long table: the names are in column {titles[1]}, the values in {titles[2]}"]
     time = convert_to_seconds(path, Column(titles[0], columns[0]), notes, how)
     value, _ = convert_numbers(pd.to_numeric(columns[2], errors="coerce"))
@@ -135,12 +143,12 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
     name = columns[1].astype("string").str.strip()
     if len(columns) > 3 and columns[3].nunique() > 1:
         name = columns[3].astype("string").str.strip() + "." + name
-        notes.append(
-            f"it is of {columns[3].nunique()} cars: each name begins with what is in column {titles[3]}"
-        )
+        cars = columns[3].nunique()
+        notes.append(f"it is of {cars} cars: each name begins with what is in column {titles[3]}")
     if (count := name.nunique()) > MAX_LONG_NAMES:
         raise UserError(
-            f"{path}: a long table with {count:,} names in column {titles[1]}; up to {MAX_LONG_NAMES:,} are read"
+            f"{path}: a long table with {count:,} names in column {titles[1]}; "
+            f"up to {MAX_LONG_NAMES:,} are read"
         )
     channels: dict[str, Channel] = {}
     for given, rows in name.groupby(name).indices.items():
@@ -155,19 +163,21 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
 
 
 def _is_needed(place: int, name: str, unit: str, how: ReadOptions) -> bool:
-    """Is it a channel that is wanted, or may it be the time? Others are read only when they are asked for."""
+    """Return whether a column is wanted or may be the time.
+
+    Other columns are not read."""
     plain, own = split_unit(name)
-    return (
-        how.wanted is None or how.wanted(plain) or plain == how.time or can_be_time(place, plain, unit or own)
-    )
+    if how.wanted is None or how.wanted(plain) or plain == how.time:
+        return True
+    return can_be_time(place, plain, unit or own)
 
 
 @contextmanager
 def translate_parser_errors(path: Path) -> Iterator[None]:
-    """Errors of pandas' parser in our words."""
+    """Raise errors of pandas' parser as UserError."""
     try:
         with warnings.catch_warnings():
-            # the first row of each part may have more cells than there are columns, and pandas only warns of it
+            # pandas only warns if the first row of a part has too many cells
             warnings.simplefilter("error", pd.errors.ParserWarning)
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
             yield
@@ -188,7 +198,13 @@ BINARY_MESSAGE = "{}: is a binary file of no format that is known here; a log as
 
 
 def detect_encoding(path: Path, how: ReadOptions | None = None) -> tuple[str, str]:
-    """Return the encoding of a text, and what becomes of bytes that are none of it. UserError: it is binary."""
+    """Return the encoding of a text and the error handler for invalid bytes.
+
+    Raises
+    ------
+    UserError
+        The file is binary, or does not have the encoding of the options.
+    """
     how = how or ReadOptions()
     with open(path, "rb") as file:
         start = file.read(4096)
@@ -215,14 +231,14 @@ def detect_encoding(path: Path, how: ReadOptions | None = None) -> tuple[str, st
 
 
 def _check_encoding(path: Path, encoding: str) -> None:
-    """The whole file must be text of that encoding. UnicodeDecodeError: it is not; LookupError: there is none of that name."""
+    """Raise UnicodeDecodeError for another encoding, LookupError for an unknown one."""
     with open(path, encoding=encoding, newline="") as file:
         while file.read(1 << 20):
             pass
 
 
 def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
-    """The one that cuts most lines into equally many cells, more than one."""
+    """Return the separator that splits most lines into the same number of cells."""
     if how.separator:
         return {"tab": "\t", "\\t": "\t", "space": " "}.get(how.separator, how.separator)
     filled = [x for x in lines if x.strip()]
@@ -231,56 +247,53 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
     for d in (*DELIMITERS, " "):
         rows = [_split_line(path, x, d, tried=True) for x in tail]
         width, often = Counter(map(len, rows)).most_common(1)[0]
-        # of a decimal comma that is taken as a separator the cells are whole numbers; prefer what cuts into numbers
+        # a decimal comma splits numbers into whole numbers; prefer cells that are numbers
         numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
-        value = (width > 1) * often / len(tail) * (0.2 + numeric) * (
-            1.0 if d != "," else 0.9
-        ) + 1e-3 * width * (width > 1)
+        several = width > 1
+        value = several * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9)
+        value += 1e-3 * width * several
         if d == "," and any(";" in x or "\t" in x for x in tail[:3]):
             value *= 0.5
         if value > worth:
             best, worth = d, value
     if worth == 0.0 and len(lines) > 1 and not any(_is_data(x.strip()) for x in tail):
         raise UserError(
-            f"{path}: is no table: no character separates its lines into columns; if one does: [log] separator in signals.toml"
+            f"{path}: is no table: no character separates its lines into columns; "
+            "if one does: [log] separator in signals.toml"
         )
     return best
 
 
 def _split_line(path: Path, line: str, separator: str, tried: bool = False) -> list[str]:
+    """Return the cells of a line; `tried`: accept long cells."""
     if separator == " ":
         return line.split()
     return [c.strip() for c in split_cells(path, line, separator, True, tried)]
 
 
 def _is_data(cell: str) -> bool:
+    """Return whether a cell holds a number, a time or nothing."""
     return bool(NUMBER_CELL.fullmatch(cell) or CLOCK_CELL.fullmatch(cell)) or cell.lower() in EMPTY_CELLS
 
 
 def _find_layout(
     path: Path, cells: list[list[str]], how: ReadOptions, separator: str
 ) -> tuple[int | None, list[str] | None, int]:
-    """Line of the names, the units of the row below it if there is one, first line of data; all from 0."""
-    widths = Counter(
-        len(c)
-        for c in cells
-        if sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER_CELL.fullmatch(x) for x in c)
-    )
+    """Return line of the names, units in a line below, and first line of data, from 0.
+
+    Names and units may be None."""
+
+    def is_row(c: list[str]) -> bool:
+        return sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER_CELL.fullmatch(x) for x in c)
+
+    widths = Counter(len(c) for c in cells if is_row(c))
     if not widths:
-        if (
-            max((len(c) for c in cells), default=0) > 1
-            and sum(bool(c) for c in cells) <= 2
-            and separator != " "
-        ):
+        is_table = max((len(c) for c in cells), default=0) > 1 and separator != " "
+        if is_table and sum(bool(c) for c in cells) <= 2:
             raise UserError(f"{path}: has a header but no rows")
         raise UserError(f"{path}: is no table: no line of it is numbers; read are {FORMATS}")
     width = widths.most_common(1)[0][0]
-    good = [
-        len(c) == width
-        and sum(_is_data(x) for x in c) >= 0.5 * width
-        and any(NUMBER_CELL.fullmatch(x) for x in c)
-        for c in cells
-    ]
+    good = [len(c) == width and is_row(c) for c in cells]
     first = next(
         (i for i in range(len(good)) if good[i] and (i + 1 >= len(good) or good[i + 1] or not cells[i + 1])),
         good.index(True),
@@ -304,9 +317,10 @@ def _find_layout(
 
 
 def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
-    """Return the row of the names among those that stand above the data, one below the other.
+    """Return the row of the names among the rows directly above the data.
 
-    Below the names there may be units, and where each column comes from: such a row says the same of many columns."""
+    Rows of units and of sources may follow the names. A row of sources repeats itself, so
+    the names are the last row with the most different cells."""
     block = full[-1:]
     while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]
@@ -320,26 +334,28 @@ def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
 
 
 def _are_units(cells: list[str]) -> bool:
+    """Return whether more than 60 % of the cells are units."""
     filled = [c for c in cells if c]
-    return bool(filled) and sum(is_known_unit(c) or c in ("-", "1", "[-]", "[]") for c in filled) > 0.6 * len(
-        filled
-    )
+    units = sum(is_known_unit(c) or c in ("-", "1", "[-]", "[]") for c in filled)
+    return bool(filled) and units > 0.6 * len(filled)
 
 
 def _take_names(
     path: Path, cells: list[str] | None, width: int, lines: list[str], header: int | None
 ) -> list[str]:
+    """Return the names of the columns; refuse fewer names than cells."""
     if cells is None:
         raise UserError(f"{path}: the first line must name the columns; it is {lines[0][:60]!r}")
     if len(cells) < width:
         raise UserError(
-            f"{path}: line {(header or 0) + 1} has {len(cells)} names, the rows have {width} cells: one name per column is needed"
+            f"{path}: line {(header or 0) + 1} has {len(cells)} names, the rows have {width} cells: "
+            "one name per column is needed"
         )
     return [c.strip().strip('"') for c in cells[: max(width, 1)]]
 
 
 def _find_decimal(rows: list[list[str]]) -> str | None:
-    """A comma, where cells are numbers with one and none with a point; None: of neither."""
+    """Return the decimal sign of most numbers; None if all are whole."""
     comma = sum(bool(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
     point = sum(bool(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
     return "," if comma > point else "." if point else None

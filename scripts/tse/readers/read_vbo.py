@@ -1,4 +1,4 @@
-"""VBOX files of Racelogic (.vbo): text in sections, time of day packed as HHMMSS.ss, angles of the receiver in minutes."""
+"""Read VBOX files of Racelogic (.vbo): text in sections, times packed as HHMMSS.ss."""
 
 import io
 import re
@@ -23,12 +23,27 @@ from tse.readers.recording import (
 from tse.readers.table import convert_numbers, find_unit_suffix, split_unit, unpack_times
 
 SECTION = re.compile(r"\[([^\]\[]*)\]\s*$")
-MAX_HEAD_BYTES = 1 << 20  # bytes before [data]
-# Columns of the receiver: their short names, what they become and in which unit. Others have theirs in [channel units].
-RECEIVER_UNITS = {"sats": "1", "time": "", "lat": "deg", "long": "deg", "velocity": "km/h", "heading": "deg", "height": "m",
-       "vert-vel": "km/h"}  # fmt: skip
-SYNONYMS = {"satellites": "sats", "latitude": "lat", "longitude": "long", "speed": "velocity", "altitude": "height",
-        "vertical_velocity": "vert-vel"}  # fmt: skip
+MAX_HEAD_BYTES = 1 << 20  # before [data]
+# Columns of the receiver by their short names, with their units here. The units of other
+# columns are in [channel units].
+RECEIVER_UNITS = {
+    "sats": "1",
+    "time": "",
+    "lat": "deg",
+    "long": "deg",
+    "velocity": "km/h",
+    "heading": "deg",
+    "height": "m",
+    "vert-vel": "km/h",
+}
+SYNONYMS = {
+    "satellites": "sats",
+    "latitude": "lat",
+    "longitude": "long",
+    "speed": "velocity",
+    "altitude": "height",
+    "vertical_velocity": "vert-vel",
+}
 SPEED_UNITS = {
     "kmh": "km/h",
     "km/h": "km/h",
@@ -38,10 +53,10 @@ SPEED_UNITS = {
     "m/s": "m/s",
     "mps": "m/s",
 }
-MINUTES_PER_DEGREE = 60.0  # in a degree
-SATELLITES_MASK = 0x3F  # of the column; the bits above say that the brake was pressed, or DGPS received
+MINUTES_PER_DEGREE = 60.0
+SATELLITES_MASK = 0x3F  # number of satellites; higher bits are flags for brake and DGPS
 MIN_SATELLITES = 4  # for a position
-NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")
+NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")  # columns of a position
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
@@ -51,14 +66,15 @@ def read(path: Path, how: ReadOptions) -> Recording:
     ----------
     path : Path
         The file.
-    how : How
-        Options: which names are wanted.
+    how : ReadOptions
+        Options: the needed names.
 
     Returns
     -------
     Recording
-        Times in s since midnight. Latitude and longitude in degrees, positive north and east. Other columns are as
-        they are in the file: yaw rate, lateral acceleration and lateral velocity of a VBOX are positive to the right.
+        Times in s since midnight. Latitude and longitude in degrees, positive north and
+        east. Other columns are as in the file: yaw rate, lateral acceleration and lateral
+        velocity of a VBOX are positive to the right.
 
     Raises
     ------
@@ -89,20 +105,18 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if short[i] == "sats":
             value = np.where(np.isfinite(value), np.nan_to_num(value).astype(int) & SATELLITES_MASK, np.nan)
         elif short[i] in ("lat", "long"):
-            value = value / (
-                MINUTES_PER_DEGREE if short[i] == "lat" else -MINUTES_PER_DEGREE
-            )  # VBOX counts west as positive
+            # a VBOX counts west as positive
+            value = value / (MINUTES_PER_DEGREE if short[i] == "lat" else -MINUTES_PER_DEGREE)
         if short[i] in NEEDS_FIX and lost.any():
             value = np.where(lost, np.nan, value)
         free = find_unused_name(name, channels)
-        channels[free] = Channel(
-            free, time, value, units[i], RECEIVER_TEXT if short[i] in RECEIVER_UNITS else ""
-        )
+        text = RECEIVER_TEXT if short[i] in RECEIVER_UNITS else ""
+        channels[free] = Channel(free, time, value, units[i], text)
     return Recording(path, "VBOX", channels, notes)
 
 
 def _read_sections(path: Path) -> tuple[dict[str, list[str]], int]:
-    """Return the lines of each section before the data, by its name, and how many lines stand before the data."""
+    """Return the sections before the data by name, and the number of their lines."""
     encoding, errors = detect_encoding(path)
     found: dict[str, list[str]] = {}
     now: list[str] = []
@@ -124,7 +138,7 @@ def _read_sections(path: Path) -> tuple[dict[str, list[str]], int]:
 
 
 def _find_names(path: Path, sections: dict[str, list[str]]) -> list[str]:
-    """Return the names of the columns: those of [column names], else those of [header] with _ for blanks."""
+    """Return the names of the columns: [column names], else [header], blanks as _."""
     words = " ".join(sections.get("column names", [])).split()
     names = words or [_shorten_title(x.strip()) for x in sections.get("header", []) if x.strip()]
     if not names:
@@ -135,7 +149,7 @@ def _find_names(path: Path, sections: dict[str, list[str]]) -> list[str]:
 
 
 def _shorten_title(title: str) -> str:
-    """Return the name of a column whose title is in [header]: "velocity kmh" is velocity."""
+    """Return the name in a title of [header]: "velocity kmh" is velocity."""
     plain = re.sub(rf"\s+({'|'.join(map(re.escape, SPEED_UNITS))})$", "", title, flags=re.IGNORECASE)
     name = re.sub(r"\s+", "_", plain)
     return SYNONYMS.get(name.lower(), name)
@@ -144,8 +158,9 @@ def _shorten_title(title: str) -> str:
 def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[str]]) -> list[str]:
     """Return the unit of each column.
 
-    Those of the receiver are fixed, but that [header] may say "velocity mph". [channel units] has the others, and they belong to
-    the last columns. A file may leave out units at its end, and give as many as there are columns behind the receiver's."""
+    Units of the receiver's columns are fixed, but [header] may say "velocity mph".
+    [channel units] belongs to the last columns. A file may omit the last units, or have
+    units for all columns after the receiver's."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):
@@ -168,6 +183,7 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
 
 
 def _clean_unit(line: str) -> str:
+    """Return the unit in a line of [channel units]; "" for none."""
     unit = line.strip()
     return "" if unit.lower() in ("(null)", "null", "none", "n/a") else unit
 
@@ -185,12 +201,22 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
     check_rows(path, "[data]", text.count("\n"), 5)
     decimal = "," if "," in begin and "." not in begin else "."
     with translate_parser_errors(path):
-        table = pd.read_csv(io.StringIO(text), sep=r"\s+", names=range(len(names)), header=None, index_col=False,
-                            decimal=decimal, low_memory=False, on_bad_lines="skip", quoting=3)  # fmt: skip
+        table = pd.read_csv(
+            io.StringIO(text),
+            sep=r"\s+",
+            names=range(len(names)),
+            header=None,
+            index_col=False,
+            decimal=decimal,
+            low_memory=False,
+            on_bad_lines="skip",
+            quoting=3,
+        )
     rows = sum(1 for x in text.splitlines() if x.strip())
     if len(table) < rows:
         notes.append(
-            f"{rows - len(table)} rows of [data] have more cells than there are names ({len(names)}): left out"
+            f"{rows - len(table)} rows of [data] have more cells than there are names ({len(names)}): "
+            "left out"
         )
     if table.empty:
         raise UserError(
@@ -203,14 +229,16 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
 
 
 def _strip_letters(cells: pd.Series) -> pd.Series:
-    """Return cells without the letter that some loggers write behind minutes."""
+    """Return cells without the letter that some loggers append to minutes."""
     if pd.api.types.is_numeric_dtype(cells):
         return cells
     return cells.astype("string").str.rstrip("MmNnEe")
 
 
 def _find_lost_fix(table: pd.DataFrame, column: dict[str, int], notes: list[str]) -> np.ndarray:
-    """Return the rows in which the receiver had too few satellites for a position, if it ever had enough."""
+    """Return the rows with too few satellites for a position.
+
+    If all rows have too few, the numbers are wrong, and no row is returned."""
     if "sats" not in column:
         return np.zeros(len(table), bool)
     said = pd.to_numeric(table[column["sats"]], errors="coerce").fillna(0).to_numpy(float)
@@ -219,6 +247,7 @@ def _find_lost_fix(table: pd.DataFrame, column: dict[str, int], notes: list[str]
     if lost.all() or not lost.any():
         return np.zeros(len(table), bool)
     notes.append(
-        f"the receiver had fewer than {MIN_SATELLITES} satellites in {lost.sum()} rows: its values are treated as missing there"
+        f"the receiver had fewer than {MIN_SATELLITES} satellites in {lost.sum()} rows: "
+        "its values are treated as missing there"
     )
     return lost
