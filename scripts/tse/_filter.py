@@ -17,7 +17,7 @@ from tse.errors import InputError
 from tse.library import core
 from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
 from tse.library.errors import suggest_names
-from tse.log.rows import MAX_ROW_STEP, MIN_ROW_STEP, OPTIONAL, SIDES
+from tse.log.rows import MAX_ROW_STEP, MIN_ROW_STEP, OPTIONAL_COLUMNS, SIDES
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf
@@ -149,7 +149,7 @@ class Filter:
                     u["given"] |= np.uint32(1 << optional.index(name))
             elif name in known and name not in ("missing", "given"):
                 u[name] = math.nan if value is None else self._number(name, value)
-            elif not (name.startswith("ref_") or name in OPTIONAL):
+            elif not (name.startswith("ref_") or name in OPTIONAL_COLUMNS):
                 raise InputError(f"there is no channel {name!r}{_hint(name)}", name)
         u["dt"] = self._since(now, step)
         status = self._filter.step_one(u, self._out)

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, SimConfig
-from tse.log.rows import DRIVES, MEASURES, columns
+from tse.log.rows import DRIVES, MEASURES, list_columns
 from tse.simulation import maneuvers
 from tse.simulation.simulate import simulate
 from tselab.montecarlo import peers
@@ -56,7 +56,7 @@ def drive(
     simulation = simulate(maneuver, config, SimConfig({"seed": seed, "noise": noise, **(sim or {})}))
     rows = NativeFilter(config).inputs(len(maneuver.time))
     rows["dt"] = dt
-    for channel in columns()[1:]:
+    for channel in list_columns()[1:]:
         rows[channel] = simulation.log[channel]
     sensors = tuple(noise * getattr(config, s) for s in SENSORS)
     return Drive(config, rows, peers.Known((SPREAD,) * 3, sensors, forgetting), simulation.truth)

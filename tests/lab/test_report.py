@@ -17,7 +17,7 @@ from tse.estimation.regimes import REGIMES, changes, spells
 from tse.estimation.verdict import late_steering, others, remarks, verdicts
 from tse.gaps.run.pictures import overlay
 from tse.library.core import STIFFNESS, Config
-from tse.log.rows import CheckedLog, columns
+from tse.log.rows import CheckedLog, list_columns
 from tse.report import plots
 from tse.report.plots import match_reference
 from tse.report.report import figures_of, write_report
@@ -235,7 +235,7 @@ def made_up(n: int) -> tuple[CheckedLog, pd.DataFrame]:
     """A log and estimates of n rows that nobody computed."""
     rng = np.random.default_rng(n)
     time = 0.01 * np.arange(n)
-    data = pd.DataFrame({c: rng.standard_normal(n) for c in columns()[1:]})
+    data = pd.DataFrame({c: rng.standard_normal(n) for c in list_columns()[1:]})
     ref = pd.DataFrame(
         {"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]}
     )

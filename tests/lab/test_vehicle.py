@@ -27,7 +27,7 @@ from tse.library.core import Config, library
 from tse.library.errors import UserError
 from tse.library.files import parse_toml, read_toml
 from tse.log.noise import NOISE_FLOOR, estimate_channel_noise
-from tse.log.rows import CheckedLog, columns
+from tse.log.rows import CheckedLog, list_columns
 
 BARE = """name = "bare"
 mass = 1600.0
@@ -196,7 +196,7 @@ def test_a_table_that_nobody_knows_is_a_notice_for_it_may_be_another_programs(tm
 
 def log_of(**channels):
     n = len(next(iter(channels.values())))
-    data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in columns()[1:]})
+    data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in list_columns()[1:]})
     return CheckedLog(Path("x.csv"), np.arange(n) * 0.01, data, pd.DataFrame(), np.arange(n) + 2, 0.01)
 
 

@@ -11,7 +11,7 @@ from tse.car.vehicle import Vehicle, filter_values
 from tse.library.core import CONFIG, Config, SettingError, library
 from tse.library.errors import UserError
 from tse.library.files import read_toml
-from tse.log.rows import ROAD, TORQUES, VELOCITIES, CheckedLog
+from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, CheckedLog
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
@@ -98,7 +98,11 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
     """Return the settings about optional channels, rows of src/tables/sensors.toml, by the channels."""
     names = [f.name for f in library().fields(CONFIG)]
     first, last = names.index("ins_velocity_sd"), names.index("velocity_scale_sd")
-    return {VELOCITIES: names[first : last + 1], TORQUES: ["wheel_torque_least"], ROAD: ["road_sd"]}
+    return {
+        VELOCITY_COLUMNS: names[first : last + 1],
+        TORQUE_COLUMNS: ["wheel_torque_least"],
+        ROAD_COLUMNS: ["road_sd"],
+    }
 
 
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tse.car.formula import Formula, read_formula
-from tse.library.core import ALL_SETTINGS_HINT, CONFIG, NOMINAL, Config, Effect, SettingError, library
+from tse.library.core import ALL_SETTINGS_HINT, CONFIG, NOMINAL, Config, EffectRow, SettingError, library
 from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml
 from tse.log.noise import compute_misfit, estimate_noise
@@ -462,7 +462,7 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
     return unknown
 
 
-def is_set(config: Config, effect: Effect) -> bool:
+def is_set(config: Config, effect: EffectRow) -> bool:
     """Return whether an effect is other than by default: exact kinematics off, the others on."""
     return any(getattr(config, p.setting) != p.default for p in effect.strengths)
 

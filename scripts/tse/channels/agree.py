@@ -16,7 +16,7 @@ from tse.channels.log import read_log
 from tse.channels.raster import resample
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import TORQUES, CheckedLog, Reading, select_liveliest
+from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
 # sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
 # cars of
@@ -398,7 +398,7 @@ def _pedals(
             if share > 0.5:
                 words = words.format(100 * share)
                 found.append(f"check the units: brake is {words}: it is 1 while the car brakes, else 0")
-    axles = [c for c in TORQUES if c in d]
+    axles = [c for c in TORQUE_COLUMNS if c in d]
     if axles and mass and "accel_x" in d:
         force = sum(d[c] / radius[c.rpartition("_")[2]] for c in axles) / mass
         both = len(axles) == 2
@@ -417,7 +417,7 @@ def _smooth(log: CheckedLog) -> dict[str, np.ndarray]:
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
-        c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUES) if c in log.extra
+        c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUE_COLUMNS) if c in log.extra
     }
     rate = 1.0 / max(log.sample_time or 0.01, 1e-3)
     found = {}

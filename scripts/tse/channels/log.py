@@ -20,15 +20,15 @@ from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
     MAX_OUTSIDE,
     MEASURES,
-    OPTIONAL,
+    OPTIONAL_COLUMNS,
     SIDES,
     CheckedLog,
     Reading,
     SlowChannel,
     check_log,
-    columns,
     find_absent_channels,
     find_signals_file,
+    list_columns,
     straighten_log_time,
 )
 from tse.readers.read_text import translate_parser_errors
@@ -37,8 +37,8 @@ from tse.readers.recording import (
     CHUNK_ROWS,
     MIN_ROW_BYTES,
     Recording,
-    check_columns,
     check_rows,
+    check_table_width,
     limit_memory,
     limit_time,
     list_names,
@@ -84,7 +84,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
         return False
     lines = [split_cells(path, x) for x in head.splitlines()[:2]] if "\0" not in head else []
     names = [c.strip() for c in lines[0]] if lines else []
-    wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
+    wanted = {*list_columns(), *(c for pair in SIDES.values() for c in pair)}
     beside = find_signals_file(path)
     if beside is not None and any(
         f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n
@@ -102,8 +102,8 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
     head, whole = _head(path)
     header = [c.strip() for c in (split_cells(path, head[0]) if head else [])]
-    check_columns(path, header)
-    wanted = columns()
+    check_table_width(path, header)
+    wanted = list_columns()
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
     }
@@ -154,7 +154,7 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
     }
     absent = find_absent_channels(header, sides, MEASURES)
-    needed = [c for wanted in columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
+    needed = [c for wanted in list_columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
     if missing := [c for c in needed if c not in header]:
         also = (
             "; left and right wheel may stand in place of an axle, both"
@@ -195,7 +195,7 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
 def _array(name: str, column: str, values: Any) -> np.ndarray:
     """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
-    if kind == "c" or (kind == "b" and column not in OPTIONAL):
+    if kind == "c" or (kind == "b" and column not in OPTIONAL_COLUMNS):
         raise TypeError("complex numbers, or truths, where a measurement is needed")
     if column == "time" and kind not in "fiub":
         series = (
@@ -214,7 +214,7 @@ def _array(name: str, column: str, values: Any) -> np.ndarray:
 
 def _beside(column: str) -> bool:
     """A column that is read, though the estimator does not need it."""
-    return column.startswith("ref_") or column in OPTIONAL
+    return column.startswith("ref_") or column in OPTIONAL_COLUMNS
 
 
 def _head(path: Path) -> tuple[list[str], int | None]:
@@ -414,7 +414,7 @@ def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
             left, right = (found.pop(s) for s in pair)
             mean = 0.5 * (left.value + np.interp(left.time, right.time, right.value))
             found[axle] = SlowChannel(left.time, mean, left.rows)
-    return {n: s for n, s in found.items() if n in {*columns(), *MEASURES} and n not in OPTIONAL}
+    return {n: s for n, s in found.items() if n in {*list_columns(), *MEASURES} and n not in OPTIONAL_COLUMNS}
 
 
 def _unnamed(path: Path, recording: Recording) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tse.channels.mapping import Series
 from tse.log.noise import find_new_values
-from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITIES
+from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITY_COLUMNS
 from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 
 FASTEST = 100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
@@ -89,14 +89,14 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
-        if name in VELOCITIES:  # a measurement each: none is made of two, and none is held
+        if name in VELOCITY_COLUMNS:  # a measurement each: none is made of two, and none is held
             rows.value[name] = _nearest(t, x, time)
         else:
             held = s.hold or name == "brake"  # a switch
             rows.value[name] = hold(t, x, time) if held else resample(t, x, time, rate)
         if name in core:
             keep |= np.isfinite(rows.value[name])
-        if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITIES:
+        if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITY_COLUMNS:
             rows.native[name] = t, x, rates[name]
     if not keep.all():
         rows.time = time[keep]
@@ -239,7 +239,7 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
     own = rate_of(first.time)
     if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * FASTEST and rate is None):
         return None
-    full = [s for n, s in found.items() if n not in VELOCITIES]
+    full = [s for n, s in found.items() if n not in VELOCITY_COLUMNS]
     sparse = [s for s in full if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < SPARSE]
     if any(
         np.median(np.diff(np.flatnonzero(np.isfinite(s.value)))) > 1

@@ -9,7 +9,7 @@ from typing import Any
 from tse.library.core import library
 from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml
-from tse.log.rows import OPTIONAL, SIDES, find_signals_file
+from tse.log.rows import OPTIONAL_COLUMNS, SIDES, find_signals_file
 from tse.log.units import parse_unit, unit_factor
 from tse.readers.recording import ReadOptions
 
@@ -119,14 +119,18 @@ def find_signals(
 
 def known_channels() -> list[str]:
     """Channels that a file may have, without ref_*."""
-    return [*(f.name for f in library().channels), *(s for pair in SIDES.values() for s in pair), *OPTIONAL]
+    return [
+        *(f.name for f in library().channels),
+        *(s for pair in SIDES.values() for s in pair),
+        *OPTIONAL_COLUMNS,
+    ]
 
 
 def unit_of(channel: str) -> str:
     """The SI unit in which the library takes a channel."""
     axle = next((a for a, pair in SIDES.items() if channel in pair), channel)
-    if axle in OPTIONAL:
-        return OPTIONAL[axle][0]
+    if axle in OPTIONAL_COLUMNS:
+        return OPTIONAL_COLUMNS[axle][0]
     return next((f.unit for f in library().channels if f.name == axle), "")
 
 

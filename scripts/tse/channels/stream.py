@@ -28,8 +28,8 @@ from tse.channels.signals import Signal, Signals
 from tse.library.core import library
 from tse.library.errors import UserError, suggest_names
 from tse.log.noise import find_new_values
-from tse.log.rows import DRIVES, MEASURES, OPTIONAL, SIDES, VELOCITIES
-from tse.readers.bus_text import Frame
+from tse.log.rows import DRIVES, MEASURES, OPTIONAL_COLUMNS, SIDES, VELOCITY_COLUMNS
+from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
@@ -183,7 +183,7 @@ class Stream:
 
     def channels(self) -> list[str]:
         """Columns of the rows, time not among them."""
-        optional = [c for c in OPTIONAL if c in self._all.signals]
+        optional = [c for c in OPTIONAL_COLUMNS if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
 
     def message_of(self, channel: str) -> str:
@@ -194,7 +194,7 @@ class Stream:
         )
         return str(self._kept[name].message.name) if name else ""
 
-    def add(self, frames: Sequence[Frame]) -> list[str]:
+    def add(self, frames: Sequence[CanFrame]) -> list[str]:
         """Take frames in the order in which they came; what is to be said of their clock."""
         said = []
         groups: dict[int, tuple[list[float], list[bytes]]] = {}
@@ -290,7 +290,7 @@ class Stream:
         even: dict[int, list[str]] = {}  # channels that share their times, by the array of these
         for n, s in found.items():
             t, x = own[n]
-            if n in VELOCITIES:
+            if n in VELOCITY_COLUMNS:
                 value[n] = self._given(n, t, x, time)
             elif s.hold or n == "brake":
                 value[n] = hold(t, x, time)
@@ -405,7 +405,7 @@ class Stream:
                 value[axle] = self._axle(axle, *(value.get(s, nothing) for s in pair), yaw)
         for c in self.channels():
             x = value.get(c, nothing)
-            columns[c] = _inside(x, *OPTIONAL[c][1:3]) if c in OPTIONAL else x
+            columns[c] = _inside(x, *OPTIONAL_COLUMNS[c][1:3]) if c in OPTIONAL_COLUMNS else x
         if self._stand_in:
             other = next(axle for axle in SIDES if axle != self._stand_in)
             front, rear = (self._car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))

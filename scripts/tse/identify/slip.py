@@ -22,7 +22,7 @@ from tse.identify.problem import Problem
 from tse.identify.unknowns import LATENCY, prior_of
 from tse.library.core import Config
 from tse.log.noise import estimate_noise
-from tse.log.rows import TORQUES, CheckedLog
+from tse.log.rows import TORQUE_COLUMNS, CheckedLog
 
 STIFFNESS = "cx_front"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
@@ -311,7 +311,7 @@ def _samples(car: _Car, log: CheckedLog) -> _Samples | None:
     pulls how much.
 
     Slip is of the front axle over the rear one, unless the rear axle is driven."""
-    brake, torque = log.extra.get("brake"), [log.extra.get(name) for name in TORQUES]
+    brake, torque = log.extra.get("brake"), [log.extra.get(name) for name in TORQUE_COLUMNS]
     if car.driven == "both" and (brake is None or any(t is None for t in torque)):
         return None
     count = max(1, round(SMOOTH / (log.sample_time or 0.01)))

@@ -95,7 +95,7 @@ class EffectParameter:
 
 
 @dataclass(frozen=True)
-class Effect:
+class EffectRow:
     """One row of src/tables/effects.toml."""
 
     id: str
@@ -262,7 +262,7 @@ class Library:
                 for f in (rows[i] for i in range(count.value))
             ]
 
-    def _read_effects(self) -> dict[str, Effect]:
+    def _read_effects(self) -> dict[str, EffectRow]:
         """Return the catalogue of effects, in its order."""
         count = ctypes.c_int32()
 
@@ -285,7 +285,7 @@ class Library:
             for r in read_table("tse_describe_effect_parameters", _CEffectParameter)
         ]
         return {
-            r.id.decode(): Effect(
+            r.id.decode(): EffectRow(
                 id=r.id.decode(),
                 hook=r.hook.decode(),
                 title=r.title.decode(),

@@ -145,8 +145,8 @@ def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> 
     for name, kinematic in (("accel_x", np.gradient(speed, log.time)), ("accel_y", speed * d["yaw_rate"])):
         if not np.isfinite(d[name]).any() or not np.isfinite(kinematic).any():
             continue
-        residual = smooth(d[name] - kinematic, rows["average"])
-        slow = smooth(residual, rows["window"])
+        residual = compute_moving_average(d[name] - kinematic, rows["average"])
+        slow = compute_moving_average(residual, rows["window"])
         fast, n = residual - slow, rows["window"]
         windows = [fast[i : i + n].std() for i in range(0, len(fast) - n + 1, n) if moving[i : i + n].all()]
         both = moving[rows["change"] :] & moving[: -rows["change"]]
@@ -168,7 +168,7 @@ def fill_gaps(x: np.ndarray) -> np.ndarray:
     return np.interp(np.arange(len(x)), np.flatnonzero(good), x[good]) if good.any() else x
 
 
-def smooth(x: np.ndarray, n: int) -> np.ndarray:
+def compute_moving_average(x: np.ndarray, n: int) -> np.ndarray:
     """Return the moving average over n rows; the first and last values are repeated."""
     padded = np.pad(x, (n // 2, n - 1 - n // 2), mode="edge")
     return np.convolve(padded, np.ones(n) / n, mode="valid")

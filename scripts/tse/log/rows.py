@@ -24,7 +24,7 @@ MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measurements of its outputs
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # instead of the axle's mean
 # Optional columns of a log: unit, lowest, highest value, text, hint. The estimator uses
 # those of input.toml; vehicle_speed only checks the units of other columns.
-OPTIONAL = {
+OPTIONAL_COLUMNS = {
     "vehicle_speed": ("m/s", -60.0, 120.0,
         "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
     "ins_vel_x": ("m/s", -120.0, 120.0,
@@ -52,14 +52,14 @@ OPTIONAL = {
     "gnss_longitude": ("deg", -180.0, 180.0,
         "longitude, positive east", "radians: multiply by 180/pi"),
 }  # fmt: skip
-VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
-ROAD = ("bank", "grade")
-TORQUES = ("wheel_torque_front", "wheel_torque_rear")
+VELOCITY_COLUMNS = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
+ROAD_COLUMNS = ("bank", "grade")
+TORQUE_COLUMNS = ("wheel_torque_front", "wheel_torque_rear")
 _SPEED_HINT = (
     "if the column holds rpm, multiply by 2 pi/60; if km/h or m/s, convert to m/s and divide by the "
     "wheel radius"
 )
-HINTS = {
+COLUMN_HINTS = {
     "steer_angle": "if the column holds degrees, multiply by pi/180; if it is the steering-wheel angle, "
     "divide by the steering ratio",
     "yaw_rate": "if the column holds deg/s, multiply by pi/180",
@@ -192,7 +192,7 @@ class CheckedLog:
             return np.abs(self.data["steer_angle"].to_numpy()) > limit
 
 
-def columns() -> list[str]:
+def list_columns() -> list[str]:
     """Return the names of the columns that the library needs."""
     return ["time", *(f.name for f in library().channels)]
 
@@ -225,7 +225,7 @@ def find_absent_channels(names: Collection[str], sides: Collection[str], spare: 
         Channels that may be missing. One of both axles may be missing, too.
     """
     misspelt = {n.lower() for n in names} - {*names}  # in upper case: present under another name
-    gone = [c for c in columns() if c not in names and c not in sides and c not in misspelt]
+    gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
     # an axle with one of its wheels is an oversight of the user and is refused
     alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
@@ -266,7 +266,7 @@ def check_log(
     UserError
         A needed column is missing, or its values are impossible.
     """
-    wanted = columns()[1:]
+    wanted = list_columns()[1:]
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in table and all(c in table for c in pair)
     }
@@ -314,7 +314,7 @@ def check_log(
             notes.append(f"{name}: {count} of {len(time)} cells are missing or not usable ({where})")
     frame = _make_frame({name: data[name] for name in wanted}, len(time))
     ref = _make_frame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, len(time))
-    optional = {c: _check_optional(c, table[c], line, notes, place) for c in OPTIONAL if c in table}
+    optional = {c: _check_optional(c, table[c], line, notes, place) for c in OPTIONAL_COLUMNS if c in table}
     some = {c: x for c, x in optional.items() if x is not None}
     return CheckedLog(
         path,
@@ -530,7 +530,7 @@ def _check_optional(
     name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
 ) -> np.ndarray | None:
     """Return a checked optional column; None, with a note, if it cannot be used."""
-    unit, low, high, _, hint = OPTIONAL[name]
+    unit, low, high, _, hint = OPTIONAL_COLUMNS[name]
     value = column.copy()
     with np.errstate(invalid="ignore"):
         bad = (value < low) | (value > high)
@@ -732,7 +732,7 @@ def _check_channel(
         raise UserError(
             f"{path}: {place} {line[i]}, column {name}: {value[i]:g} is outside the allowed range "
             f"{f.range_text}{more}\n"
-            f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
+            f"  hint: {COLUMN_HINTS.get(f.name, 'the column must be in SI units')}"
         )
     data[name] = np.where(bad, np.nan, value)
     notes.append(

@@ -25,7 +25,7 @@ ERROR_FRAME, IDENTIFIER_MASK = 0x20000000, 0x1FFFFFFF  # bits of an identifier o
 DAY = 86400.0  # s
 
 
-class Frame(NamedTuple):
+class CanFrame(NamedTuple):
     """One frame; time and bus as in the log."""
 
     time: float  # s
@@ -72,16 +72,16 @@ def _detect_encoding(path: Path) -> str:
 
 # ---- Detection of the tool that wrote the text
 
-STAMP = r"\(\s*[-+]?[\d.:/ -]+\)"
-CANDUMP = re.compile(rf"\s*{STAMP}\s+\S+\s+[0-9A-Fa-f]{{3,8}}#", re.ASCII)
-CONSOLE = re.compile(
-    rf"\s*(?:{STAMP}\s+)?[A-Za-z]\S*\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?"
+STAMP_PATTERN = r"\(\s*[-+]?[\d.:/ -]+\)"
+CANDUMP_START = re.compile(rf"\s*{STAMP_PATTERN}\s+\S+\s+[0-9A-Fa-f]{{3,8}}#", re.ASCII)
+CONSOLE_START = re.compile(
+    rf"\s*(?:{STAMP_PATTERN}\s+)?[A-Za-z]\S*\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?"
     r"[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\](?:\s|$)",
     re.ASCII,
 )
-ASC = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
-TRC = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
-BUSMASTER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
+ASC_HEADER = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
+TRC_HEADER = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
+BUSMASTER_HEADER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
 TITLE_PATTERNS = {  # titles of a table with a frame per row, simplified
     "time": r"time|timestamp|timestamps|timestampepoch|timeoffset|timestampus|timestampms|zeit|zeitstempel|ts"
     r"|timeabs|timerel",
@@ -111,18 +111,18 @@ def detect_bus_text(head: bytes, suffix: str) -> str:
     encoding = "utf-16" if head.startswith((b"\xff\xfe", b"\xfe\xff")) else "latin-1"
     text = head.decode(encoding, errors="replace").lstrip("\ufeffï»¿")
     lines = [x for x in text.splitlines() if x.strip()][:60]
-    if any(CANDUMP.match(x) or CONSOLE.match(x) for x in lines[:5]):
+    if any(CANDUMP_START.match(x) or CONSOLE_START.match(x) for x in lines[:5]):
         return "candump"
-    if any(BUSMASTER.match(x) for x in lines[:20]):
+    if any(BUSMASTER_HEADER.match(x) for x in lines[:20]):
         return "busmaster"
-    if suffix == ".trc" or any(TRC.match(x) for x in lines[:20]):
+    if suffix == ".trc" or any(TRC_HEADER.match(x) for x in lines[:20]):
         return "trc"
-    if suffix == ".asc" or any(ASC.match(x) for x in lines[:20]):
+    if suffix == ".asc" or any(ASC_HEADER.match(x) for x in lines[:20]):
         return "asc"
     return "table" if any(_find_columns(x) for x in lines[:40]) else ""
 
 
-def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
+def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[CanFrame]:
     """Return the frames of a text in the order of the file.
 
     Parameters
@@ -148,19 +148,19 @@ def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool
 
 # ---- candump: its log file, and its output on the console
 
-LOGGED = re.compile(
+CANDUMP_LINE = re.compile(
     r"\s*\(([^)]*)\)\s+(\S+)\s+([0-9A-Fa-f]{3,8})#(?:#([0-9A-Fa-f]))?"
     r"(R[0-9A-Fa-f]?|[0-9A-Fa-f.]*)(?:_[0-9A-Fa-f])?(?:\s+[RTrt])?\s*\Z",
     re.ASCII,
 )
-SHOWN = re.compile(
+CONSOLE_LINE = re.compile(
     r"\s*(?:\(([^)]*)\)\s+)?(\S+)\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?"
     r"([0-9A-Fa-f]{3,8})\s+\[(\d{1,2})\]\s*(.*)",
     re.ASCII | re.DOTALL,
 )
 
 
-def _read_candump(path: Path, lines: Lines) -> Iterator[Frame]:
+def _read_candump(path: Path, lines: Lines) -> Iterator[CanFrame]:
     """Yield the frames of candump.
 
     Times that are differences (candump -td) are summed up."""
@@ -183,19 +183,19 @@ def _read_candump(path: Path, lines: Lines) -> Iterator[Frame]:
             if number & ERROR_FRAME and is_long:
                 lines.errors += 1
                 continue
-            yield Frame(total if differences else time, number & IDENTIFIER_MASK, is_long, bus, data)
+            yield CanFrame(total if differences else time, number & IDENTIFIER_MASK, is_long, bus, data)
 
 
 def _parse_candump_line(number: int, line: str, lines: Lines) -> tuple[str, str, str, bytes] | None:
     """Return stamp, bus, identifier and data of a line; None if it has no data."""
     if not line.strip():
         return None
-    if logged := LOGGED.match(line):
+    if logged := CANDUMP_LINE.match(line):
         stamp, bus, identifier, _, text = logged.groups()
         if text.startswith("R"):
             return None
         text = text.replace(".", "")
-    elif shown := SHOWN.match(line):
+    elif shown := CONSOLE_LINE.match(line):
         stamp, bus, identifier, length, text = shown.groups()
         if text.startswith("remote"):
             return None
@@ -230,10 +230,10 @@ BUSMASTER_LINE = re.compile(
     r"((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
     re.ASCII | re.IGNORECASE,
 )
-MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}  # is time relative
+BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}  # is time relative
 
 
-def _read_busmaster(lines: Lines) -> Iterator[Frame]:
+def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
     """Yield the frames of a log of BUSMASTER. Times of day continue after midnight."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
@@ -241,7 +241,7 @@ def _read_busmaster(lines: Lines) -> Iterator[Frame]:
         if text.startswith("***"):
             word = text.strip("*").strip().upper()
             base = {"HEX": 16, "DEC": 10}.get(word, base)
-            relative = MODES.get(word, relative)
+            relative = BUSMASTER_MODES.get(word, relative)
             continue
         found = BUSMASTER_LINE.match(line)
         if found is None:
@@ -261,7 +261,7 @@ def _read_busmaster(lines: Lines) -> Iterator[Frame]:
         try:
             cells = bytes(int(c, base) for c in data.split()[: int(length)])
             is_long = kind.lower().startswith("x")
-            yield Frame(time + days, int(identifier, base) & IDENTIFIER_MASK, is_long, bus, cells)
+            yield CanFrame(time + days, int(identifier, base) & IDENTIFIER_MASK, is_long, bus, cells)
         except ValueError:
             lines.odd.append(number)
 
@@ -335,7 +335,7 @@ class _FrameTable:
         data = (_strip_hex(row[at["data"]]) for row in good)
         self._is_base64 = not self._bytes and not all(HEXADECIMAL.match(x) for x in data)
 
-    def parse(self, row: list[str]) -> Frame | None:
+    def parse(self, row: list[str]) -> CanFrame | None:
         """Return the frame of a row; None for one without data.
 
         Raises
@@ -353,7 +353,7 @@ class _FrameTable:
         data = self._parse_data(row)
         time = self._seconds(row[self._columns["time"]])
         bus = row[self._bus].strip() if self._bus >= 0 else "0"
-        return Frame(time, number & IDENTIFIER_MASK, is_long, bus, data)
+        return CanFrame(time, number & IDENTIFIER_MASK, is_long, bus, data)
 
     def _parse_data(self, row: list[str]) -> bytes:
         """Return the bytes of a row."""
@@ -371,7 +371,7 @@ class _FrameTable:
         return bytes(int(c, 16) for c in cells[:count] if c)
 
 
-def _read_table(lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
+def _read_table(lines: Lines, knows: Callable[[int], bool]) -> Iterator[CanFrame]:
     """Yield the frames of a CSV."""
     source = iter(lines)
     titles = next((line for _, line in source if _find_columns(line)), None)

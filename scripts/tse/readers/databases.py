@@ -12,29 +12,31 @@ from typing import Any
 from tse.library.errors import UserError
 from tse.readers.recording import import_optional
 
-SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
+DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
 MAX_NOTED_LINES = 4  # odd lines in one note
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
 ORPHAN_IDENTIFIER = 0xC0000000  # message of Vector's tools that holds signals without a message
-NAME = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
+VALID_NAME = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
 KEYWORD = re.compile(
     r"\s*(VERSION|NS_|BS_|BU_|BO_|SG_|SG_MUL_VAL_|SIG_VALTYPE_|VAL_|VAL_TABLE_|CM_|BA_\w*|EV_|EV_DATA_"
     r"|ENVVAR_\w*|BO_TX_BU_|SIG_GROUP_|SGTYPE_\w*|SIG_TYPE_\w*|BU_\w+|CAT_\w*|FILTER)\b\s*:?"
 )
-MESSAGE = re.compile(r"\s*BO_\s+(\d+)\s+([^\s:]+)\s*:\s*(\d+)\s*(\S*)")
-NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-SIGNAL = re.compile(
+MESSAGE_LINE = re.compile(r"\s*BO_\s+(\d+)\s+([^\s:]+)\s*:\s*(\d+)\s*(\S*)")
+NUMBER_PATTERN = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
+SIGNAL_LINE = re.compile(
     r"\s*SG_\s+([^\s:]+)\s*(M|m\d+M?)?\s*:\s*(\d+)\s*\|\s*(\d+)\s*@\s*([01])\s*([-+])\s*"
-    rf"\({NUMBER},{NUMBER}\)\s*"
-    rf'(?:\[{NUMBER}\|{NUMBER}\])?\s*(?:"([^"]*)")?\s*(.*)'
+    rf"\({NUMBER_PATTERN},{NUMBER_PATTERN}\)\s*"
+    rf'(?:\[{NUMBER_PATTERN}\|{NUMBER_PATTERN}\])?\s*(?:"([^"]*)")?\s*(.*)'
 )
-OF_SIGNAL = re.compile(
+SIGNAL_DETAIL_LINE = re.compile(
     r"\s*(VAL_|SIG_VALTYPE_|SG_MUL_VAL_|CM_\s+SG_)\s+(\d+)\s+([^\s:]+)([\s:].*)", re.DOTALL
 )
-LONG_NAME = re.compile(r'\s*BA_(?:DEF_|DEF_DEF_)?\s+(?:SG_\s+|BO_\s+)?"System(?:Signal|Message)LongSymbol"')
-VALUES = re.compile(r'(?:\s*-?\d+\s+"[^"]*")+\s*;?\s*\Z')
-TEXT = re.compile(r'\s*"[^"]*"\s*;?\s*\Z')
+LONG_NAME_LINE = re.compile(
+    r'\s*BA_(?:DEF_|DEF_DEF_)?\s+(?:SG_\s+|BO_\s+)?"System(?:Signal|Message)LongSymbol"'
+)
+VALUES_TEXT = re.compile(r'(?:\s*-?\d+\s+"[^"]*")+\s*;?\s*\Z')
+COMMENT_TEXT = re.compile(r'\s*"[^"]*"\s*;?\s*\Z')
 
 
 @dataclass
@@ -196,7 +198,7 @@ def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[
                 messages.append(_Message(line, -1, "", -1, ""))  # takes the signals of an odd message
         elif word == "SG_":
             _add_signal(messages, line, part, odd)
-        elif word in ("VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "CM_") or LONG_NAME.match(part):
+        elif word in ("VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "CM_") or LONG_NAME_LINE.match(part):
             later.append((line, part))
     messages = [m for m in messages if m.length >= 0]
     by_number: dict[int, _Message] = {}
@@ -227,7 +229,7 @@ def _split_statements(text: str) -> Iterator[tuple[int, str]]:
 
 def _parse_message(line: int, part: str, odd: _OddLines) -> _Message | None:
     """Return the message of a statement BO_; None if it is odd."""
-    found = MESSAGE.match(part)
+    found = MESSAGE_LINE.match(part)
     if found is None:
         odd.add(line, f"{part.strip()[:40]!r} is no message: left out")
         return None
@@ -245,13 +247,13 @@ def _parse_message(line: int, part: str, odd: _OddLines) -> _Message | None:
         what = "its identifier has more than 11 bits, so it is taken as extended"
         odd.add(line, f"message {name[:40]}: {what}")
         identifier |= EXTENDED_BIT
-    sender = found[4] if NAME.match(found[4]) else "Vector__XXX"
+    sender = found[4] if VALID_NAME.match(found[4]) else "Vector__XXX"
     return _Message(line, identifier, _clean_name(line, name, odd), length, sender)
 
 
 def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) -> None:
     """Add the signal of a statement SG_ to the last message."""
-    found = SIGNAL.match(part.replace("\n", " "))
+    found = SIGNAL_LINE.match(part.replace("\n", " "))
     if not messages or messages[-1].length < 0:
         return  # the message is odd and noted
     if found is None:
@@ -274,10 +276,10 @@ def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) 
 
 def _clean_name(line: int, name: str, odd: _OddLines) -> str:
     """Return a valid name of a DBC: letters, digits and _, not beginning with a digit."""
-    if NAME.match(name):
+    if VALID_NAME.match(name):
         return name
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-    plain = plain if NAME.match(plain) else f"_{plain}"
+    plain = plain if VALID_NAME.match(plain) else f"_{plain}"
     odd.add(line, f"the name {name[:40]!r} is read as {plain[:41]}")
     return plain
 
@@ -286,10 +288,10 @@ def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _Od
     """Return a line of values, type or comment with the clean name of its signal.
 
     An odd line, or one of an unknown signal, gives ""."""
-    if LONG_NAME.match(part):
+    if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
         return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""
-    found = OF_SIGNAL.match(part)
+    found = SIGNAL_DETAIL_LINE.match(part)
     if found is None:
         if re.match(r"\s*CM_\s+(SG_\b(?!\s+\d+\s+[^\s\"]+\s+\")|(?!BO_|BU_|EV_|SG_|\"))", part):
             odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment of nothing: left out")
@@ -303,8 +305,8 @@ def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _Od
         what = "a comment" if word.startswith("CM_") else "values" if word == "VAL_" else word
         odd.add(line, f"{what} of {name[:40].strip()}, a signal that is not there: left out")
         return ""
-    good = {"VAL_": VALUES, "SIG_VALTYPE_": re.compile(r"\s*:\s*[0-3]\s*;?\s*\Z")}.get(
-        word, TEXT if word.startswith("CM_") else None
+    good = {"VAL_": VALUES_TEXT, "SIG_VALTYPE_": re.compile(r"\s*:\s*[0-3]\s*;?\s*\Z")}.get(
+        word, COMMENT_TEXT if word.startswith("CM_") else None
     )
     if good is not None and not good.match(rest):
         odd.add(line, f"{' '.join(part.split())[:40]!r} is not well-formed: left out")

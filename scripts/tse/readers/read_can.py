@@ -12,8 +12,16 @@ import numpy as np
 
 from tse.library.errors import NoFile, UserError
 from tse.log.clock import straighten_time
-from tse.readers.bus_text import DETECTION_BYTES, AscText, Frame, Lines, TrcText, detect_bus_text, read_frames
-from tse.readers.databases import SUFFIXES, read_database
+from tse.readers.bus_text import (
+    DETECTION_BYTES,
+    AscText,
+    CanFrame,
+    Lines,
+    TrcText,
+    detect_bus_text,
+    read_frames,
+)
+from tse.readers.databases import DATABASE_SUFFIXES, read_database
 from tse.readers.recording import (
     CHUNK_ROWS,
     MIN_FRAME_BYTES,
@@ -45,10 +53,10 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
             if not p.is_file():
                 raise NoFile(f"{p}: no such file (database of the bus, for {path.name})")
         return list(how.databases)
-    found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
+    found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASE_SUFFIXES)
     if not found and required:
         raise UserError(
-            f"{path}: holds frames of a bus, and there is no database ({', '.join(SUFFIXES)}) beside it "
+            f"{path}: holds frames of a bus, and there is no database ({', '.join(DATABASE_SUFFIXES)}) beside it "
             "that says what they mean: "
             'name it with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
@@ -320,8 +328,8 @@ def _decode_number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
     return number if raw else number * float(s.scale) + float(s.offset)
 
 
-TITLES = {"blf": "BLF", "asc": "ASC", "trc": "TRC"}
-KINDS = {
+FORMAT_NAMES = {"blf": "BLF", "asc": "ASC", "trc": "TRC"}
+KIND_NAMES = {
     "asc": "an ASC",
     "trc": "a TRC",
     "candump": "a log of candump",
@@ -336,7 +344,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     logging.getLogger("can").setLevel(logging.CRITICAL)
     databases = find_databases(path, how, required=True)
     bus, times = Bus(path, databases, how), Growing()
-    frames: list[Frame] = []
+    frames: list[CanFrame] = []
 
     def decode() -> None:
         check_rows(path, "the bus", len(times) + len(frames), MIN_FRAME_BYTES)
@@ -367,7 +375,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         raise
     except Exception as error:  # parsers raise errors of many kinds
         if not frames and not len(times):
-            what = KINDS.get(kind, "a BLF")
+            what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
                 f"{path}: is damaged, or not {what} as its maker writes it: {str(error)[:120]}"
             ) from None
@@ -387,16 +395,16 @@ def read(path: Path, how: ReadOptions) -> Recording:
     clock, keep, said = straighten_time(times.array(), together=True)
     notes += [f"frames: {s}" for s in said]
     channels = bus.channels(clock, keep, notes)
-    return Recording(path, TITLES.get(kind, "CAN log"), channels, notes)
+    return Recording(path, FORMAT_NAMES.get(kind, "CAN log"), channels, notes)
 
 
-def _convert_frames(reader: Any, lines: Lines) -> Iterator[Frame]:
+def _convert_frames(reader: Any, lines: Lines) -> Iterator[CanFrame]:
     """Yield the data frames of a reader of python-can; count error frames."""
     for m in reader:
         if m.is_error_frame or m.is_remote_frame:
             lines.errors += m.is_error_frame
             continue
-        yield Frame(m.timestamp, m.arbitration_id, m.is_extended_id, str(m.channel or 0), bytes(m.data))
+        yield CanFrame(m.timestamp, m.arbitration_id, m.is_extended_id, str(m.channel or 0), bytes(m.data))
 
 
 def _make_reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:

@@ -15,7 +15,7 @@ import pandas as pd
 from tse.library.errors import UserError
 from tse.log.units import is_known_unit
 from tse.readers.readers import FORMATS
-from tse.readers.recording import CHUNK_ROWS, Channel, ReadOptions, Recording, check_columns, split_cells
+from tse.readers.recording import CHUNK_ROWS, Channel, ReadOptions, Recording, check_table_width, split_cells
 from tse.readers.table import (
     TIME_WORDS,
     Column,
@@ -54,7 +54,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     header, units, first = _find_layout(path, cells, how, separator)
     width = len(cells[first]) if first < len(cells) else 0
     names = _take_names(path, cells[header] if header is not None else None, width, lines, header)
-    check_columns(path, names)
+    check_table_width(path, names)
     decimal = how.decimal or _find_decimal(cells[first:])
     if decimal is None and separator != ",":  # all numbers are whole so far: the car stands
         with open(path, encoding=encoding, errors=errors, newline="") as file:

@@ -15,8 +15,8 @@ from tse.readers.recording import (
     Channel,
     ReadOptions,
     Recording,
-    check_columns,
     check_rows,
+    check_table_width,
     find_unused_name,
     list_names,
 )
@@ -83,7 +83,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     """
     sections, first = _read_sections(path)
     names = _find_names(path, sections)
-    check_columns(path, names)
+    check_table_width(path, names)
     notes: list[str] = []
     table = _read_table(path, first, names, notes)
     short = [SYNONYMS.get(n.lower(), n.lower()) for n in names]

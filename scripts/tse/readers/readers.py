@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tse.library.errors import NoFile, UserError
 from tse.readers.bus_text import detect_bus_text
-from tse.readers.databases import SUFFIXES as DATABASES
+from tse.readers.databases import DATABASE_SUFFIXES as DATABASES
 from tse.readers.recording import ReadOptions, Recording, limit_memory, limit_time
 
 # module read_*: suffixes, first bytes

@@ -196,7 +196,7 @@ MAX_COLUMNS = 20_000  # of a table; the largest of public logs has 3 000
 MAX_NAME_LENGTH = 1000  # characters
 
 
-def check_columns(path: Path, names: Collection[str]) -> None:
+def check_table_width(path: Path, names: Collection[str]) -> None:
     """Refuse a table that is too wide.
 
     Parameters
@@ -505,7 +505,7 @@ MAX_ARRAY_CHANNELS = 12
 MAX_MESSAGE_DEPTH = 8
 # Units by the last but one name of a path, from the definitions of the messages: REP 103,
 # sensor_msgs, nav_msgs
-SI = {"angular_velocity": "rad/s", "linear_acceleration": "m/s2", "linear": "m/s", "angular": "rad/s"}
+ROS_UNITS = {"angular_velocity": "rad/s", "linear_acceleration": "m/s2", "linear": "m/s", "angular": "rad/s"}
 ROS_TYPES = ("sensor_msgs", "geometry_msgs", "nav_msgs")
 
 
@@ -614,4 +614,4 @@ def _find_unit(type_: str, name: str) -> str:
     parent = parts[-2] if len(parts) > 1 else ""
     if parent == "linear" and "Accel" in type_:
         return "m/s2"
-    return SI.get(parent, "")
+    return ROS_UNITS.get(parent, "")

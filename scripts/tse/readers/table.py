@@ -14,7 +14,7 @@ from tse.readers.recording import (
     Channel,
     ReadOptions,
     Recording,
-    check_columns,
+    check_table_width,
     find_unused_name,
     list_names,
     suggest_channels,
@@ -83,7 +83,7 @@ def make_recording(
         No column can be the time.
     """
     said = list(notes)
-    check_columns(path, [str(c.name) for c in columns])
+    check_table_width(path, [str(c.name) for c in columns])
     named = []
     for c in columns:
         name, unit = split_unit(str(c.name))

@@ -10,7 +10,7 @@ import pandas as pd
 from tse.library.core import Config, Replay
 from tse.library.errors import UserError
 from tse.log.noise import estimate_channel_noise, fill_gaps
-from tse.log.rows import DRIVES, MEASURES, ROAD, CheckedLog
+from tse.log.rows import DRIVES, MEASURES, ROAD_COLUMNS, CheckedLog
 from tse.report.plots import CHANNEL_UNITS
 from tse.roads.road import STEEPEST
 
@@ -54,7 +54,7 @@ def _road(log: CheckedLog, config: Config, inputs: Mapping[str, Values]) -> tupl
     """Return settings and profiles of the road [rad]: what the log says of bank and
     grade, the whole of it, and the settings where it does not. The lean into curves of
     the settings is a bank of -share v r/g there."""
-    given = {n: log.extra[n].to_numpy(float) for n in ROAD if n in log.extra}
+    given = {n: log.extra[n].to_numpy(float) for n in ROAD_COLUMNS if n in log.extra}
     profiles = {}
     if "grade" in given:
         profiles["grade"] = np.where(np.isfinite(given["grade"]), given["grade"] - config.grade_angle, 0.0)

@@ -43,7 +43,7 @@ from tse.library.errors import UserError
 from tse.library.files import make_directory
 from tse.log.rows import check_log, fill_optional, select_liveliest
 from tse.log.units import unit_factor
-from tse.readers.bus_text import Frame
+from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
@@ -74,7 +74,7 @@ Say = Callable[[str], None]
 class Arrived:
     """A frame, and when it came, s of the machine's clock."""
 
-    frame: Frame
+    frame: CanFrame
     at: float
 
 
@@ -148,7 +148,7 @@ class Reader(threading.Thread):
             self.count += 1
             self._record(message)
             bus = str(message.channel or 0)
-            frame = Frame(
+            frame = CanFrame(
                 message.timestamp, message.arbitration_id, message.is_extended_id, bus, bytes(message.data)
             )
             self._came.append(Arrived(frame, time.monotonic()))
