@@ -134,6 +134,8 @@ class FormulaOp:
 
 
 class _CEffect(ctypes.Structure):
+    """tse_effect_row of tse/describe.h."""
+
     _fields_ = [
         *(
             (name, ctypes.c_char_p)
@@ -144,6 +146,8 @@ class _CEffect(ctypes.Structure):
 
 
 class _CEffectParameter(ctypes.Structure):
+    """tse_effect_parameter of tse/describe.h."""
+
     _fields_ = [
         *((name, ctypes.c_char_p) for name in ("effect", "name", "setting", "unit", "text")),
         ("strength", ctypes.c_int32),
@@ -156,6 +160,8 @@ class _CEffectParameter(ctypes.Structure):
 
 
 class _CField(ctypes.Structure):
+    """tse_field of tse/describe.h."""
+
     _fields_ = [
         ("name", ctypes.c_char_p),
         ("kind", ctypes.c_char),
@@ -169,6 +175,8 @@ class _CField(ctypes.Structure):
 
 
 class _CBuild(ctypes.Structure):
+    """tse_build of tse/describe.h."""
+
     _fields_ = [
         ("version", ctypes.c_char_p),
         ("format", ctypes.c_char_p),
@@ -403,6 +411,7 @@ MAX_SCALED = 2.0**60  # limit of converted numbers; larger than every result
 
 
 def _to_fixed(values: np.ndarray, bits: int) -> np.ndarray:
+    """Convert numbers to fixed point with `bits` fraction bits."""
     numbers = np.asarray(values, float)
     with np.errstate(invalid="ignore", over="ignore"):
         scaled = np.clip(np.rint(numbers * 2.0**bits), -MAX_SCALED, MAX_SCALED)
@@ -410,6 +419,7 @@ def _to_fixed(values: np.ndarray, bits: int) -> np.ndarray:
 
 
 def _from_fixed(raw: np.ndarray, bits: int) -> np.ndarray:
+    """Convert fixed point with `bits` fraction bits to numbers."""
     return np.where(raw == FIXED_NAN, np.nan, raw / 2.0**bits)
 
 

@@ -227,8 +227,7 @@ def connect_to_dask(scheduler: str) -> Any:
 
 
 def check_workers(client: Any, scheduler: str) -> None:
-    """Refuse a cluster without workers, or whose workers have other code than this
-    process.
+    """Refuse a cluster without workers, or with other code than this process.
 
     Without workers the run would wait forever; other code gives other results."""
 

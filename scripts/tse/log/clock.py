@@ -2,6 +2,7 @@
 
 import numpy as np
 
+DAY = 86400.0  # s
 # An entry that is out of order by less was delayed in a buffer; otherwise the clock was
 # set.
 MAX_LATE_ROWS = 8

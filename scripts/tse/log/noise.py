@@ -1,5 +1,4 @@
-"""Estimate noise and bias of sensors from a log, for vehicle files that do not state
-them.
+"""Estimate noise and bias of sensors from a log, if the vehicle file lacks them.
 
 Noise of a channel while the car moves: the largest of
 

@@ -16,13 +16,14 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
+from tse.log.clock import DAY
+from tse.readers.databases import IDENTIFIER_MASK
 
 DETECTION_BYTES = 1 << 16  # read to detect the kind of a text
 MAX_LINE_LENGTH = 1 << 14  # characters
 DETECTION_LINES = 2000  # used to find the unit of the times and the base of the identifiers
 MAX_LISTED_LINES = 3  # odd lines in one note
-ERROR_FRAME, IDENTIFIER_MASK = 0x20000000, 0x1FFFFFFF  # bits of an identifier of candump
-DAY = 86400.0  # s
+ERROR_FRAME = 0x20000000  # bit of an identifier of candump
 
 
 class CanFrame(NamedTuple):
@@ -442,10 +443,10 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
 
 
 def _guess_tick(stamps: np.ndarray) -> float:
-    """Return the unit of whole numbers, s: by their epoch, or by the steps between
-    frames.
+    """Return the unit of whole numbers, s.
 
-    A frame takes at least 0.05 ms, and some come each ms."""
+    Their epoch shows it, or the steps between frames: a frame takes at least 0.05 ms, and
+    some come each ms."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
     if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):

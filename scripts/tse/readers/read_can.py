@@ -21,7 +21,7 @@ from tse.readers.bus_text import (
     detect_bus_text,
     read_frames,
 )
-from tse.readers.databases import DATABASE_SUFFIXES, read_database
+from tse.readers.databases import DATABASE_SUFFIXES, IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, read_database
 from tse.readers.recording import (
     CHUNK_ROWS,
     MIN_FRAME_BYTES,
@@ -38,7 +38,6 @@ from tse.readers.recording import (
 # ---- Decoding: the bits of all frames of a message at once, by its database (DBC,
 # ARXML, KCD, SYM).
 
-IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER = 0x1FFFFFFF, 0x7FF
 # bits of the key of a message, above its identifier: extended identifier, number of the
 # bus
 EXTENDED_SHIFT, BUS_SHIFT = 29, 32
@@ -56,8 +55,8 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASE_SUFFIXES)
     if not found and required:
         raise UserError(
-            f"{path}: holds frames of a bus, and there is no database ({', '.join(DATABASE_SUFFIXES)}) beside it "
-            "that says what they mean: "
+            f"{path}: holds frames of a bus, and there is no database ({', '.join(DATABASE_SUFFIXES)}) "
+            "beside it that says what they mean: "
             'name it with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
     return found

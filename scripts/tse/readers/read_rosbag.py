@@ -61,8 +61,9 @@ def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
 
 
 def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
-    """Yield topic, time (s), message and type of all messages of a ROS 1 bag without
-    index.
+    """Yield topic, time (s), message and type of the messages of a ROS 1 bag.
+
+    The bag is read from its front, because it has no index.
 
     The last complete chunk ends the bag."""
     store = typesys.get_typestore(typesys.Stores.EMPTY)

@@ -107,8 +107,7 @@ MAX_UNPACKED_RATIO = 40  # allowed size over packed size
 
 @contextmanager
 def unpack_log(path: Path) -> Iterator[Path]:
-    """Yield the path of a log, unpacked for the duration of the block if it is a gzip
-    file.
+    """Yield the path of a log; a gzip file is unpacked until the block ends.
 
     Parameters
     ----------

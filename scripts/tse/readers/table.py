@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
+from tse.log.clock import DAY
 from tse.log.units import is_known_unit, unit_factor, unit_kind
 from tse.readers.recording import (
     Channel,
@@ -349,7 +350,6 @@ PACKED_NOTE = (
     "time: its numbers are times of day as HHMMSS.ss, so they are taken as such "
     "([log] time_unit says otherwise)"
 )
-DAY = 86400.0  # s
 
 
 def unpack_times(time: np.ndarray) -> np.ndarray:
