@@ -479,7 +479,7 @@ class Settings:
         if name.startswith("_") or name not in self._table:
             raise AttributeError(name)
         value = self._record[name][0]
-        # by its shortest decimal: 0.01, and 0.00999999977... for no user
+        # a setting 0.01 in single precision is returned as 0.01, not as 0.00999999977
         return value.item() if value.dtype != np.float32 else float(str(value))
 
     def __setattr__(self, name: str, value: float) -> None:
@@ -656,7 +656,7 @@ class NativeFilter:
         """Return the share of each uncertain setting in the sd of the three stiffnesses.
 
         Settings are those of src/tables/uncertainty.toml. The sd is relative to the
-        nominal stiffness and holds for the last row. The filter with particles returns
+        nominal stiffness and holds for the last row. The filter with particles has none:
         {}."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}

@@ -26,8 +26,7 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-# Errors of a full disk, a quota, a limit of the shell or a device: the user can mend
-# them.
+# Errors of a disk, a quota, a limit of the shell or a device, which the user can mend
 WRITE_ERRORS = {
     getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)
 }
@@ -43,8 +42,7 @@ def explain_write_error(error: BaseException) -> str:
 def resolve_path(path: Path) -> Path:
     """Return the path with its links resolved.
 
-    Unlike Path.resolve() it accepts a circle of links: opening the path raises the
-    error."""
+    Unlike Path.resolve() it accepts a circle of links, which fails when it is opened."""
     return Path(os.path.realpath(path))
 
 

@@ -129,8 +129,7 @@ class LocalPool(Workers):
 
     def next(self) -> Finished:
         while not self._suspects:
-            # get(), because Ctrl-C within wait() leaves futures locked and the pool
-            # running
+            # get(), because Ctrl-C within wait() locks futures, and the pool never ends
             future = self._done.get()
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
@@ -154,7 +153,7 @@ class LocalPool(Workers):
 
 
 def _raise_died(more: str = "") -> Any:
-    """Raise Died; in the place of a result."""
+    """Raise Died. Called in the place of the result of a task whose process has died."""
     raise Died(more)
 
 

@@ -52,7 +52,7 @@ OPTIONAL_COLUMNS = {
     "gnss_longitude": ("deg", -180.0, 180.0,
         "longitude, positive east", "radians: multiply by 180/pi"),
 }  # fmt: skip
-VELOCITY_COLUMNS = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
+VELOCITY_COLUMNS = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")
 ROAD_COLUMNS = ("bank", "grade")
 TORQUE_COLUMNS = ("wheel_torque_front", "wheel_torque_rear")
 _SPEED_HINT = (
@@ -74,8 +74,8 @@ MAX_BACK = 0.5  # share of rows without a rising time; above it the column holds
 
 # Limits of a channel
 MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is wrong
-# share of right minus left wheel speed that follows the yaw rate; below it, the rest
-# hides the track width
+# share of the squared difference of both wheels that follows the yaw rate; below it,
+# noise hides the track width
 MIN_TURN_SHARE = 0.5
 # share of accel_y that speed times yaw rate leaves unexplained: below it, accel_y was
 # computed from them. A noise-free simulation leaves 0.04
@@ -152,7 +152,7 @@ class CheckedLog:
     sample_time: float | None  # s, median step; None: a single row
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # usual number of rows of the file in one row
-    extra: pd.DataFrame = field(default_factory=lambda: _make_frame({}, 0))  # columns of OPTIONAL
+    extra: pd.DataFrame = field(default_factory=lambda: _make_frame({}, 0))  # optional columns
     place: str = "line"  # unit of `line` for messages: lines of the file, or rows of the raster
     # axle without wheel speeds: it has those of the other axle, so slip is not observable
     stand_in: str | None = None

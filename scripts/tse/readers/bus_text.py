@@ -231,7 +231,8 @@ BUSMASTER_LINE = re.compile(
     r"((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
     re.ASCII | re.IGNORECASE,
 )
-BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}  # is time relative
+# modes of the times; True: differences
+BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}
 
 
 def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:

@@ -36,7 +36,7 @@ class LazyVector:
 def read(path: Path, how: ReadOptions) -> Recording:
     """Read vectors and columns of matrices, named by their path in structs.
 
-    Each has the time of its length that is nearest in the tree."""
+    The time of a vector has the same length and the nearest path."""
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []

@@ -64,7 +64,9 @@ def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tupl
 
 
 def _find_decoder(path: Path, channel: Any, schema: Any, strange: dict[str, str]) -> Any:
-    """Return a decoder of the messages of a channel; None, and a note in `strange`."""
+    """Return a decoder of the messages of a channel.
+
+    For an unknown encoding or schema return None, and name it in `strange`."""
     encoding = channel.message_encoding
     if encoding == "json":
         return json.loads

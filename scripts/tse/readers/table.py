@@ -21,7 +21,7 @@ from tse.readers.recording import (
     suggest_channels,
 )
 
-# words of a column of times, the most likely first
+# words in the name of a column of times, the most likely first
 TIME_WORDS = (
     "time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime",
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
