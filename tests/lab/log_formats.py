@@ -204,8 +204,15 @@ def write_bus(path: Path, sent: list[Frame]) -> None:
 
     with can.Logger(str(path)) as logger:
         for t, identifier, extended, data, channel in sent:
-            logger.on_message_received(can.Message(timestamp=float(1.7e9 + t), arbitration_id=identifier, is_extended_id=extended,
-                                                   data=data, channel=channel))  # fmt: skip
+            logger.on_message_received(
+                can.Message(
+                    timestamp=float(1.7e9 + t),
+                    arbitration_id=identifier,
+                    is_extended_id=extended,
+                    data=data,
+                    channel=channel,
+                )
+            )
 
 
 def bus(folder: Path, parts: list[Message], name: str) -> Path:
@@ -242,9 +249,14 @@ def write_mf4_bus(path: Path, found: list[Frame]) -> None:
     data = np.zeros((len(found), 8), np.uint8)
     for i, f in enumerate(found):
         data[i, : len(f[3])] = np.frombuffer(f[3], np.uint8)
-    kind = [("CAN_DataFrame.BusChannel", "u1"), ("CAN_DataFrame.ID", "u4"), ("CAN_DataFrame.IDE", "u1"), ("CAN_DataFrame.DLC",
-    "u1"),
-            ("CAN_DataFrame.DataLength", "u1"), ("CAN_DataFrame.DataBytes", "(8,)u1")]  # fmt: skip
+    kind = [
+        ("CAN_DataFrame.BusChannel", "u1"),
+        ("CAN_DataFrame.ID", "u4"),
+        ("CAN_DataFrame.IDE", "u1"),
+        ("CAN_DataFrame.DLC", "u1"),
+        ("CAN_DataFrame.DataLength", "u1"),
+        ("CAN_DataFrame.DataBytes", "(8,)u1"),
+    ]
     samples = np.zeros(len(found), kind)
     samples["CAN_DataFrame.BusChannel"] = [f[4] for f in found]
     samples["CAN_DataFrame.ID"] = [f[1] for f in found]
@@ -296,15 +308,36 @@ def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, 
         made.append((t, "/steer", "car_msgs/msg/Steer", lambda i=i, t=t: kinds["car_msgs/msg/Steer"](
             header=head(t), angle=float(steer.columns["LenkradWinkel"][i]))))  # fmt: skip
     for i, t in enumerate(wheels.time):
-        made.append((t, "/wheels", "car_msgs/msg/Wheels", lambda i=i, t=t: kinds["car_msgs/msg/Wheels"](
-            header=head(t), **{f"rad_{n[3:].lower()}": float(x[i]) for n, x in wheels.columns.items()})))  # fmt: skip
+        made.append(
+            (
+                t,
+                "/wheels",
+                "car_msgs/msg/Wheels",
+                lambda i=i, t=t: kinds["car_msgs/msg/Wheels"](
+                    header=head(t), **{f"rad_{n[3:].lower()}": float(x[i]) for n, x in wheels.columns.items()}
+                ),
+            )
+        )
     for i, t in enumerate(imu.time):
         c = imu.columns
-        made.append((t, "/imu", "sensor_msgs/msg/Imu", lambda i=i, t=t, c=c: kinds["sensor_msgs/msg/Imu"](
-            header=head(t), orientation=quaternion(0.0, 0.0, 0.0, 1.0), orientation_covariance=np.zeros(9),
-            angular_velocity=vector(0.0, 0.0, float(c["Gierrate"][i] / DEG)), angular_velocity_covariance=np.zeros(9),
-            linear_acceleration=vector(float(c["Laengsbeschl"][i]), float(9.80665 * c["Querbeschl"][i]), 9.81),
-            linear_acceleration_covariance=np.zeros(9))))  # fmt: skip
+        made.append(
+            (
+                t,
+                "/imu",
+                "sensor_msgs/msg/Imu",
+                lambda i=i, t=t, c=c: kinds["sensor_msgs/msg/Imu"](
+                    header=head(t),
+                    orientation=quaternion(0.0, 0.0, 0.0, 1.0),
+                    orientation_covariance=np.zeros(9),
+                    angular_velocity=vector(0.0, 0.0, float(c["Gierrate"][i] / DEG)),
+                    angular_velocity_covariance=np.zeros(9),
+                    linear_acceleration=vector(
+                        float(c["Laengsbeschl"][i]), float(9.80665 * c["Querbeschl"][i]), 9.81
+                    ),
+                    linear_acceleration_covariance=np.zeros(9),
+                ),
+            )
+        )
     for t, topic, kind, message in sorted(made, key=lambda m: m[0]):
         write(topic, kind, 1.7e9 + t + 0.001, message())
 

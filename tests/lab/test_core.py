@@ -158,8 +158,21 @@ def folder(tmp_path_factory):
         "wheels": ("--set", "wheel_speed_sd=0.05"),
     }
     for name, options in drives.items():
-        done = tselab_here("simulate", "--maneuver", "square-waves", "--vehicle", "car.toml", "--seed", 1, *options,
-                      "--out", f"{name}.csv", "--truth", f"{name}.truth.csv", cwd=folder)  # fmt: skip
+        done = tselab_here(
+            "simulate",
+            "--maneuver",
+            "square-waves",
+            "--vehicle",
+            "car.toml",
+            "--seed",
+            1,
+            *options,
+            "--out",
+            f"{name}.csv",
+            "--truth",
+            f"{name}.truth.csv",
+            cwd=folder,
+        )
         assert done.code == 0, done.err
     return folder
 

@@ -199,11 +199,21 @@ def test_a_thread_that_has_read_in_time_is_not_interrupted_later(monkeypatch, tm
         assert pool.submit(work).result(timeout=30) == 1
 
 
-@pytest.mark.parametrize(("text", "says"), [
-    ("time," + ",".join(f"c{i}" for i in range(30000)) + "\n" + ",".join("1" for _ in range(30001)) + "\n", "has 30,001 columns"),
-    ("time," + "x" * 100000 + "\n0,1\n1,2\n", "a cell has 100,000 characters"),
-    ("time," + "x" * 2000 + "\n0,1\n1,2\n", "the name of a column has 2,000 characters"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "time,"
+            + ",".join(f"c{i}" for i in range(30000))
+            + "\n"
+            + ",".join("1" for _ in range(30001))
+            + "\n",
+            "has 30,001 columns",
+        ),
+        ("time," + "x" * 100000 + "\n0,1\n1,2\n", "a cell has 100,000 characters"),
+        ("time," + "x" * 2000 + "\n0,1\n1,2\n", "the name of a column has 2,000 characters"),
+    ],
+)
 @pytest.mark.parametrize("command", ["signals", "estimate"])
 def test_a_table_that_is_too_wide_or_has_too_long_a_name_is_refused(text, says, command, car, tmp_path):
     (tmp_path / "drive.csv").write_text(text)

@@ -236,12 +236,29 @@ def test_a_link_to_an_input_is_that_input(drive, tmp_path):
     assert "--report is the same file as --out" in done.err
 
 
-@pytest.mark.parametrize(("command", "option", "same"), [
-    (("calibrate", "a.csv", "--vehicle", "car.toml", "--hold-out", "b.csv", "--out", "x.toml", "--table", "b.csv"),
-     "--table", "b.csv"),
-    (("formula", "play.toml", "--c", "play.toml"), "--c", "the formula"),
-    (("fmu", "parameters", "x.fmu", "--vehicle", "car.toml", "--out", "car.toml"), "--out", "--vehicle"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("command", "option", "same"),
+    [
+        (
+            (
+                "calibrate",
+                "a.csv",
+                "--vehicle",
+                "car.toml",
+                "--hold-out",
+                "b.csv",
+                "--out",
+                "x.toml",
+                "--table",
+                "b.csv",
+            ),
+            "--table",
+            "b.csv",
+        ),
+        (("formula", "play.toml", "--c", "play.toml"), "--c", "the formula"),
+        (("fmu", "parameters", "x.fmu", "--vehicle", "car.toml", "--out", "car.toml"), "--out", "--vehicle"),
+    ],
+)
 def test_no_command_writes_over_what_it_reads(command, option, same, drive, tmp_path):
     for name, path in {"a.csv": drive.log, "b.csv": drive.log, "car.toml": drive.vehicle}.items():
         (tmp_path / name).write_bytes(path.read_bytes())
@@ -341,12 +358,19 @@ def usual(seed: int, rows: int = 500) -> dict:
     size = 10.0 ** rng.uniform(-9, 9, rows)
     some = np.where(rng.random(rows) < 0.5, np.nan, np.round(size % 7))
     return {
-        "time": np.arange(rows) * 0.01, "x": (rng.standard_normal(rows) * size).astype(np.float32), "y": some.astype(np.float32),
-        "log": rng.uniform(-1, 1, rows) * 1e3, "none": np.full(rows, np.nan, np.float32), "one": np.ones(rows, np.float32),
-        "zero": np.where(rng.random(rows) < 0.5, -0.0, 0.0).astype(np.float32), "code": rng.integers(-5, 9, rows, np.int32),
-        "count": rng.integers(0, 2**23, rows), "same": pd.Categorical(["valid"] * rows),
-        "word": pd.Categorical(rng.choice(["a b", "c"], rows)), "part": pd.Categorical([None, *["x"] * (rows - 1)]),
-    }  # fmt: skip
+        "time": np.arange(rows) * 0.01,
+        "x": (rng.standard_normal(rows) * size).astype(np.float32),
+        "y": some.astype(np.float32),
+        "log": rng.uniform(-1, 1, rows) * 1e3,
+        "none": np.full(rows, np.nan, np.float32),
+        "one": np.ones(rows, np.float32),
+        "zero": np.where(rng.random(rows) < 0.5, -0.0, 0.0).astype(np.float32),
+        "code": rng.integers(-5, 9, rows, np.int32),
+        "count": rng.integers(0, 2**23, rows),
+        "same": pd.Categorical(["valid"] * rows),
+        "word": pd.Categorical(rng.choice(["a b", "c"], rows)),
+        "part": pd.Categorical([None, *["x"] * (rows - 1)]),
+    }
 
 
 @pytest.mark.parametrize("rows", [1, 2, 500])
@@ -388,10 +412,15 @@ MIXED = pd.DataFrame(
 
 @pytest.mark.parametrize(
     "change",
-    [{}, {"flag": [True, False, True]}, {"word": ['say "x"', "a,b", "two\nlines"]}, {"x": [np.inf, -np.inf, np.nan]},
-     {"word": ["", None, "x"]},
-     {'head,"er': [1, 2, 3]}],
-)  # fmt: skip
+    [
+        {},
+        {"flag": [True, False, True]},
+        {"word": ['say "x"', "a,b", "two\nlines"]},
+        {"x": [np.inf, -np.inf, np.nan]},
+        {"word": ["", None, "x"]},
+        {'head,"er': [1, 2, 3]},
+    ],
+)
 def test_a_table_reads_as_what_pandas_writes(change):
     table = MIXED.assign(**change)
     assert cells(written(table)) == cells(as_pandas(table))

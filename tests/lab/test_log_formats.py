@@ -87,9 +87,13 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     log = read_log(path, reading=Reading(car=read_vehicle(car)))
     assert abs(len(log) - len(table)) < 12 and log.sample_time == pytest.approx(0.01)
     for name, share in (
-        ("steer_angle", 0.01), ("wheel_speed_rear", 0.001), ("wheel_speed_front", 0.002), ("accel_x", 1e-6), ("accel_y", 1e-6),
-        ("yaw_rate", 1e-6)
-    ):  # fmt: skip
+        ("steer_angle", 0.01),
+        ("wheel_speed_rear", 0.001),
+        ("wheel_speed_front", 0.002),
+        ("accel_x", 1e-6),
+        ("accel_y", 1e-6),
+        ("yaw_rate", 1e-6),
+    ):
         true = np.interp(log.time, table.time, table[name])
         assert np.nanstd(log.data[name] - true) < share * np.std(true), name
     # an entry for two and for five rows: their noise is that of so many
@@ -269,16 +273,23 @@ def test_an_attitude_is_no_yaw_rate_and_an_accuracy_no_steering(bends):
     noise = np.random.default_rng(1).normal(0.2, 0.02, len(bends))
     found = propose(
         log_of(
-            bends.time.to_numpy(), tf__rotation__z=np.sin(heading / 2), tf__rotation__w=np.cos(heading / 2),
-            gnss__RollAccuracy=(noise, "deg"), engine__rpm=(900 + 50 * noise, "rpm"), vehicle_speed=bends.wheel_speed_rear * 1.1,
+            bends.time.to_numpy(),
+            tf__rotation__z=np.sin(heading / 2),
+            tf__rotation__w=np.cos(heading / 2),
+            gnss__RollAccuracy=(noise, "deg"),
+            engine__rpm=(900 + 50 * noise, "rpm"),
+            vehicle_speed=bends.wheel_speed_rear * 1.1,
         )
-    )  # fmt: skip
+    )
     assert found["yaw_rate"] is None and found["steer_angle"] is None
 
 
 def test_a_measured_quantity_may_be_called_status(bends):
-    named = {"vehicle_speed_status": 3.6 * RADIUS * bends.wheel_speed_rear, "steer_angle_status": bends.steer_angle * 57.3 * RATIO,
-             "yaw_rate_status": bends.yaw_rate}  # fmt: skip
+    named = {
+        "vehicle_speed_status": 3.6 * RADIUS * bends.wheel_speed_rear,
+        "steer_angle_status": bends.steer_angle * 57.3 * RATIO,
+        "yaw_rate_status": bends.yaw_rate,
+    }
     found = propose(log_of(bends.time.to_numpy(), **named))
     assert found["steer_angle"].name == ("steer_angle_status",) and found["yaw_rate"].name == (
         "yaw_rate_status",
@@ -323,8 +334,11 @@ BO_ 2147483748 E: 2 X
 def test_buses_and_kinds_of_identifiers_are_kept_apart(name, tmp_path):
     """100, standard and extended, on two buses; the higher one sends first."""
     pytest.importorskip("cantools", reason="cantools is not installed: scripts/setup.sh logs")
-    sent = [(1e-2 * i + 1e-3 * k, 100, extended, (10 * k + i).to_bytes(2, "little"), bus)
-            for i in range(50) for k, (extended, bus) in enumerate([(False, 2), (False, 1), (True, 1)])]  # fmt: skip
+    sent = [
+        (1e-2 * i + 1e-3 * k, 100, extended, (10 * k + i).to_bytes(2, "little"), bus)
+        for i in range(50)
+        for k, (extended, bus) in enumerate([(False, 2), (False, 1), (True, 1)])
+    ]
     (tmp_path / "car.dbc").write_text(TWO)
     if name == "drive.csv":
         rows = [f"{round(1e6 * t)},{i:X},{e},{b},{len(d)},{d[0]:02X},{d[1]:02X}" for t, i, e, d, b in sent]
@@ -334,8 +348,11 @@ def test_buses_and_kinds_of_identifiers_are_kept_apart(name, tmp_path):
     else:
         write_bus(tmp_path / name, sent)
     log = read_recording(tmp_path / name)
-    assert {n: (c.value == k * 10 + np.arange(50)).all() for k, n in ((0, "M.speed#2"), (1, "M.speed"), (2, "E.angle"))
-            for c in [log.channels[n]]} == {"M.speed#2": True, "M.speed": True, "E.angle": True}  # fmt: skip
+    assert {
+        n: (c.value == k * 10 + np.arange(50)).all()
+        for k, n in ((0, "M.speed#2"), (1, "M.speed"), (2, "E.angle"))
+        for c in [log.channels[n]]
+    } == {"M.speed#2": True, "M.speed": True, "E.angle": True}
     assert len(log.channels) == 3 and any(
         "message M is there more than once" in n and "M.speed#2" in n for n in log.notes
     )
@@ -379,20 +396,30 @@ def test_a_sign_that_is_a_bit_of_its_own_is_proposed_with_its_magnitude(bends):
     """As Volkswagen's messages have it: |angle| and |yaw rate|, each with a bit; other bits are near, and none is a measurement."""
     time, data = bends.time.to_numpy(), bends
     rng = np.random.default_rng(3)
-    found = propose(log_of(
-        time,
-        **{
-            "LWI_Lenkradwinkel": np.abs(RATIO * data.steer_angle.to_numpy()), "LWI_VZ_Lenkradwinkel": 1.0 * (data.steer_angle < 0),
-            "LWI_QBit_Lenkradwinkel": 1.0 * (rng.random(len(time)) < 0.01),
-            "ESP_Gierrate": np.abs(data.yaw_rate.to_numpy()), "ESP_VZ_Gierrate": 1.0 * (data.yaw_rate < 0),
-            "ESP_Querbeschleunigung": data.accel_y.to_numpy(), "ESP_Laengsbeschl": data.accel_x.to_numpy(),
-            **{f"ESP_{side}_Radgeschw": data[f"wheel_speed_{axle}"].to_numpy() * RADIUS
-               for side, axle in (("VL", "front"), ("VR", "front"), ("HL", "rear"), ("HR", "rear"))},
-            "ESP_Stillstand_Radgeschw": 1.0 * (data.wheel_speed_front < 0.1),
-        },
-    ))  # fmt: skip
-    wanted = (("steer_angle", "LWI_Lenkradwinkel", "LWI_VZ_Lenkradwinkel"), ("yaw_rate", "ESP_Gierrate", "ESP_VZ_Gierrate"),
-              ("accel_y", "ESP_Querbeschleunigung", None))  # fmt: skip
+    found = propose(
+        log_of(
+            time,
+            **{
+                "LWI_Lenkradwinkel": np.abs(RATIO * data.steer_angle.to_numpy()),
+                "LWI_VZ_Lenkradwinkel": 1.0 * (data.steer_angle < 0),
+                "LWI_QBit_Lenkradwinkel": 1.0 * (rng.random(len(time)) < 0.01),
+                "ESP_Gierrate": np.abs(data.yaw_rate.to_numpy()),
+                "ESP_VZ_Gierrate": 1.0 * (data.yaw_rate < 0),
+                "ESP_Querbeschleunigung": data.accel_y.to_numpy(),
+                "ESP_Laengsbeschl": data.accel_x.to_numpy(),
+                **{
+                    f"ESP_{side}_Radgeschw": data[f"wheel_speed_{axle}"].to_numpy() * RADIUS
+                    for side, axle in (("VL", "front"), ("VR", "front"), ("HL", "rear"), ("HR", "rear"))
+                },
+                "ESP_Stillstand_Radgeschw": 1.0 * (data.wheel_speed_front < 0.1),
+            },
+        )
+    )
+    wanted = (
+        ("steer_angle", "LWI_Lenkradwinkel", "LWI_VZ_Lenkradwinkel"),
+        ("yaw_rate", "ESP_Gierrate", "ESP_VZ_Gierrate"),
+        ("accel_y", "ESP_Querbeschleunigung", None),
+    )
     for channel, name, bit in wanted:
         guess = found[channel]
         assert guess is not None and (guess.name, guess.sign_bit) == ((name,), bit), guess
@@ -460,8 +487,18 @@ def test_real_log_gives_finite_positive_plausible_stiffness(name, average, tmp_p
     options = () if average is None else ("--average", average)
     found = []
     for _ in range(2):
-        done = tselab_here("estimate", "--verbose", folder / "data.csv", "--vehicle", folder / "vehicle.toml", "--report", "r.html",
-                           "--no-calibrate", *options, cwd=tmp_path)  # fmt: skip
+        done = tselab_here(
+            "estimate",
+            "--verbose",
+            folder / "data.csv",
+            "--vehicle",
+            folder / "vehicle.toml",
+            "--report",
+            "r.html",
+            "--no-calibrate",
+            *options,
+            cwd=tmp_path,
+        )
         assert done.code in RAN, done.err
         assert (
             "filled in: cornering_stiffness_front" in done.out

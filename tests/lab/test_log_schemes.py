@@ -18,42 +18,59 @@ from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
 DEG, G = 180 / np.pi, 9.80665
-STEER = ["SteeringWheelAngle", "Steering_Wheel_Angle", "StrgWhlAng", "SWA", "LWI_Lenkradwinkel", "LRW", "Lenkradwinkel",
-    "SteerWhlAng", "steeringAngleDeg",
-         "STEER_ANGLE", "SAS_Angle", "steering_wheel_angle", "EPS_SteeringAngle", "str_ang", "StWhl_Ang", "AngleVolant",
-         "delta_H", "DeltaSW", "Angolo_Sterzo",
-         "LW_Winkel", "HandwheelAngle", "SteeringAngle", "StgAng", "Delta_SW", "lenkwinkel", "vehicle.steering.angle",
-         "WheelAngle_Steering"]  # fmt: skip
-YAW = ["YawRate", "Yaw_Rate", "ESP_Gierrate", "YAW_RATE", "GierRate", "yawRate", "VehYawRate", "psi_dot", "PsiPunkt_Gierrate",
-    "omega_z", "gyro_z", "GyroZ", "wz",
-       "Gierwinkelgeschwindigkeit", "YawVelocity", "angular_velocity.z", "IMU_RateZ", "VSA_YawRt", "Vitesse_Lacet", "dPsi",
-       "Giergeschwindigkeit", "RotRateZ",
-       "yaw_rate_dps", "Drehrate_z", "YawSpeed", "imu.gyr.z"]  # fmt: skip
-AY = ["LatAccel", "Lateral_Acceleration", "ESP_Querbeschleunigung", "Querbeschl", "LAT_ACC", "ay", "AccelY", "acc_y",
-    "VehLatAcc", "aLat", "linear_acceleration.y",
-      "LatAcc", "a_quer", "Acc_Lat", "AccLateral", "IMU_AccelY", "LateralG", "a_y", "AyVeh", "Acceleration_Laterale",
-      "LatAccelSensor", "imu.acc.y", "VehAccY"]  # fmt: skip
-AX = ["LonAccel", "Longitudinal_Acceleration", "ESP_Laengsbeschl", "Laengsbeschl", "LONG_ACC", "ax", "AccelX", "acc_x",
-    "VehLgtAcc", "aLon",
-      "linear_acceleration.x", "LongAcc", "a_laengs", "Acc_Lon", "AccLongitudinal", "IMU_AccelX", "LongitudinalG", "a_x",
-      "AxVeh", "Acceleration_Longitudinale",
-      "LongAccelSensor", "imu.acc.x", "VehAccX"]  # fmt: skip
+
+
+def split_names(text: str) -> list[str]:
+    """Return the names in a text."""
+    return text.split()
+
+
+STEER = split_names("""
+    SteeringWheelAngle Steering_Wheel_Angle StrgWhlAng SWA LWI_Lenkradwinkel LRW
+    Lenkradwinkel SteerWhlAng steeringAngleDeg STEER_ANGLE SAS_Angle steering_wheel_angle
+    EPS_SteeringAngle str_ang StWhl_Ang AngleVolant delta_H DeltaSW Angolo_Sterzo
+    LW_Winkel HandwheelAngle SteeringAngle StgAng Delta_SW lenkwinkel
+    vehicle.steering.angle WheelAngle_Steering
+""")
+YAW = split_names("""
+    YawRate Yaw_Rate ESP_Gierrate YAW_RATE GierRate yawRate VehYawRate psi_dot
+    PsiPunkt_Gierrate omega_z gyro_z GyroZ wz Gierwinkelgeschwindigkeit YawVelocity
+    angular_velocity.z IMU_RateZ VSA_YawRt Vitesse_Lacet dPsi Giergeschwindigkeit RotRateZ
+    yaw_rate_dps Drehrate_z YawSpeed imu.gyr.z
+""")
+AY = split_names("""
+    LatAccel Lateral_Acceleration ESP_Querbeschleunigung Querbeschl LAT_ACC ay AccelY
+    acc_y VehLatAcc aLat linear_acceleration.y LatAcc a_quer Acc_Lat AccLateral IMU_AccelY
+    LateralG a_y AyVeh Acceleration_Laterale LatAccelSensor imu.acc.y VehAccY
+""")
+AX = split_names("""
+    LonAccel Longitudinal_Acceleration ESP_Laengsbeschl Laengsbeschl LONG_ACC ax AccelX
+    acc_x VehLgtAcc aLon linear_acceleration.x LongAcc a_laengs Acc_Lon AccLongitudinal
+    IMU_AccelX LongitudinalG a_x AxVeh Acceleration_Longitudinale LongAccelSensor
+    imu.acc.x VehAccX
+""")
 WHEELS = [  # what stands before, the four, what stands after
-    ("WheelSpeed_", ("FL", "FR", "RL", "RR"), ""), ("WheelSpeed", ("FL", "FR", "RL", "RR"), ""), ("ESP_", ("VL", "VR", "HL",
-    "HR"), "_Radgeschw"),
-    ("Rad_", ("VL", "VR", "HL", "HR"), ""), ("v_Rad_", ("VL", "VR", "HL", "HR"), ""), ("WHEEL_SPEED_", ("FL", "FR", "RL", "RR"),
-    ""),
-    ("wheelSpeeds.", ("fl", "fr", "rl", "rr"), ""), ("WhlSpd", ("FrntLft", "FrntRght", "RrLft", "RrRght"), ""), ("WSS_", ("LF",
-    "RF", "LR", "RR"), ""),
-    ("WhlAngVel_", ("LF", "RF", "LR", "RR"), ""), ("n_", ("FL", "FR", "RL", "RR"), "_rpm"), ("wheel_speed_", ("front_left",
-    "front_right", "rear_left", "rear_right"), ""),
-    ("VitesseRoue_", ("AVG", "AVD", "ARG", "ARD"), ""), ("vWheel", ("FL", "FR", "RL", "RR"), ""), ("wheel.", ("left_front",
-    "right_front", "left_rear", "right_rear"), ".speed"),
-    ("Raddrehzahl_", ("vorne_links", "vorne_rechts", "hinten_links", "hinten_rechts"), ""), ("ABS_WS_", ("fl", "fr", "rl",
-    "rr"), ""),
-    ("omega_", ("fl", "fr", "rl", "rr"), ""), ("", ("fl", "fr", "rl", "rr"), "_wheel_speed"), ("WS", ("FL", "FR", "RL", "RR"),
-    "_kmh"),
-]  # fmt: skip
+    ("WheelSpeed_", ("FL", "FR", "RL", "RR"), ""),
+    ("WheelSpeed", ("FL", "FR", "RL", "RR"), ""),
+    ("ESP_", ("VL", "VR", "HL", "HR"), "_Radgeschw"),
+    ("Rad_", ("VL", "VR", "HL", "HR"), ""),
+    ("v_Rad_", ("VL", "VR", "HL", "HR"), ""),
+    ("WHEEL_SPEED_", ("FL", "FR", "RL", "RR"), ""),
+    ("wheelSpeeds.", ("fl", "fr", "rl", "rr"), ""),
+    ("WhlSpd", ("FrntLft", "FrntRght", "RrLft", "RrRght"), ""),
+    ("WSS_", ("LF", "RF", "LR", "RR"), ""),
+    ("WhlAngVel_", ("LF", "RF", "LR", "RR"), ""),
+    ("n_", ("FL", "FR", "RL", "RR"), "_rpm"),
+    ("wheel_speed_", ("front_left", "front_right", "rear_left", "rear_right"), ""),
+    ("VitesseRoue_", ("AVG", "AVD", "ARG", "ARD"), ""),
+    ("vWheel", ("FL", "FR", "RL", "RR"), ""),
+    ("wheel.", ("left_front", "right_front", "left_rear", "right_rear"), ".speed"),
+    ("Raddrehzahl_", ("vorne_links", "vorne_rechts", "hinten_links", "hinten_rechts"), ""),
+    ("ABS_WS_", ("fl", "fr", "rl", "rr"), ""),
+    ("omega_", ("fl", "fr", "rl", "rr"), ""),
+    ("", ("fl", "fr", "rl", "rr"), "_wheel_speed"),
+    ("WS", ("FL", "FR", "RL", "RR"), "_kmh"),
+]
 PREFIXES = ["", "", "", "ESP_01.", "CAN1.", "/vehicle/imu.", "Chassis.", "VDY_", "bus2::", "Sig_"]
 
 
@@ -107,9 +124,14 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
         way,
     )
     deg = rng.random() < 0.6
-    put("yaw_rate", pick([y for y in YAW if deg or not y.endswith("dps")]), clean.yaw_rate.to_numpy(), pick(["deg/s",
-    "°/s"]) if deg else "rad/s",
-        1 / DEG if deg else 1.0, flip)  # fmt: skip
+    put(
+        "yaw_rate",
+        pick([y for y in YAW if deg or not y.endswith("dps")]),
+        clean.yaw_rate.to_numpy(),
+        pick(["deg/s", "°/s"]) if deg else "rad/s",
+        1 / DEG if deg else 1.0,
+        flip,
+    )
     in_g = rng.random() < 0.35
     at = int(rng.integers(len(AY)))
     for channel, name, x in (("accel_y", AY[at], clean.accel_y), ("accel_x", AX[at], clean.accel_x)):
@@ -127,9 +149,21 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
             way,
         )
     before, places, after = pick(WHEELS)
-    unit, per = (("rpm", np.pi / 30 * radius) if "rpm" in after or "zahl" in before else ("km/h", 1 / 3.6) if "kmh" in after else
-                 pick([("km/h", 1 / 3.6), ("km/h", 1 / 3.6), ("rad/s", radius), ("m/s", 1.0), ("rpm",
-                 np.pi / 30 * radius)]))  # fmt: skip
+    unit, per = (
+        ("rpm", np.pi / 30 * radius)
+        if "rpm" in after or "zahl" in before
+        else ("km/h", 1 / 3.6)
+        if "kmh" in after
+        else pick(
+            [
+                ("km/h", 1 / 3.6),
+                ("km/h", 1 / 3.6),
+                ("rad/s", radius),
+                ("m/s", 1.0),
+                ("rpm", np.pi / 30 * radius),
+            ]
+        )
+    )
     for axle, sides in (("front", places[:2]), ("rear", places[2:])):
         mine = []
         for side, s in zip((-1, 1), sides, strict=True):
@@ -156,16 +190,20 @@ def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
         "SteeringWheelSpeed": (np.gradient(steer) * 100, "deg/s"),
         "BrakePressure": (np.maximum(-clean.accel_x.to_numpy() * 12, 0), "bar"),
         "AccPedalPos": (np.maximum(clean.accel_x.to_numpy(), 0) * 20, "%"),
-        "VehicleSpeed": (3.6 * v, "km/h"), "SteeringTorque": (0.05 * steer + 0.3 * rng.standard_normal(n), "Nm"),
+        "VehicleSpeed": (3.6 * v, "km/h"),
+        "SteeringTorque": (0.05 * steer + 0.3 * rng.standard_normal(n), "Nm"),
         "OutsideTemp": (20 + slow, "degC"),
-        "YawRate_Offset": (0.01 * np.ones(n) + 1e-5 * slow, "deg/s"), "Gear": (np.clip(np.round(v / 6), 1, 6), ""),
+        "YawRate_Offset": (0.01 * np.ones(n) + 1e-5 * slow, "deg/s"),
+        "Gear": (np.clip(np.round(v / 6), 1, 6), ""),
         "Counter": (np.arange(n) % 16.0, ""),
-        "LatAccel_Quality": (np.ones(n), ""), "VerticalAccel": (9.81 + 0.2 * rng.standard_normal(n), "m/s2"),
+        "LatAccel_Quality": (np.ones(n), ""),
+        "VerticalAccel": (9.81 + 0.2 * rng.standard_normal(n), "m/s2"),
         "RollRate": (2 * rng.standard_normal(n), "deg/s"),
-        "PitchRate": (2 * rng.standard_normal(n), "deg/s"), "BatteryVoltage": (13.5 + 0.05 * rng.standard_normal(n), "V"),
+        "PitchRate": (2 * rng.standard_normal(n), "deg/s"),
+        "BatteryVoltage": (13.5 + 0.05 * rng.standard_normal(n), "V"),
         "SetSpeed": (np.full(n, 90.0) + (np.arange(n) > n / 2) * 10, "km/h"),
         "SteerAngleTarget": (steer + rng.standard_normal(n), "deg"),
-    }  # fmt: skip
+    }
     for name in rng.permutation(list(others))[: int(rng.integers(3, len(others) + 1))]:
         value, unit = others[str(name)]
         if prefix + str(name) not in columns:
@@ -260,9 +298,13 @@ def named(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]:
               for n, a, s in (("whl_fl_kmh", "front", "left"), ("whl_fr_kmh", "front", "right"),
                               ("whl_rl_kmh", "rear", "left"), ("whl_rr_kmh", "rear", "right"))}  # fmt: skip
     return {
-        "steering_wheel_angle_deg": log.steer_angle * DEG * GEAR, **wheels, "accel_x": log.accel_x, "accel_y": log.accel_y,
-        "yaw_rate_deg_s": log.yaw_rate * DEG, **more,
-    }  # fmt: skip
+        "steering_wheel_angle_deg": log.steer_angle * DEG * GEAR,
+        **wheels,
+        "accel_x": log.accel_x,
+        "accel_y": log.accel_y,
+        "yaw_rate_deg_s": log.yaw_rate * DEG,
+        **more,
+    }
 
 
 def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
@@ -271,8 +313,17 @@ def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
         for s in ("rear_right", "front_left", "rear_left", "front_right")
     }
     noise = np.random.default_rng(0).normal(size=len(drive))
-    columns = [noise, -drive.accel_y, mph["rear_right"], mph["front_left"], drive.yaw_rate * DEG, mph["rear_left"],
-               drive.steer_angle * DEG * GEAR, mph["front_right"], drive.accel_x]  # fmt: skip
+    columns = [
+        noise,
+        -drive.accel_y,
+        mph["rear_right"],
+        mph["front_left"],
+        drive.yaw_rate * DEG,
+        mph["rear_left"],
+        drive.steer_angle * DEG * GEAR,
+        mph["front_right"],
+        drive.accel_x,
+    ]
     found = proposed(drive.time, {f"ch{i:02d}": x for i, x in enumerate(columns)})
     assert (
         found["yaw_rate"].name == ("ch04",)
@@ -300,11 +351,24 @@ def test_what_the_log_cannot_test_is_unsure(drive):
     assert all(found[c].unsure for c in ("accel_y", "yaw_rate", "steer_angle") if found[c])
 
 
-@pytest.mark.parametrize(("unit", "si", "per"), [
-    ("kN", "m/s", None), ("kN", "rad/s", None), ("kn", "m/s", 0.514444), ("KM/H", "m/s", 1 / 3.6), ("S", "s", 1.0),
-    ("Hz", "rad/s", 2 * np.pi), ("rev/s", "rad/s", 2 * np.pi), ("1/s", "rad/s", 1.0),
-    ("%", "rad", None), ("%", "1", 0.01), ("mrad", "rad", 1e-3), ("turn", "rad", 2 * np.pi), ("-", "rad", 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("unit", "si", "per"),
+    [
+        ("kN", "m/s", None),
+        ("kN", "rad/s", None),
+        ("kn", "m/s", 0.514444),
+        ("KM/H", "m/s", 1 / 3.6),
+        ("S", "s", 1.0),
+        ("Hz", "rad/s", 2 * np.pi),
+        ("rev/s", "rad/s", 2 * np.pi),
+        ("1/s", "rad/s", 1.0),
+        ("%", "rad", None),
+        ("%", "1", 0.01),
+        ("mrad", "rad", 1e-3),
+        ("turn", "rad", 2 * np.pi),
+        ("-", "rad", 1.0),
+    ],
+)
 def test_a_unit_is_what_its_spelling_means(unit, si, per):
     assert unit_factor(unit, si, 0.3) == (per if per is None else pytest.approx(per, rel=1e-5))
 
@@ -340,8 +404,13 @@ def test_an_imu_that_is_mounted_turned_is_said_with_its_angle(drive, turned):
 
 def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
     log = named(drive)
-    exchanged = {**log, "whl_fl_kmh": log["whl_fr_kmh"], "whl_fr_kmh": log["whl_fl_kmh"], "whl_rl_kmh": log["whl_rr_kmh"],
-                 "whl_rr_kmh": log["whl_rl_kmh"]}  # fmt: skip
+    exchanged = {
+        **log,
+        "whl_fl_kmh": log["whl_fr_kmh"],
+        "whl_fr_kmh": log["whl_fl_kmh"],
+        "whl_rl_kmh": log["whl_rr_kmh"],
+        "whl_rr_kmh": log["whl_rl_kmh"],
+    }
     found = proposed(drive.time, exchanged)
     assert any("left and right wheels are exchanged" in w for w in found.warnings)
     assert all(
@@ -358,12 +427,14 @@ def test_flags_counters_and_numbers_for_no_value(drive):
     angle = np.where(bad, 819.1, drive.steer_angle * DEG * GEAR)
     log = named(drive)
     bus = {
-        "LWI.LWI_Lenkradwinkel": angle, "LWI.LWI_QBit_Lenkradwinkel": bad, "LWI.LWI_BZ": np.arange(len(drive)) % 16,
+        "LWI.LWI_Lenkradwinkel": angle,
+        "LWI.LWI_QBit_Lenkradwinkel": bad,
+        "LWI.LWI_BZ": np.arange(len(drive)) % 16,
         "LWI.LWI_Reserve": rng.integers(0, 2, len(drive)),
         "ESP.Gierrate": np.where(rng.random(len(drive)) < 0.005, 163.8, drive.yaw_rate * DEG),
         "ESP.Querbeschleunigung": drive.accel_y,
         **{n: x for n, x in log.items() if n.startswith("whl") or n == "accel_x"},
-    }  # fmt: skip
+    }
     units = {"LWI.LWI_Lenkradwinkel": "deg", "ESP.Gierrate": "deg/s", "ESP.Querbeschleunigung": "m/s2"}
     found = proposed(drive.time, bus, units)
     steer = found["steer_angle"]
@@ -398,10 +469,22 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
 
 
 def test_what_is_unsure_is_said_by_every_run_until_it_is_taken_out(drive, tmp_path):
-    pd.DataFrame({"time": drive.time, **{c: drive[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x")},
-                  "ay": drive.accel_y, "wz": drive.yaw_rate}).to_csv(tmp_path / "log.csv", index=False)  # fmt: skip
-    names = {"steer_angle": "steer_angle", "wheel_speed_front": "wheel_speed_front", "wheel_speed_rear": "wheel_speed_rear",
-             "accel_x": "accel_x", "accel_y": "ay", "yaw_rate": "wz"}  # fmt: skip
+    pd.DataFrame(
+        {
+            "time": drive.time,
+            **{c: drive[c] for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x")},
+            "ay": drive.accel_y,
+            "wz": drive.yaw_rate,
+        }
+    ).to_csv(tmp_path / "log.csv", index=False)
+    names = {
+        "steer_angle": "steer_angle",
+        "wheel_speed_front": "wheel_speed_front",
+        "wheel_speed_rear": "wheel_speed_rear",
+        "accel_x": "accel_x",
+        "accel_y": "ay",
+        "yaw_rate": "wz",
+    }
     sure = "".join(f'[signals.{c}]\nname = "{n}"\n' for c, n in names.items())
     (tmp_path / "car.toml").write_text(CAR)
     run = ("log.csv", "--vehicle", "car.toml", "--signals", "s.toml")

@@ -87,9 +87,15 @@ def test_what_an_ins_gives_besides_is_taken_for_nothing_else(trip, tmp_path):
     found = propose(read_recording(write_vbo(tmp_path / "drive.vbo", trip, more=True)))
     assert found.missing == []
     assert {g.channel: g.name for g in found.guesses} == {
-        "steer_angle": ("SWA",), "wheel_speed_front": ("FLwhlspd", "FRwhlspd"), "wheel_speed_rear": ("RLwhlspd", "RRwhlspd"),
-        "accel_x": ("X_Accel",), "accel_y": ("Y_Accel",), "yaw_rate": ("YawRate",), "ins_vel_x": ("Lng._Vel.",),
-        "ins_vel_y": ("Lat._Vel.",)}  # fmt: skip
+        "steer_angle": ("SWA",),
+        "wheel_speed_front": ("FLwhlspd", "FRwhlspd"),
+        "wheel_speed_rear": ("RLwhlspd", "RRwhlspd"),
+        "accel_x": ("X_Accel",),
+        "accel_y": ("Y_Accel",),
+        "yaw_rate": ("YawRate",),
+        "ins_vel_x": ("Lng._Vel.",),
+        "ins_vel_y": ("Lat._Vel.",),
+    }
 
 
 def test_the_rows_of_a_vbox_file_are_those_of_the_drive(trip, car, tmp_path):
@@ -242,10 +248,18 @@ def test_a_counter_of_fifteen_values_loses_no_message(trip, car, tmp_path):
     assert not any("lost" in n for n in read_log(path, reading=Reading(car=read_vehicle(car))).notes)
 
 
-@pytest.mark.parametrize(("counter", "modulo"), [
-    (np.arange(400) % 16, 16), (np.arange(400) % 15, 15), (np.arange(400) % 15 + 1, 15), (np.arange(200) % 256, 256),
-    (np.arange(400) // 2 % 16, 0), (np.delete(np.arange(400) % 16, [17, 80, 81, 200]), 16), (np.zeros(50), 0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("counter", "modulo"),
+    [
+        (np.arange(400) % 16, 16),
+        (np.arange(400) % 15, 15),
+        (np.arange(400) % 15 + 1, 15),
+        (np.arange(200) % 256, 256),
+        (np.arange(400) // 2 % 16, 0),
+        (np.delete(np.arange(400) % 16, [17, 80, 81, 200]), 16),
+        (np.zeros(50), 0),
+    ],
+)
 def test_how_far_a_counter_counts_is_read_from_it(counter, modulo):
     assert modulo_of(counter.astype(float)) == modulo
 
@@ -269,8 +283,12 @@ def table_of(trip, **columns):
 
 
 def motion(trip):
-    return {"steer": (trip.steer_angle * DEG * RATIO, "deg"), "ay": (trip.accel_y, "m/s2"), "ax": (trip.accel_x, "m/s2"),
-            "omega": (trip.yaw_rate, "rad/s")}  # fmt: skip
+    return {
+        "steer": (trip.steer_angle * DEG * RATIO, "deg"),
+        "ay": (trip.accel_y, "m/s2"),
+        "ax": (trip.accel_x, "m/s2"),
+        "omega": (trip.yaw_rate, "rad/s"),
+    }
 
 
 @pytest.mark.parametrize(
@@ -285,10 +303,24 @@ def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip)
     assert not any("but its size" in w for w in found.warnings)
 
 
-@pytest.mark.parametrize("form", [
-    "{}whlspd", "{}speed", "{}_wheel", "WhlSpd{}", "wheelspeed{}", "v_{}", "{}WheelSpeed", "Wheel_{}_Speed", "WHEEL_SPEED_{}",
-    "ABS_{}_Spd", "whl{}spd", "Speed.{}", "W_SPD_{}_KMH",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "form",
+    [
+        "{}whlspd",
+        "{}speed",
+        "{}_wheel",
+        "WhlSpd{}",
+        "wheelspeed{}",
+        "v_{}",
+        "{}WheelSpeed",
+        "Wheel_{}_Speed",
+        "WHEEL_SPEED_{}",
+        "ABS_{}_Spd",
+        "whl{}spd",
+        "Speed.{}",
+        "W_SPD_{}_KMH",
+    ],
+)
 @pytest.mark.parametrize(
     "corners", ["FL FR RL RR", "VL VR HL HR", "LF RF LR RR", "FrontLeft FrontRight RearLeft RearRight"]
 )
@@ -303,10 +335,18 @@ def test_a_gear_is_no_angle_and_a_speed_of_the_receiver_no_acceleration(trip):
     time = trip.time.to_numpy()
     gear = 3 + np.round(2 * np.sin(0.3 * time))
     speed = trip[list(CORNERS)].mean(axis=1)
-    found = propose(table_of(trip, **{
-        "Gear Position (Gear)": (gear, ""), "RPM": (1000 + 40 * speed * gear, "RPM"), "Vehicle Speed": (3.6 * speed, "kph"),
-        "GPS Speed": (speed * trip.yaw_rate, ""), "Pitch Angle": (5 * trip.steer_angle, "deg"),
-    }))  # fmt: skip
+    found = propose(
+        table_of(
+            trip,
+            **{
+                "Gear Position (Gear)": (gear, ""),
+                "RPM": (1000 + 40 * speed * gear, "RPM"),
+                "Vehicle Speed": (3.6 * speed, "kph"),
+                "GPS Speed": (speed * trip.yaw_rate, ""),
+                "Pitch Angle": (5 * trip.steer_angle, "deg"),
+            },
+        )
+    )
     assert {g.channel for g in found.guesses} == {"wheel_speed_rear"}
     assert set(found.nearest) == set(found.missing)
     assert all(found.nearest.values())

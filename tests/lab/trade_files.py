@@ -91,13 +91,30 @@ def write_vbo(
         "height",
         "vertical velocity kmh",
     ]
-    lines = ["File created on 01/01/2025 @ 11:00", "", "[header]", *head, *columns, "", "[channel units]",
-             *(u for _, u in columns.values()), "", "[comments]", "Log Rate (Hz) : 50.00", "", "[column names]",
-             "sats time lat long velocity heading height vert-vel " + " ".join(columns), "", "[data]"]  # fmt: skip
+    lines = [
+        "File created on 01/01/2025 @ 11:00",
+        "",
+        "[header]",
+        *head,
+        *columns,
+        "",
+        "[channel units]",
+        *(u for _, u in columns.values()),
+        "",
+        "[comments]",
+        "Log Rate (Hz) : 50.00",
+        "",
+        "[column names]",
+        "sats time lat long velocity heading height vert-vel " + " ".join(columns),
+        "",
+        "[data]",
+    ]
     for i, stamp in enumerate(packed(start + drive.time)):
         cells = [f"{x.iloc[i]:+.6E}" for x, _ in columns.values()]
-        lines.append(f"074 {stamp} +3000.00000 -0600.00000 {3.6 * speed.iloc[i]:07.3f} {course.iloc[i]:06.2f} +0010.00 +000.00 "
-                     + " ".join(cells))  # fmt: skip
+        lines.append(
+            f"074 {stamp} +3000.00000 -0600.00000 {3.6 * speed.iloc[i]:07.3f} {course.iloc[i]:06.2f} +0010.00 +000.00 "
+            + " ".join(cells)
+        )
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode("cp1252"))
     return path
 
@@ -140,7 +157,7 @@ ODD_LINES = {
     "a message behind the comments": 'CM_ SG_ 100 YawRate "of the car";\nBO_ 301 Y: 8 A\n SG_ T3 : 0|8@1+ (1,0) [0|255] "" B',
     "a quote that is not closed": 'CM_ SG_ 100 YawRate "of the car;',
     "a signal that is cut": "BO_ 302 Z: 8 A\n SG_ T4 : 0|8@1+ (1,) [0|1] B",
-}  # fmt: skip
+}
 
 
 def frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tuple[float, int, bytes]]:
@@ -149,8 +166,10 @@ def frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tup
     def packed_as(value: pd.Series, step: float) -> np.ndarray:
         return np.round(value.to_numpy() / step).astype(int)
 
-    yaw, lateral, along = (packed_as(drive[c] * k, s) for c, k, s in
-                           (("yaw_rate", DEG, 0.01), ("accel_y", 1.0, 0.001), ("accel_x", 1.0, 0.001)))  # fmt: skip
+    yaw, lateral, along = (
+        packed_as(drive[c] * k, s)
+        for c, k, s in (("yaw_rate", DEG, 0.01), ("accel_y", 1.0, 0.001), ("accel_x", 1.0, 0.001))
+    )
     angle = packed_as(drive.steer_angle * DEG * RATIO, 0.1)
     wheels = [packed_as(3.6 * drive[c], 0.01) for c in CORNERS]
     found = []
@@ -201,19 +220,30 @@ def write_groups(path: Path, drive: pd.DataFrame, ahead: float = 0.0, per_second
 
 def wide(drive: pd.DataFrame) -> dict[str, tuple[pd.Series, str]]:
     """Columns of a table with their units."""
-    columns = {"steering_angle": (DEG * RATIO * drive.steer_angle, "deg"), "lateral_acc": (drive.accel_y / G, "G"),
-               "longitudinal_acc": (drive.accel_x / G, "G"), "yaw_rate": (DEG * drive.yaw_rate, "deg/s")}  # fmt: skip
+    columns = {
+        "steering_angle": (DEG * RATIO * drive.steer_angle, "deg"),
+        "lateral_acc": (drive.accel_y / G, "G"),
+        "longitudinal_acc": (drive.accel_x / G, "G"),
+        "yaw_rate": (DEG * drive.yaw_rate, "deg/s"),
+    }
     return columns | {f"wheel_speed_{c}": (drive[c], "m/s") for c in CORNERS}
 
 
 def write_racechrono(path: Path, drive: pd.DataFrame) -> Path:
     """Names, units and sources, below a preamble; the stamp has whole seconds."""
     columns = wide(drive)
-    lines = ["This file is created using an app.", "Format,3", 'Session title,"Track X, day 1"', "Session type,Lap timing",
-             "Created,04/05/2025,10:00", "Note,", "",
-             "timestamp,fragment_id,lap_number,elapsed_time," + ",".join(columns),
-             "unix time,,,s," + ",".join(u for _, u in columns.values()),
-             ",,,," + ",".join(["200: canbus", "300: acc", "300: acc", "400: gyro", *["200: canbus"] * 4])]  # fmt: skip
+    lines = [
+        "This file is created using an app.",
+        "Format,3",
+        'Session title,"Track X, day 1"',
+        "Session type,Lap timing",
+        "Created,04/05/2025,10:00",
+        "Note,",
+        "",
+        "timestamp,fragment_id,lap_number,elapsed_time," + ",".join(columns),
+        "unix time,,,s," + ",".join(u for _, u in columns.values()),
+        ",,,," + ",".join(["200: canbus", "300: acc", "300: acc", "400: gyro", *["200: canbus"] * 4]),
+    ]
     for i, t in enumerate(drive.time):
         lines.append(
             f"{EPOCH + t:.0f},0,1,{t:.2f}," + ",".join(f"{x.iloc[i]:.9g}" for x, _ in columns.values())
@@ -249,8 +279,14 @@ def _clock(t: float, digits: int) -> str:
 def _asc(
     sent: list[tuple[float, int, bytes]], mode: str = "absolute", start: float = 0.0, mark: str = "."
 ) -> str:
-    head = ["date Mit Mär 6 01:21:51.000 pm 2024", f"base hex  timestamps {mode}", "internal events logged", "// Prüfstand",
-            "Begin Triggerblock Mit Mär 6 01:21:51.000 pm 2024", "   0.000000 Start of measurement"]  # fmt: skip
+    head = [
+        "date Mit Mär 6 01:21:51.000 pm 2024",
+        f"base hex  timestamps {mode}",
+        "internal events logged",
+        "// Prüfstand",
+        "Begin Triggerblock Mit Mär 6 01:21:51.000 pm 2024",
+        "   0.000000 Start of measurement",
+    ]
     lines, before = [], 0.0
     for t, i, d in sent:
         stamp = t - before if mode == "relative" else t + start
@@ -262,19 +298,32 @@ def _asc(
 def _candump(sent: list[tuple[float, int, bytes]], stamp: str) -> str:
     lines, before = [], 0.0
     for t, i, d in sent:
-        text = {"absolute": f"({EPOCH + t:.6f}) ", "delta": f"({t - before:010.6f}) ", "zero": f"({t:010.6f}) ", "none": "",
-                "date": f"({pd.Timestamp(EPOCH + t, unit='s'):%Y-%m-%d %H:%M:%S.%f}) "}[stamp]  # fmt: skip
+        text = {
+            "absolute": f"({EPOCH + t:.6f}) ",
+            "delta": f"({t - before:010.6f}) ",
+            "zero": f"({t:010.6f}) ",
+            "none": "",
+            "date": f"({pd.Timestamp(EPOCH + t, unit='s'):%Y-%m-%d %H:%M:%S.%f}) ",
+        }[stamp]
         before = t
         lines.append(f" {text} can0  {i:03X}   [{len(d)}]  {_hex(d)}")
     return "\n".join([*lines, ""])
 
 
 def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX", mode: str = "SYSTEM") -> str:
-    head = ["***BUSMASTER Ver 3.2.2***", "***PROTOCOL CAN***", "***NOTE: PLEASE DO NOT EDIT THIS DOCUMENT***",
-            "***[START LOGGING SESSION]***", "***START DATE AND TIME 12:6:2024 10:59:40:000***", f"***{base}***",
-            f"***{mode} MODE***",
-            "***START CHANNEL BAUD RATE***", "***CHANNEL 1 - Adapter - 500000 bps***", "***END CHANNEL BAUD RATE***",
-            "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***"]  # fmt: skip
+    head = [
+        "***BUSMASTER Ver 3.2.2***",
+        "***PROTOCOL CAN***",
+        "***NOTE: PLEASE DO NOT EDIT THIS DOCUMENT***",
+        "***[START LOGGING SESSION]***",
+        "***START DATE AND TIME 12:6:2024 10:59:40:000***",
+        f"***{base}***",
+        f"***{mode} MODE***",
+        "***START CHANNEL BAUD RATE***",
+        "***CHANNEL 1 - Adapter - 500000 bps***",
+        "***END CHANNEL BAUD RATE***",
+        "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***",
+    ]
     of = (lambda d: _hex(d)) if base == "HEX" else (lambda d: " ".join(str(b) for b in d))
     before = [0.0, *(t for t, _, _ in sent)]
     stamps = [
@@ -303,9 +352,22 @@ def _trc(sent: list[tuple[float, int, bytes]], version: str) -> str:
 
 
 def _table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
-    lines = [row.format(t=t, e=EPOCH + t, ms=1e3 * t, i=i, n=len(d), h=_hex(d, ""), s=_hex(d), x=",".join(f"{b:02X}" for b in d),
-                        us=round(1e6 * t) + 166064000, b=base64.b64encode(d).decode(),
-                        c=_clock(t, 6)[::-1].replace(":", ".", 1)[::-1]) for t, i, d in sent]  # fmt: skip
+    lines = [
+        row.format(
+            t=t,
+            e=EPOCH + t,
+            ms=1e3 * t,
+            i=i,
+            n=len(d),
+            h=_hex(d, ""),
+            s=_hex(d),
+            x=",".join(f"{b:02X}" for b in d),
+            us=round(1e6 * t) + 166064000,
+            b=base64.b64encode(d).decode(),
+            c=_clock(t, 6)[::-1].replace(":", ".", 1)[::-1],
+        )
+        for t, i, d in sent
+    ]
     return "\n".join([title, *lines, ""])
 
 
@@ -316,21 +378,44 @@ BUS_LOGS = {  # suffix, and who writes it
     "ASC with stamps below 0": (".asc", lambda s: _asc(s, start=-20.0)),
     "ASC with decimal commas": (".asc", lambda s: _asc(s, mark=",")),
     "ASC under another suffix": (".txt", lambda s: _asc(s)),
-    "candump -l": (".log", lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{_hex(d, '')}\n" for t, i, d in s)),
-    "candump -l with R": (".log", lambda s: "".join(f"({EPOCH + t:.9f}) can0 {i:03X}#{_hex(d, '')} R\n" for t, i, d in s)),
+    "candump -l": (
+        ".log",
+        lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{_hex(d, '')}\n" for t, i, d in s),
+    ),
+    "candump -l with R": (
+        ".log",
+        lambda s: "".join(f"({EPOCH + t:.9f}) can0 {i:03X}#{_hex(d, '')} R\n" for t, i, d in s),
+    ),
     "candump -ta": (".txt", lambda s: _candump(s, "absolute")),
     "candump -td": (".log", lambda s: _candump(s, "delta")),
     "candump -tz": (".txt", lambda s: _candump(s, "zero")),
     "candump -tA": (".txt", lambda s: _candump(s, "date")),
     "candump -x": (".txt", lambda s: _candump(s, "absolute").replace("can0 ", "can0  RX - - ")),
-    "candump -l of CAN FD": (".log", lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}##1{_hex(d, '')}\n" for t, i, d in s)),
-    "CANedge CSV": (".csv", lambda s: _table(
-        s, "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes",
-        "{e:.6f};1;{i:X};0;{n};{n};0;0;0;0;0;{h}")),
+    "candump -l of CAN FD": (
+        ".log",
+        lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}##1{_hex(d, '')}\n" for t, i, d in s),
+    ),
+    "CANedge CSV": (
+        ".csv",
+        lambda s: _table(
+            s,
+            "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes",
+            "{e:.6f};1;{i:X};0;{n};{n};0;0;0;0;0;{h}",
+        ),
+    ),
     "Cabana CSV": (".csv", lambda s: _table(s, "time,addr,bus,data", "{t:.6f},0x{i:x},0,0x{h}")),
-    "CSV of PCAN-View": (".csv", lambda s: _table(
-        s, ";Message Number,Time Offset (ms),Type,ID (hex),Data Length,Data (hex)", "1,{ms:.3f},Rx,{i:04X},{n},{s}")),
-    "CSV with a time of day": (".csv", lambda s: _table(s, "Time,Channel,ID,DLC,Data", "{c},1,0x{i:03X},{n},{s}")),
+    "CSV of PCAN-View": (
+        ".csv",
+        lambda s: _table(
+            s,
+            ";Message Number,Time Offset (ms),Type,ID (hex),Data Length,Data (hex)",
+            "1,{ms:.3f},Rx,{i:04X},{n},{s}",
+        ),
+    ),
+    "CSV with a time of day": (
+        ".csv",
+        lambda s: _table(s, "Time,Channel,ID,DLC,Data", "{c},1,0x{i:03X},{n},{s}"),
+    ),
     "TRC 1.0": (".trc", lambda s: _trc(s, "1.0")),
     "TRC 1.1": (".trc", lambda s: _trc(s, "1.1")),
     "TRC 1.2": (".trc", lambda s: _trc(s, "1.2")),
@@ -340,11 +425,21 @@ BUS_LOGS = {  # suffix, and who writes it
     "BUSMASTER": (".log", lambda s: _busmaster(s)),
     "BUSMASTER, decimal": (".log", lambda s: _busmaster(s, "DEC")),
     "BUSMASTER, relative": (".log", lambda s: _busmaster(s, "HEX", "RELATIVE")),
-    "SavvyCAN CSV": (".csv", lambda s: _table(
-        s, "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8", "{us},{i:08X},false,Rx,0,{n},{x},")),
-    "python-can CSV": (".csv", lambda s: _table(
-        s, "timestamp,arbitration_id,extended,remote,error,dlc,data", "{e:.6f},0x{i:x},0,0,0,{n},{b}")),
-}  # fmt: skip
+    "SavvyCAN CSV": (
+        ".csv",
+        lambda s: _table(
+            s,
+            "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8",
+            "{us},{i:08X},false,Rx,0,{n},{x},",
+        ),
+    ),
+    "python-can CSV": (
+        ".csv",
+        lambda s: _table(
+            s, "timestamp,arbitration_id,extended,remote,error,dlc,data", "{e:.6f},0x{i:x},0,0,0,{n},{b}"
+        ),
+    ),
+}
 
 
 def write_bus_log(name: str, folder: Path, sent: list[tuple[float, int, bytes]]) -> Path:
