@@ -1,5 +1,7 @@
-"""One drive as measuring systems log it: eight formats and more, four wheels in km/h, the steering wheel in degrees, names of their
-own, three rates, latencies. Written with the libraries that others write such logs with."""
+"""One drive in the formats of measuring systems, written by the usual libraries.
+
+Four wheels in km/h, the steering wheel in degrees, other names, three rates,
+latencies."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ DEG = 180 / np.pi
 
 @dataclass(frozen=True)
 class Message:
-    """Signals that come together: time, s, and columns; as logged."""
+    """Signals with the same times: time (s) and columns, as logged."""
 
     name: str
     time: np.ndarray
@@ -28,8 +30,10 @@ class Message:
 
 
 def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
-    """A drive in tse's own columns: double lane changes by a foot that takes 0.5 s from one torque to the next. What happens
-    between two entries of a slow channel is in no log; a torque that jumps from row to row would be."""
+    """Return a drive in tse's own columns: double lane changes with smooth torques.
+
+    The torque moves to its next value within 0.5 s. Jumps from row to row would be lost
+    between two entries of a slow channel."""
     from tse.car.vehicle import read_vehicle
     from tse.library.core import Config, SimConfig
     from tse.simulation import maneuvers
@@ -44,7 +48,7 @@ def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
 
 
 def messages(clean: pd.DataFrame) -> list[Message]:
-    """The drive as three messages: what a clean row has is logged later by the message's latency."""
+    """Return the drive as three messages, each later by its latency."""
 
     def part(name: str, columns: dict[str, np.ndarray], units: dict[str, str]) -> Message:
         k = EVERY[name]
@@ -71,7 +75,7 @@ def messages(clean: pd.DataFrame) -> list[Message]:
 
 
 def repeated(parts: list[Message], times: int, period: float) -> list[Message]:
-    """The drive again and again, every `period` s: messages as long as one likes."""
+    """Return messages of any length: the drive, repeated every `period` s."""
     return [
         Message(m.name, np.concatenate([m.time + period * k for k in range(times)]),
                 {n: np.tile(x, times) for n, x in m.columns.items()}, m.units) for m in parts
@@ -79,7 +83,10 @@ def repeated(parts: list[Message], times: int, period: float) -> list[Message]:
 
 
 def signals_toml(prefix: dict[str, str], units: bool = True, log: str = "", steer_unit: str = "deg") -> str:
-    """The file for these names; `prefix`: by message, what stands before a name. `units`: said here, for formats that have none."""
+    """Return signals.toml for these names.
+
+    `prefix`: text before the names, by message. `units`: give the units, for formats
+    without."""
 
     def table(channel: str, names: list[str], message: str, unit: str, more: str = "") -> str:
         full = [prefix.get(message, "") + n for n in names]
@@ -100,7 +107,7 @@ def signals_toml(prefix: dict[str, str], units: bool = True, log: str = "", stee
 
 
 def joined(parts: list[Message]) -> pd.DataFrame:
-    """An outer join over time, as tables of several rates are: most cells are empty."""
+    """Return an outer join over time: most cells are empty."""
     frames = [pd.DataFrame({"t": np.round(m.time, 9)} | m.columns) for m in parts]
     table = frames[0]
     for f in frames[1:]:
@@ -109,7 +116,7 @@ def joined(parts: list[Message]) -> pd.DataFrame:
 
 
 def german_csv(folder: Path, parts: list[Message]) -> Path:
-    """Semicolons, decimal comma, cp1252, a preamble, a row of units, milliseconds, values held at 100 Hz."""
+    """Write a German CSV: decimal comma, cp1252, preamble, units, held values."""
     table = joined(parts).ffill().dropna()
     units = {"LenkradWinkel": "°", "Gierrate": "°/s", "Querbeschl": "g", "Laengsbeschl": "m/s²"}
     names = ["Zeit", *table.columns[1:]]
@@ -125,7 +132,7 @@ def german_csv(folder: Path, parts: list[Message]) -> Path:
 
 
 def parquet(folder: Path, parts: list[Message]) -> Path:
-    """An outer join."""
+    """Write an outer join."""
     path = folder / "drive.parquet"
     joined(parts).to_parquet(path)
     (folder / "signals.toml").write_text(signals_toml({}))
@@ -133,7 +140,7 @@ def parquet(folder: Path, parts: list[Message]) -> Path:
 
 
 def feather(folder: Path, parts: list[Message]) -> Path:
-    """An outer join with dates for times."""
+    """Write an outer join with dates as times."""
     path = folder / "drive.feather"
     table = joined(parts)
     table["t"] = pd.to_datetime("2024-05-01T08:00:00") + pd.to_timedelta(table.t, unit="s")
@@ -143,7 +150,7 @@ def feather(folder: Path, parts: list[Message]) -> Path:
 
 
 def mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
-    """A group per message."""
+    """Write a group per message."""
     from asammdf import MDF, Signal
 
     path = folder / name
@@ -182,7 +189,7 @@ Frame: TypeAlias = tuple[float, int, bool, bytes, int]
 
 
 def frames(parts: list[Message]) -> list[Frame]:
-    """Time, identifier, is it extended, bytes and bus of every frame, in order."""
+    """Return time, identifier, extended flag, bytes and bus of every frame, in order."""
     import cantools
 
     database = cantools.database.load_string(DBC, "dbc")
@@ -199,7 +206,7 @@ def frames(parts: list[Message]) -> list[Frame]:
 
 
 def write_bus(path: Path, sent: list[Frame]) -> None:
-    """Frames by python-can."""
+    """Write frames by python-can."""
     import can
 
     with can.Logger(str(path)) as logger:
@@ -216,7 +223,7 @@ def write_bus(path: Path, sent: list[Frame]) -> None:
 
 
 def bus(folder: Path, parts: list[Message], name: str) -> Path:
-    """A bus, its database beside the log."""
+    """Write a bus, with its database beside the log."""
     path = folder / name
     write_bus(path, frames(parts))
     (folder / "car.dbc").write_text(DBC)
@@ -228,7 +235,7 @@ def bus(folder: Path, parts: list[Message], name: str) -> Path:
 
 
 def savvycan(folder: Path, parts: list[Message]) -> Path:
-    """A table with a frame per row: whole microseconds, hexadecimal identifiers and bytes."""
+    """Write a table of frames: whole microseconds, hexadecimal identifiers and bytes."""
     lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"]
     bus(folder, parts, "drive.blf")
     (folder / "drive.blf").unlink()
@@ -241,7 +248,7 @@ def savvycan(folder: Path, parts: list[Message]) -> Path:
 
 
 def write_mf4_bus(path: Path, found: list[Frame]) -> None:
-    """Frames of a bus in MF4, as loggers write them."""
+    """Write frames of a bus in MF4, as loggers do."""
     from asammdf import MDF, Signal
     from asammdf.blocks.v4_blocks import SourceInformation
     from asammdf.blocks.v4_constants import BUS_TYPE_CAN
@@ -274,7 +281,7 @@ def write_mf4_bus(path: Path, found: list[Frame]) -> None:
 
 
 def mf4_bus(folder: Path, parts: list[Message]) -> Path:
-    """A bus in MF4, its database beside it."""
+    """Write a bus in MF4, with its database beside the log."""
     path = folder / "bus.mf4"
     write_mf4_bus(path, frames(parts))
     (folder / "car.dbc").write_text(DBC)
@@ -388,7 +395,7 @@ def _bag(
 
 
 def rosbag2(folder: Path, parts: list[Message]) -> Path:
-    """The folder of a ROS 2 bag."""
+    """Write the folder of a ROS 2 bag."""
     from rosbags.rosbag2 import Writer
 
     store, path = _store(), folder / "bag"
@@ -396,7 +403,7 @@ def rosbag2(folder: Path, parts: list[Message]) -> Path:
 
 
 def rosbag1(folder: Path, parts: list[Message]) -> Path:
-    """A ROS 1 bag."""
+    """Write a ROS 1 bag."""
     from rosbags.rosbag1 import Writer
 
     store, path = _store(ros1=True), folder / "drive.bag"
@@ -404,7 +411,7 @@ def rosbag1(folder: Path, parts: list[Message]) -> Path:
 
 
 def mcap(folder: Path, parts: list[Message]) -> Path:
-    """ROS 2 messages in one MCAP."""
+    """Write ROS 2 messages in one MCAP."""
     from mcap.writer import Writer
 
     store, path, opened = _store(), folder / "drive.mcap", {}
@@ -429,7 +436,7 @@ def mcap(folder: Path, parts: list[Message]) -> Path:
 
 
 def mat5(folder: Path, parts: list[Message]) -> Path:
-    """A struct per message, with its time."""
+    """Write a struct per message, with its time."""
     from scipy.io import savemat
 
     path = folder / "drive.mat"
@@ -439,7 +446,7 @@ def mat5(folder: Path, parts: list[Message]) -> Path:
 
 
 def mat73(folder: Path, parts: list[Message]) -> Path:
-    """The same as HDF5."""
+    """Write the same as HDF5."""
     import h5py
 
     path = folder / "drive73.mat"
@@ -455,7 +462,7 @@ def mat73(folder: Path, parts: list[Message]) -> Path:
     return path
 
 
-FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # what it needs, who writes it
+FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # needed package, writer
     "MF4": ("asammdf", lambda f, p: mdf(f, p, "drive.mf4", "4.10")),
     "MDF 3": ("asammdf", lambda f, p: mdf(f, p, "drive.dat", "3.30")),
     "MF4, frames and DBC": ("asammdf", mf4_bus),
@@ -476,7 +483,7 @@ FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # wha
 
 
 def written(name: str, folder: Path, parts: list[Message]) -> Path:
-    """A log of this format; where what writes it is missing, the test is skipped."""
+    """Write a log of this format; skip the test if its writer is not installed."""
     needs, write = FORMATS[name]
     if find_spec(needs) is None:
         pytest.skip(f"{needs} is not installed: scripts/setup.sh logs")

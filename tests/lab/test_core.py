@@ -1,4 +1,4 @@
-"""The binding: layouts from the library's own tables, settings checked, filter state copied."""
+"""The binding: layouts from the library, checked settings, copies of the state."""
 
 import re
 from pathlib import Path
@@ -45,7 +45,7 @@ def test_settings_are_the_rows_of_the_table():
     names = []
     for file in ("vehicle", "uncertainty", "sensors", "effects", "formula", "filter"):
         table = read_toml(TABLES / f"{file}.toml")
-        if file == "sensors":  # in four parts
+        if file == "sensors":  # has four parts
             table = [name for part in table.values() for name in part]
         names += effect_settings() if file == "effects" else table["setting"] if file == "formula" else table
     assert list(Config.exact().fields) == names
@@ -61,22 +61,19 @@ def test_defaults_lie_inside_their_ranges():
         assert getattr(ordinary, name) == pytest.approx(f.default)
         assert f.low <= getattr(exact, name) <= f.high, name
     outside = {name for name, f in ordinary.fields.items() if not f.low <= f.default <= f.high}
-    assert outside == {
-        "mass",
-        "yaw_inertia",
-        *(f"{way}_stiffness_{axle}" for way in WAYS for axle in AXLES),
-    }  # not set
+    unset = {"mass", "yaw_inertia", *(f"{way}_stiffness_{axle}" for way in WAYS for axle in AXLES)}
+    assert outside == unset
 
 
 def test_what_is_not_set_is_of_the_class_by_the_mass_and_no_mass_is_uncertain():
     told = Config({"mass": 1650.0})
     assert told.cornering_stiffness_front == 0 and told.complete().cornering_stiffness_front > 5e4
-    told.mass = 3300.0  # in any order
+    told.mass = 3300.0  # stiffness follows a later change of the mass, too
     assert told.complete().cornering_stiffness_front == pytest.approx(
         2 * Config({"mass": 1650.0}).complete().cornering_stiffness_front
     )
     assert (told.complete().mass_sd, Config().complete().mass_sd) == (0.05, 0.3)
-    told.mass = 0  # as by default
+    told.mass = 0  # the default
     with pytest.raises(SettingError, match=r"mass = 1.65 is outside its range 50 .. 50000 kg"):
         told.mass = 1.65
     exact = Config.exact()
@@ -140,11 +137,11 @@ def test_table_converts_to_newton_as_the_library_does():
         assert table[f"{s}_spread"][0] == pytest.approx(float(spread[i]), rel=1e-6)
 
 
-# ---- The forms of the filter on the paper's square waves: what README says of them. Limits leave half as much again over the
-# largest of seeds 1 .. 3, but for those that tell one form from another.
+# ---- The filters on the paper's square waves, as in README. A limit is 1.5 times the
+# value of seeds 1 .. 3, except limits that separate one filter from another.
 
 
-CHANGE, LIMIT = 20.0, 0.1  # s; share of the truth
+CHANGE, LIMIT = 20.0, 0.1  # s; relative error
 SENSORS = ("accel_x", "accel_y", "yaw_rate")
 
 
@@ -188,27 +185,27 @@ class Run:
         self.error = {key: self.est[key] / truth[f"true_{key}"] - 1 for key in STIFFNESS}
 
     def rms(self) -> list[float]:
-        """After 20 s, percent."""
+        """Return the root mean square errors after 20 s, percent."""
         return [100 * float(np.sqrt((self.error[key][self.late] ** 2).mean())) for key in STIFFNESS]
 
     def settled(self, limit: float = LIMIT) -> list[float]:
-        """Seconds after the change until the estimate stays right."""
+        """Return the time from the change until the error stays below the limit, s."""
         last = [self.est["time"][(self.error[key].abs() > limit) & self.late].max() for key in STIFFNESS]
         return [0.0 if np.isnan(t) else t - CHANGE for t in last]
 
     def wrong_yet_valid(self) -> float:
-        """Share of the rows that are valid, yet off by more than 20 %."""
+        """Return the share of valid rows with an error above 20 %."""
         wrong = [(self.error[k].abs() > 0.2) & (self.est[f"{k}_valid"] == 1) for k in STIFFNESS]
         return float(np.mean(wrong))
 
 
 def test_the_default_follows_a_change_of_road_within_seconds(folder):
     default, robust = Run(folder, "road"), Run(folder, "road", "--form", "robust")
-    # steps of the steering come every 2 s. Along the car the change has the size of that across, at once, on top of
-    # what the estimate was off by before: 8 % here
+    # The steering steps every 2 s. The longitudinal stiffness changes at once by as much
+    # as the others, in addition to its error before the change: 8 % here
     assert default.settled(0.15)[0] <= 0.5 and max(default.settled()[1:]) <= 2.5
     assert max(robust.settled()[1:]) <= 7.0 and default.settled(0.15)[0] < robust.settled()[0] <= 15.0
-    assert default.wrong_yet_valid() < 0.015  # until it is noticed: here at a flip of the steering
+    assert default.wrong_yet_valid() < 0.015  # until the detection: here at a step of the steering
     assert max(default.rms()) < 10
 
 
@@ -227,9 +224,8 @@ def test_noise_of_the_wheel_speeds_is_found_and_biases_no_stiffness(folder):
     assert abs(mean[0] - mean[1]) < 0.02 and max(map(abs, mean)) < 0.1
     for run in (untold, told):
         assert max(run.rms()[1:]) < 1.6 and run.est[f"noise_{SENSORS[0]}"][run.late].max() < 1.4
-        found = run.est["noise_wheel_rear"].iloc[-1] * max(
-            0.05 * 0.33 * (run is told), 0.012
-        )  # m/s, of 0.0165
+        sd = max(0.05 * 0.33 * (run is told), 0.012)  # m/s; true: 0.0165
+        found = run.est["noise_wheel_rear"].iloc[-1] * sd
         assert 0.7 < found / (0.05 * 0.33) < 1.6
 
 

@@ -1,6 +1,7 @@
-"""A damaged file ends in rows or in a sentence, whatever was done to it: cut, bits turned, pieces taken out or doubled.
+"""A damaged file gives rows or an error message, whatever the damage.
 
-TSE_DAMAGED says how many files of each kind are made (12; the long run: 200)."""
+Files are cut; bits change; parts are removed or doubled. TSE_DAMAGED is the number of
+files of each kind (12; in the long run 200)."""
 
 import gzip
 import os
@@ -54,7 +55,7 @@ def _packed(path: Path) -> Path:
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:
-    """A file with one kind of damage."""
+    """Return the file with one kind of damage."""
     made = bytearray(data)
     at = chance.randrange(len(made))
     kind = chance.randrange(6)
@@ -70,7 +71,7 @@ def damaged(data: bytes, chance: random.Random) -> bytes:
     elif kind == 4:
         made[at : at + 16] = bytes(chance.randrange(256) for _ in range(16))
     else:
-        begin = chance.randrange(min(len(made), 2000))  # where a file says what it is
+        begin = chance.randrange(min(len(made), 2000))  # in the description of the content
         made[begin : begin + 4] = bytes(chance.choice(b"\0\xff\n,;\"'[]()#*-0 9") for _ in range(4))
     return bytes(made)
 
@@ -98,7 +99,7 @@ def try_all(path: Path, target: Path, seed: str, car) -> None:
 
 @pytest.fixture(scope="module")
 def car(tmp_path_factory):
-    """A vehicle."""
+    """Return a vehicle."""
     path = tmp_path_factory.mktemp("damaged") / "car.toml"
     path.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     return read_vehicle(path)
@@ -106,7 +107,7 @@ def car(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def clean(car):
-    """Twelve seconds of a drive."""
+    """Return twelve seconds of a drive."""
     return drive(car.path, seconds=12.0)
 
 
@@ -137,7 +138,7 @@ def test_a_damaged_database_is_read_or_refused(odd, car, clean, tmp_path):
 
 
 def _header(first_group: int, first_history: int) -> bytes:
-    """An MDF 4 of two blocks."""
+    """Return the beginning of an MDF 4: two blocks."""
     name = b"MDF     4.10    test    ".ljust(28, b"\0") + struct.pack("<H", 410) + bytes(34)
     return (
         name
@@ -170,7 +171,7 @@ def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
         while True:
             try:
                 time.sleep(0)
-            except Exception:  # as readers do
+            except Exception:  # as parsers of other packages do
                 continue
 
     monkeypatch.setattr("tse.readers.read_text.read", read)
@@ -185,7 +186,7 @@ def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
 def test_a_thread_that_has_read_in_time_is_not_interrupted_later(monkeypatch, tmp_path):
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
-    read_recording(path)  # what it needs is loaded now
+    read_recording(path)  # load the needed packages before the measurement
     monkeypatch.setattr("tse.readers.recording.BASE_READ_TIME", 1.0)
 
     def work() -> int:

@@ -1,4 +1,4 @@
-"""What is written is written whole or not at all, also where a disk is full; and nothing is written over an input."""
+"""Files are written completely or not at all, even on a full disk; inputs are kept."""
 
 import csv
 import errno
@@ -21,11 +21,11 @@ from tse.estimation.estimate import csv_header, csv_rows
 from tse.library import files
 from tse.library.errors import UserError
 
-KB = 40  # of room: less than any result of a drive
+KB = 40  # allowed size of a file; every result of a drive is larger
 
 
 def with_little_room(*args: object, room: int = KB) -> subprocess.CompletedProcess[str]:
-    """The command with a limit to the size of a file, which says what a full disk says: not one byte more."""
+    """Run the command with a limit to the size of a file, as on a full disk."""
 
     def limit() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -162,7 +162,7 @@ def test_what_a_killed_process_has_left_is_cleared_and_nothing_else(tmp_path):
     for path in (left, other, held):
         os.utime(path, (1e9, 1e9))
     with open(held) as file:
-        files.fcntl.flock(file, files.fcntl.LOCK_EX)  # as a process that goes on writing it
+        files.fcntl.flock(file, files.fcntl.LOCK_EX)  # as another process that still writes it
         with files.write_atomically(tmp_path / "e.csv") as made:
             made.write("whole\n")
     assert {p.name for p in tmp_path.iterdir()} == {"e.csv", young.name, other.name, held.name}
@@ -271,7 +271,7 @@ def test_no_command_writes_over_what_it_reads(command, option, same, drive, tmp_
     assert {p: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
-# ---- seals
+# ---- Seals
 
 
 @pytest.fixture
@@ -313,7 +313,7 @@ def test_where_none_can_be_kept_each_process_has_its_own(there, home):
     assert len(first) == files.SECRET_BYTES and files.load_secret() != first
 
 
-# ---- Tables written fast: the same bits come back, and it reads as what pandas writes.
+# ---- Tables that are written fast: pandas reads back the same bits.
 
 
 def written(table) -> str:
@@ -325,7 +325,7 @@ def as_pandas(table: pd.DataFrame) -> str:
 
 
 def cells(text: str) -> list[list[object]]:
-    """The cells of a table: whatever is a number by its value, the rest as it stands."""
+    """Return the cells of a table: numbers by their value, other cells as texts."""
 
     def value(cell: str) -> object:
         try:
@@ -353,7 +353,7 @@ def test_numbers_have_the_shortest_digits_and_every_bit(kind):
 
 
 def usual(seed: int, rows: int = 500) -> dict:
-    """Columns as estimates have them: numbers of both precisions, whole, missing, all alike; words."""
+    """Return columns like those of estimates: numbers of many kinds, and words."""
     rng = np.random.default_rng(seed)
     size = 10.0 ** rng.uniform(-9, 9, rows)
     some = np.where(rng.random(rows) < 0.5, np.nan, np.round(size % 7))

@@ -1,5 +1,6 @@
-"""Naming schemes: what the signals of a car are called, in which units, with which signs, among which others. Drawn from a seed;
-no word of it is from tselab."""
+"""Naming schemes: names, units and signs of a car's signals among other signals.
+
+They are drawn by a seed. Their words were not taken from tselab."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,7 +50,7 @@ AX = split_names("""
     IMU_AccelX LongitudinalG a_x AxVeh Acceleration_Longitudinale LongAccelSensor
     imu.acc.x VehAccX
 """)
-WHEELS = [  # what stands before, the four, what stands after
+WHEELS = [  # text before the name of the wheel, names of the wheels, text after them
     ("WheelSpeed_", ("FL", "FR", "RL", "RR"), ""),
     ("WheelSpeed", ("FL", "FR", "RL", "RR"), ""),
     ("ESP_", ("VL", "VR", "HL", "HR"), "_Radgeschw"),
@@ -76,18 +77,18 @@ PREFIXES = ["", "", "", "ESP_01.", "CAN1.", "/vehicle/imu.", "Chassis.", "VDY_",
 
 @dataclass(frozen=True)
 class Scheme:
-    """What was drawn: by channel the true names, sign; and all columns with units as the log says them."""
+    """A drawn scheme: names and signs by channel, and all columns with their units."""
 
     names: dict[str, tuple[str, ...]]
     sign: dict[str, float]
-    si: dict[str, float]  # SI per unit of the log
+    si: dict[str, float]  # SI units per unit of the log
     ratio: float
     columns: dict[str, np.ndarray]
     units: dict[str, str]
 
 
 def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: float) -> Scheme:
-    """A scheme of a seed over a drive in SI units, as tse's own columns."""
+    """Draw a scheme for a drive in SI units with tse's own columns."""
     rng = np.random.default_rng(seed)
 
     def pick(of: list):
@@ -98,7 +99,7 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
     names: dict[str, tuple[str, ...]] = {}
     sign: dict[str, float] = {}
     si: dict[str, float] = {}
-    told = rng.random() < 0.6  # does the log say units
+    told = rng.random() < 0.6  # the log gives units
     prefix = pick(PREFIXES)
 
     def put(channel: str, name: str, value: np.ndarray, unit: str, per: float, way: float) -> None:
@@ -109,9 +110,8 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
         names[channel] = (full,)
         sign[channel], si[channel] = way, per
 
-    flip = (
-        1.0 if rng.random() < 0.7 else -1.0
-    )  # a maker who has right positive has it in all of the lateral ones, mostly
+    # mostly, a manufacturer has the same sign in all lateral signals
+    flip = 1.0 if rng.random() < 0.7 else -1.0
     n = len(clean)
     deg = rng.random() < 0.8
     way = flip if rng.random() < 0.9 else -flip
@@ -181,7 +181,7 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
 
 
 def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
-    """What else is on a bus, some of it much like what is sought."""
+    """Add other signals of a bus, some of them similar to the channels."""
     v = clean.wheel_speed_rear.to_numpy() * radius
     slow = np.cumsum(rng.standard_normal(n)) * 0.01
     steer = clean.steer_angle.to_numpy() * ratio * DEG
@@ -211,7 +211,7 @@ def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
 
 
 def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
-    """What a proposal has wrong: names, units by more than 1 %, signs, the ratio by more than 15 %."""
+    """Return the errors of a proposal: names, signs, units (> 1 %), ratio (> 15 %)."""
     found = []
     for channel, names in scheme.names.items():
         g = proposal[channel]
@@ -237,8 +237,9 @@ def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
     return found
 
 
-# ---- `tselab signals` finds the right mapping in drawn naming schemes. Seeds below 1000 were looked at while it was made;
-# those here were not, and if one fails, nothing is tuned to it: other ones are taken, and the rate is said anew.
+# ---- `tselab signals` maps drawn schemes correctly. Seeds below 1000 were inspected
+# during the development; those here were not. If one fails, do not tune to it: take other
+# seeds and state the rate again.
 
 
 FRESH = range(2000, 2020)
@@ -248,7 +249,7 @@ RADIUS, TRACK, RATIO = 0.31, 1.52, 14.8
 
 @pytest.fixture(scope="module")
 def clean():
-    """Three minutes of a mountain road in a car that tse's model did not make."""
+    """Return three minutes of a mountain road, not simulated by tse's model."""
     return pd.DataFrame(make_logs("mountain", minutes=3, cars=1, seed=11)[0].log)
 
 
@@ -264,8 +265,9 @@ def test_the_right_mapping_in_19_of_20_fresh_schemes(clean):
     assert len(FRESH) - len(bad) >= RIGHT, bad
 
 
-# ---- What a proposal of signals.toml rests on: no name, a unit by its size, an IMU that is turned, left and right exchanged,
-# flags, counters, numbers for no value, the rest of an angle; and that what was not tested is said in every run.
+# ---- Basis of a proposed signals.toml: missing names, units by size, a turned IMU,
+# exchanged sides, flags, counters, codes for "not available", fractions of an angle.
+# Every run names what was not tested.
 
 GEAR = 15.0
 CAR = f"mass = 1600\nlf = 1.2\nlr = 1.5\nwheel_radius_front = {RADIUS}\nwheel_radius_rear = {RADIUS}\n"
@@ -273,7 +275,9 @@ CAR = f"mass = 1600\nlf = 1.2\nlr = 1.5\nwheel_radius_front = {RADIUS}\nwheel_ra
 
 @pytest.fixture(scope="module")
 def drive() -> pd.DataFrame:
-    """Two minutes of a mountain road in a car that tse's model did not make; wheels by their track."""
+    """Return two minutes of a mountain road, wheels by the track of the car.
+
+    tse's model did not simulate the car."""
     log = pd.DataFrame(make_logs("mountain", minutes=2, cars=1, seed=21)[0].log)
     for axle in ("front", "rear"):
         for side, way in (("left", -1), ("right", 1)):
@@ -332,9 +336,8 @@ def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
     )
     assert found["accel_y"].name == ("ch01",) and found["accel_y"].sign == -1
     assert found["steer_angle"].name == ("ch06",) and found["accel_x"].name == ("ch08",)
-    assert (
-        found["wheel_speed_front"].name[0] == "ch03" and found["wheel_speed_rear"].name[0] == "ch05"
-    )  # left ones
+    # the left wheels stand first
+    assert found["wheel_speed_front"].name[0] == "ch03" and found["wheel_speed_rear"].name[0] == "ch05"
     assert found["wheel_speed_front"].unit == found["wheel_speed_rear"].unit == "mph"
     for c in ("wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"):
         assert found[c].unsure and found[c].confidence != "sure", c
@@ -421,7 +424,9 @@ def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
 
 
 def test_flags_counters_and_numbers_for_no_value(drive):
-    """1 % of the angle is the largest number of its field, and its flag says so; a yaw rate with such numbers and no flag."""
+    """1 % of the angles are the largest number of the field, and a flag marks them.
+
+    The yaw rate has such numbers, too, without a flag."""
     rng = np.random.default_rng(3)
     bad = rng.random(len(drive)) < 0.01
     angle = np.where(bad, 819.1, drive.steer_angle * DEG * GEAR)
@@ -447,7 +452,7 @@ def test_flags_counters_and_numbers_for_no_value(drive):
 
 
 def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
-    """Toyota's: 1.5 degrees and a fraction in 0.1."""
+    """Toyota sends steps of 1.5 degrees, and the rest in steps of 0.1 degrees."""
     angle = drive.steer_angle * DEG * GEAR
     coarse = np.round(angle / 1.5) * 1.5
     log = {
@@ -465,7 +470,7 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     how = Reading(tmp_path / "signals.toml", car=read_vehicle(tmp_path / "car.toml"))
     read = read_log(tmp_path / "log.csv", reading=how)
     off = read.data["steer_angle"].to_numpy() * DEG * GEAR - np.interp(read.time, drive.time, angle)
-    assert np.nanpercentile(np.abs(off), 95) < 0.2  # steps of 1.5 would leave up to 0.75
+    assert np.nanpercentile(np.abs(off), 95) < 0.2  # steps of 1.5 alone leave up to 0.75
 
 
 def test_what_is_unsure_is_said_by_every_run_until_it_is_taken_out(drive, tmp_path):

@@ -1,4 +1,4 @@
-"""Files of the trade: each case is a kind of file that was read wrong once, built small, with the right answer."""
+"""Files of other tools. Each case is a small copy of a file that was read wrong once."""
 
 import csv
 import gzip
@@ -41,7 +41,7 @@ from tse.readers.table import is_packed, unpack_times
 
 @pytest.fixture(scope="module")
 def car(tmp_path_factory):
-    """A vehicle file."""
+    """Return a vehicle file."""
     path = tmp_path_factory.mktemp("trade") / "car.toml"
     path.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     return path
@@ -49,7 +49,7 @@ def car(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trip(car):
-    """Forty seconds of lane changes at 50 Hz."""
+    """Return forty seconds of lane changes at 50 Hz."""
     return si(drive(car))
 
 
@@ -62,7 +62,7 @@ def test_a_vbox_file_is_read_with_its_units_and_time_of_day(trip, tmp_path):
     np.testing.assert_allclose(log.channels["YawRate"].time, MIDNIGHT + trip.time, atol=1e-6)
     assert [log.channels[n].unit for n in ("velocity", "YawRate", "SWA", "FLwhlspd", "Lat._Vel.")] == \
         ["km/h", "°/s", "rad", "m/s", "km/h"]  # fmt: skip
-    assert log.channels["sats"].value[0] == 10  # 64 more says that DGPS is received
+    assert log.channels["sats"].value[0] == 10  # bit 64 is the flag of DGPS
     assert (log.channels["lat"].value[0], log.channels["long"].value[0]) == (
         50.0,
         10.0,
@@ -71,7 +71,7 @@ def test_a_vbox_file_is_read_with_its_units_and_time_of_day(trip, tmp_path):
 
 @pytest.mark.parametrize("wheels", [True, False])
 def test_what_a_vbox_counts_to_the_right_is_found_positive_to_the_left(wheels, trip, tmp_path):
-    """By the wheels, and without them by the course of the receiver."""
+    """The wheels show the sign, or else the course of the receiver."""
     found = propose(read_recording(write_vbo(tmp_path / "drive.vbo", trip, wheels)))
     guesses = {g.channel: (g.name, g.unit, g.sign) for g in found.guesses}
     assert guesses["yaw_rate"] == (("YawRate",), "°/s", -1.0)
@@ -109,7 +109,10 @@ def test_the_rows_of_a_vbox_file_are_those_of_the_drive(trip, car, tmp_path):
 
 
 def test_sections_of_a_vbox_file_may_be_missing_or_shorter(trip, tmp_path):
-    """No [column names], units of the last columns only, a row that is cut off, a time without satellites, midnight."""
+    """[column names] is missing, [channel units] is short, a row is cut, satellites are
+    lost.
+
+    The drive goes on after midnight."""
     path = write_vbo(tmp_path / "drive.vbo", trip, start=86400.0 - 10.0)
     text = path.read_text(encoding="cp1252")
     before, _, after = text.partition("[column names]")
@@ -227,7 +230,7 @@ def test_all_public_databases_are_read():
 
 
 def test_what_a_database_says_of_values_is_used(trip, tmp_path):
-    """A code for no value in a measurement is missing; the codes of a state stay."""
+    """A code for "not available" is missing in a measurement; a state keeps its codes."""
     sent = frames(trip[:300])
     lost = [100, 101, 250]
     for i in lost:
@@ -265,7 +268,7 @@ def test_how_far_a_counter_counts_is_read_from_it(counter, modulo):
 
 
 def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
-    """Two bits, 3 where the sensor is not ready: the values are wrong then."""
+    """The qualifier has two bits; at 3, the sensor is not ready, its values are wrong."""
     qualifier = np.where((np.arange(len(trip)) > 500) & (np.arange(len(trip)) < 560), 3, 0)
     found = propose(read_recording(write_candump(tmp_path / "drive.log", frames(trip, qualifier))))
     for channel in ("yaw_rate", "accel_x", "accel_y"):
@@ -273,11 +276,11 @@ def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
     assert found["steer_angle"].valid is None
 
 
-# ---- Units, names
+# ---- Units and names
 
 
 def table_of(trip, **columns):
-    """A CSV as a recording, of columns that replace others."""
+    """Return the recording of a CSV, with some columns replaced."""
     return Recording(Path("log.csv"), "CSV", {n: Channel(n, trip.time.to_numpy(), np.asarray(x, float), u)
                                               for n, (x, u) in columns.items()})  # fmt: skip
 

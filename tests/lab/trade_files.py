@@ -1,6 +1,6 @@
-"""One drive in the files of the trade: VBOX, tables and bus logs as many tools write them.
+"""One drive in the files of other tools: VBOX, tables and bus logs.
 
-All is written here line by line, as the tools do it. No library writes these."""
+All files are written here line by line, as these tools write them, without libraries."""
 
 import base64
 from collections.abc import Iterable
@@ -12,13 +12,13 @@ import pandas as pd
 from log_formats import DEG, RADIUS, RATIO, TRACK
 
 G = 9.80665
-EPOCH = 1_700_000_000.0  # s: of stamps that are a date
-MIDNIGHT = 10 * 3600 + 59 * 60 + 40.0  # s: a drive that goes over an hour
+EPOCH = 1_700_000_000.0  # s; added to stamps that are dates
+MIDNIGHT = 10 * 3600 + 59 * 60 + 40.0  # s; start of a drive across a full hour
 CORNERS = ("fl", "fr", "rl", "rr")
 
 
 def si(clean: pd.DataFrame, seconds: float = 40.0) -> pd.DataFrame:
-    """The drive at 50 Hz with four wheels, m/s; all else in SI units, positive to the left."""
+    """Return the drive at 50 Hz with four wheels, m/s; SI units, positive to the left."""
     rows = clean[clean.time < seconds].iloc[::2].reset_index(drop=True)
     table = rows[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
@@ -30,7 +30,7 @@ def si(clean: pd.DataFrame, seconds: float = 40.0) -> pd.DataFrame:
 
 
 def packed(time: Iterable[float]) -> list[str]:
-    """Times of day as HHMMSS.sss."""
+    """Return times of day as HHMMSS.sss."""
     whole = [round(1e3 * t) for t in time]
     return [f"{t // 3_600_000:02d}{t // 60_000 % 60:02d}{t // 1000 % 60:02d}.{t % 1000:03d}" for t in whole]
 
@@ -38,9 +38,9 @@ def packed(time: Iterable[float]) -> list[str]:
 def write_vbo(
     path: Path, drive: pd.DataFrame, wheels: bool = True, start: float = MIDNIGHT, more: bool = False
 ) -> Path:
-    """A file of a VBOX: yaw rate and lateral acceleration positive to the right, velocity across the car, too.
+    """Write a VBOX file, with lateral signals and yaw rate positive to the right.
 
-    `more`: with what an INS and the bus of the car give besides, much of which sounds alike."""
+    `more`: add signals of an INS and of the car's bus, many with similar names."""
     course = np.degrees(-np.cumsum(drive.yaw_rate) * 0.02) % 360.0
     speed = drive[list(CORNERS)].mean(axis=1)
     across = 0.9 * drive.yaw_rate - 0.0035 * speed * drive.accel_y
@@ -112,8 +112,8 @@ def write_vbo(
     for i, stamp in enumerate(packed(start + drive.time)):
         cells = [f"{x.iloc[i]:+.6E}" for x, _ in columns.values()]
         lines.append(
-            f"074 {stamp} +3000.00000 -0600.00000 {3.6 * speed.iloc[i]:07.3f} {course.iloc[i]:06.2f} +0010.00 +000.00 "
-            + " ".join(cells)
+            f"074 {stamp} +3000.00000 -0600.00000 {3.6 * speed.iloc[i]:07.3f} {course.iloc[i]:06.2f} "
+            f"+0010.00 +000.00 {' '.join(cells)}"
         )
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode("cp1252"))
     return path
@@ -153,15 +153,19 @@ ODD_LINES = {
     "a value table of no signal": 'VAL_ 100 NotThere 1 "On" 0 "Off" ;',
     "a name that begins with a digit": 'BO_ 1275 2017_5: 8 A\n SG_ 0_COUNTER : 0|4@1+ (1,0) [0|15] "" B',
     "a factor that begins with a point": 'BO_ 300 X: 8 A\n SG_ T : 0|13@1+ (.25,-500) [-500|1547] "Nm" B',
-    "an identifier of a standard frame that is too long": 'BO_ 316495015 LongId: 8 A\n SG_ T2 : 0|8@1+ (1,0) [0|255] "" B',
-    "a message behind the comments": 'CM_ SG_ 100 YawRate "of the car";\nBO_ 301 Y: 8 A\n SG_ T3 : 0|8@1+ (1,0) [0|255] "" B',
+    "an identifier of a standard frame that is too long": (
+        'BO_ 316495015 LongId: 8 A\n SG_ T2 : 0|8@1+ (1,0) [0|255] "" B'
+    ),
+    "a message behind the comments": (
+        'CM_ SG_ 100 YawRate "of the car";\nBO_ 301 Y: 8 A\n SG_ T3 : 0|8@1+ (1,0) [0|255] "" B'
+    ),
     "a quote that is not closed": 'CM_ SG_ 100 YawRate "of the car;',
     "a signal that is cut": "BO_ 302 Z: 8 A\n SG_ T4 : 0|8@1+ (1,) [0|1] B",
 }
 
 
 def frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tuple[float, int, bytes]]:
-    """Time, identifier and bytes of each frame: three messages each 20 ms, counters of 0 .. 14."""
+    """Return time, identifier, bytes of frames: three each 20 ms, counters 0 .. 14."""
 
     def packed_as(value: pd.Series, step: float) -> np.ndarray:
         return np.round(value.to_numpy() / step).astype(int)
@@ -185,17 +189,19 @@ def frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tup
 
 
 def write_candump(path: Path, sent: list[tuple[float, int, bytes]], database: str = DBC) -> Path:
-    """The log of candump -l, and the database beside it."""
+    """Write the log of candump -l, and the database beside it."""
     path.write_text("".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{d.hex().upper()}\n" for t, i, d in sent))
     (path.parent / "car.dbc").write_text(database, encoding="cp1252")
     return path
 
 
-# ---- MF4 whose groups have clocks of their own
+# ---- MF4 with a clock per group
 
 
 def write_groups(path: Path, drive: pd.DataFrame, ahead: float = 0.0, per_second: float = 1.0) -> Path:
-    """Three groups: IMU, wheels, whose clock is `ahead` of the others, s, and steering; times are `per_second`."""
+    """Write three groups: IMU, wheels, steering.
+
+    `ahead`: lead of the wheels' clock, s; `per_second`: unit of the times."""
     from asammdf import MDF, Signal
 
     groups = [
@@ -219,7 +225,7 @@ def write_groups(path: Path, drive: pd.DataFrame, ahead: float = 0.0, per_second
 
 
 def wide(drive: pd.DataFrame) -> dict[str, tuple[pd.Series, str]]:
-    """Columns of a table with their units."""
+    """Return the columns of a table with their units."""
     columns = {
         "steering_angle": (DEG * RATIO * drive.steer_angle, "deg"),
         "lateral_acc": (drive.accel_y / G, "G"),
@@ -230,7 +236,7 @@ def wide(drive: pd.DataFrame) -> dict[str, tuple[pd.Series, str]]:
 
 
 def write_racechrono(path: Path, drive: pd.DataFrame) -> Path:
-    """Names, units and sources, below a preamble; the stamp has whole seconds."""
+    """Write names, units and sources below a preamble; stamps are whole seconds."""
     columns = wide(drive)
     lines = [
         "This file is created using an app.",
@@ -253,7 +259,7 @@ def write_racechrono(path: Path, drive: pd.DataFrame) -> Path:
 
 
 def write_long(path: Path, drive: pd.DataFrame, cars: tuple[str, ...] = ("CAR-1",)) -> Path:
-    """A value per row."""
+    """Write a row per value."""
     lines = ["timestamp,vehicle_id,telemetry_name,telemetry_value"]
     stamps = pd.to_datetime(EPOCH + drive.time, unit="s").dt.strftime("%Y-%m-%dT%H:%M:%S.%f").str[:-3] + "Z"
     for i, stamp in enumerate(stamps):
@@ -263,7 +269,7 @@ def write_long(path: Path, drive: pd.DataFrame, cars: tuple[str, ...] = ("CAR-1"
     return path
 
 
-# ---- Bus logs as text, by the tool that writes them
+# ---- Text logs of buses, by the tool that writes them
 
 
 def _hex(data: bytes, between: str = " ") -> str:
@@ -371,7 +377,7 @@ def _table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
     return "\n".join([title, *lines, ""])
 
 
-BUS_LOGS = {  # suffix, and who writes it
+BUS_LOGS = {  # suffix, writer
     "ASC": (".asc", lambda s: _asc(s)),
     "ASC of cp1252": (".asc", lambda s: _asc(s)),
     "ASC with relative stamps": (".asc", lambda s: _asc(s, "relative")),
@@ -443,7 +449,7 @@ BUS_LOGS = {  # suffix, and who writes it
 
 
 def write_bus_log(name: str, folder: Path, sent: list[tuple[float, int, bytes]]) -> Path:
-    """A log of this layout, and the database beside it."""
+    """Write a log of this layout, and the database beside it."""
     suffix, made = BUS_LOGS[name]
     path = folder / f"drive{suffix}"
     path.write_bytes(made(sent).encode("utf-8" if name == "ASC" else "cp1252"))
