@@ -50,13 +50,13 @@ name = "LateralAcceleration"
 
 def make_frames(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
     """Return time (s), identifier and bytes of each frame of a drive."""
-    clean = formats.drive(car, seconds)
+    clean = formats.make_drive(car, seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
         for side, sign in (("l", -1), ("r", 1)):
             turn = sign * 0.5 * formats.TRACK * clean.yaw_rate
             table[letter + side] = clean[f"wheel_speed_{axle}"] * formats.RADIUS[axle] + turn
-    return trade.frames(table)
+    return trade.encode_frames(table)
 
 
 def send(path: Path, delay: float) -> None:

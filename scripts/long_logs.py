@@ -29,7 +29,7 @@ import log_formats as formats  # noqa: E402  (writers of short logs, from the te
 def write_own_csv(folder: Path, parts: list[formats.Message]) -> Path:
     """Write the same drive as a CSV with the names of tse."""
     path = folder / "log.csv"
-    table = formats.drive(folder.parent / "car.toml", PART).iloc[: round(100 * PART)]
+    table = formats.make_drive(folder.parent / "car.toml", PART).iloc[: round(100 * PART)]
     for k in range(round(len(parts[-1].time) / len(table))):
         again = table.assign(time=(table["time"] + PART * k).round(4))
         again.to_csv(path, index=False, header=not k, mode="a" if k else "w")
@@ -74,11 +74,11 @@ def main() -> None:
             [*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True
         )
         car.write_text(example.stdout)
-        parts = formats.messages(formats.drive(car, PART).iloc[: round(100 * PART)])
+        parts = formats.split_messages(formats.make_drive(car, PART).iloc[: round(100 * PART)])
         for name in asked.formats:
             with tempfile.TemporaryDirectory(dir=scratch) as own:
                 begin = time.monotonic()
-                log = FORMATS[name](Path(own), formats.repeated(parts, times, PART))
+                log = FORMATS[name](Path(own), formats.repeat_messages(parts, times, PART))
                 written = time.monotonic() - begin
                 memory, busy, count = measure_estimate(Path(own), log, car)
                 rows[name] = (

@@ -29,7 +29,7 @@ class Message:
     units: dict[str, str]
 
 
-def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
+def make_drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
     """Return a drive in tse's own columns: double lane changes with smooth torques.
 
     The torque moves to its next value within 0.5 s. Jumps from row to row would be lost
@@ -47,7 +47,7 @@ def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
     return simulate(plan, config, SimConfig(quiet)).log
 
 
-def messages(clean: pd.DataFrame) -> list[Message]:
+def split_messages(clean: pd.DataFrame) -> list[Message]:
     """Return the drive as three messages, each later by its latency."""
 
     def part(name: str, columns: dict[str, np.ndarray], units: dict[str, str]) -> Message:
@@ -74,7 +74,7 @@ def messages(clean: pd.DataFrame) -> list[Message]:
     ]
 
 
-def repeated(parts: list[Message], times: int, period: float) -> list[Message]:
+def repeat_messages(parts: list[Message], times: int, period: float) -> list[Message]:
     """Return messages of any length: the drive, repeated every `period` s."""
     return [
         Message(m.name, np.concatenate([m.time + period * k for k in range(times)]),
@@ -82,7 +82,9 @@ def repeated(parts: list[Message], times: int, period: float) -> list[Message]:
     ]  # fmt: skip
 
 
-def signals_toml(prefix: dict[str, str], units: bool = True, log: str = "", steer_unit: str = "deg") -> str:
+def make_signals_toml(
+    prefix: dict[str, str], units: bool = True, log: str = "", steer_unit: str = "deg"
+) -> str:
     """Return signals.toml for these names.
 
     `prefix`: text before the names, by message. `units`: give the units, for formats
@@ -106,7 +108,7 @@ def signals_toml(prefix: dict[str, str], units: bool = True, log: str = "", stee
     )
 
 
-def joined(parts: list[Message]) -> pd.DataFrame:
+def join_columns(parts: list[Message]) -> pd.DataFrame:
     """Return an outer join over time: most cells are empty."""
     frames = [pd.DataFrame({"t": np.round(m.time, 9)} | m.columns) for m in parts]
     table = frames[0]
@@ -115,9 +117,9 @@ def joined(parts: list[Message]) -> pd.DataFrame:
     return table.sort_values("t").reset_index(drop=True)
 
 
-def german_csv(folder: Path, parts: list[Message]) -> Path:
+def write_german_csv(folder: Path, parts: list[Message]) -> Path:
     """Write a German CSV: decimal comma, cp1252, preamble, units, held values."""
-    table = joined(parts).ffill().dropna()
+    table = join_columns(parts).ffill().dropna()
     units = {"LenkradWinkel": "°", "Gierrate": "°/s", "Querbeschl": "g", "Laengsbeschl": "m/s²"}
     names = ["Zeit", *table.columns[1:]]
     lines = ["Messung: Prüfstrecke", "Fahrer: Müller", "", ";".join(names)]
@@ -127,29 +129,29 @@ def german_csv(folder: Path, parts: list[Message]) -> Path:
     ]
     path = folder / "fahrt.csv"
     path.write_bytes("\r\n".join(lines).encode("cp1252"))
-    (folder / "signals.toml").write_text(signals_toml({}, units=False))
+    (folder / "signals.toml").write_text(make_signals_toml({}, units=False))
     return path
 
 
-def parquet(folder: Path, parts: list[Message]) -> Path:
+def write_parquet(folder: Path, parts: list[Message]) -> Path:
     """Write an outer join."""
     path = folder / "drive.parquet"
-    joined(parts).to_parquet(path)
-    (folder / "signals.toml").write_text(signals_toml({}))
+    join_columns(parts).to_parquet(path)
+    (folder / "signals.toml").write_text(make_signals_toml({}))
     return path
 
 
-def feather(folder: Path, parts: list[Message]) -> Path:
+def write_feather(folder: Path, parts: list[Message]) -> Path:
     """Write an outer join with dates as times."""
     path = folder / "drive.feather"
-    table = joined(parts)
+    table = join_columns(parts)
     table["t"] = pd.to_datetime("2024-05-01T08:00:00") + pd.to_timedelta(table.t, unit="s")
     table.to_feather(path)
-    (folder / "signals.toml").write_text(signals_toml({}))
+    (folder / "signals.toml").write_text(make_signals_toml({}))
     return path
 
 
-def mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
+def write_mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
     """Write a group per message."""
     from asammdf import MDF, Signal
 
@@ -161,7 +163,7 @@ def mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
             )
         saved = made.save(path.with_suffix(".mf4" if version > "4" else ".mdf"), overwrite=True)
     Path(saved).replace(path)
-    (folder / "signals.toml").write_text(signals_toml({}, units=False))
+    (folder / "signals.toml").write_text(make_signals_toml({}, units=False))
     return path
 
 
@@ -188,7 +190,7 @@ BO_ 2566844158 imu: 8 ESP
 Frame: TypeAlias = tuple[float, int, bool, bytes, int]
 
 
-def frames(parts: list[Message]) -> list[Frame]:
+def encode_frames(parts: list[Message]) -> list[Frame]:
     """Return time, identifier, extended flag, bytes and bus of every frame, in order."""
     import cantools
 
@@ -222,24 +224,24 @@ def write_bus(path: Path, sent: list[Frame]) -> None:
             )
 
 
-def bus(folder: Path, parts: list[Message], name: str) -> Path:
+def write_bus_log(folder: Path, parts: list[Message], name: str) -> Path:
     """Write a bus, with its database beside the log."""
     path = folder / name
-    write_bus(path, frames(parts))
+    write_bus(path, encode_frames(parts))
     (folder / "car.dbc").write_text(DBC)
-    text = signals_toml({"steer": "steer.", "wheels": "wheels.", "imu": "imu."}, units=False)
+    text = make_signals_toml({"steer": "steer.", "wheels": "wheels.", "imu": "imu."}, units=False)
     text = text.replace("ratio =", 'counter = "steer.LenkradBZ"\nratio =').replace(
         '[signals.yaw_rate]\n', '[signals.yaw_rate]\nvalid = {name = "imu.Gueltig", is = [1]}\n')  # fmt: skip
     (folder / "signals.toml").write_text(text)
     return path
 
 
-def savvycan(folder: Path, parts: list[Message]) -> Path:
+def write_savvycan(folder: Path, parts: list[Message]) -> Path:
     """Write a table of frames: whole microseconds, hexadecimal identifiers and bytes."""
     lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"]
-    bus(folder, parts, "drive.blf")
+    write_bus_log(folder, parts, "drive.blf")
     (folder / "drive.blf").unlink()
-    for t, identifier, extended, data, _ in frames(parts):
+    for t, identifier, extended, data, _ in encode_frames(parts):
         cells = ",".join(f"{b:02X}" for b in data)
         lines.append(f"{round(1e6 * t)},{identifier:08X},{str(extended).lower()},Rx,0,{len(data)},{cells}")
     path = folder / "drive.csv"
@@ -280,13 +282,13 @@ def write_mf4_bus(path: Path, found: list[Frame]) -> None:
         mdf.save(path, overwrite=True)
 
 
-def mf4_bus(folder: Path, parts: list[Message]) -> Path:
+def write_mf4_bus_log(folder: Path, parts: list[Message]) -> Path:
     """Write a bus in MF4, with its database beside the log."""
     path = folder / "bus.mf4"
-    write_mf4_bus(path, frames(parts))
+    write_mf4_bus(path, encode_frames(parts))
     (folder / "car.dbc").write_text(DBC)
     (folder / "signals.toml").write_text(
-        signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n')
+        make_signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n')
     )
     return path
 
@@ -295,12 +297,12 @@ WHEELS_MSG = "std_msgs/Header header\nfloat64 rad_vl\nfloat64 rad_vr\nfloat64 ra
 STEER_MSG = "std_msgs/Header header\nfloat64 angle"
 
 
-def _stamp(store: object, t: float) -> object:
+def _make_stamp(store: object, t: float) -> object:
     kinds = store.types
     return kinds["builtin_interfaces/msg/Time"](sec=int(t), nanosec=round(t % 1 * 1e9))
 
 
-def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, object], None]) -> None:
+def _write_ros(store: object, parts: list[Message], write: Callable[[str, str, float, object], None]) -> None:
     kinds = store.types
     header = kinds["std_msgs/msg/Header"]
     vector, quaternion = kinds["geometry_msgs/msg/Vector3"], kinds["geometry_msgs/msg/Quaternion"]
@@ -309,7 +311,7 @@ def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, 
 
     def head(t: float) -> object:
         named = {"seq": 0} if "seq" in getattr(header, "__dataclass_fields__", {}) else {}
-        return header(stamp=_stamp(store, 1.7e9 + t), frame_id="base", **named)
+        return header(stamp=_make_stamp(store, 1.7e9 + t), frame_id="base", **named)
 
     for i, t in enumerate(steer.time):
         made.append((t, "/steer", "car_msgs/msg/Steer", lambda i=i, t=t: kinds["car_msgs/msg/Steer"](
@@ -349,8 +351,8 @@ def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, 
         write(topic, kind, 1.7e9 + t + 0.001, message())
 
 
-def _ros_signals(folder: Path) -> None:
-    text = signals_toml({"steer": "/steer.", "wheels": "/wheels."}).replace("LenkradWinkel", "angle")
+def _write_ros_signals(folder: Path) -> None:
+    text = make_signals_toml({"steer": "/steer.", "wheels": "/wheels."}).replace("LenkradWinkel", "angle")
     for place in ("VL", "VR", "HL", "HR"):
         text = text.replace(f"Rad{place}", f"rad_{place.lower()}")
     for german, field, unit in (
@@ -362,7 +364,7 @@ def _ros_signals(folder: Path) -> None:
     (folder / "signals.toml").write_text(text)
 
 
-def _store(ros1: bool = False) -> object:
+def _open_store(ros1: bool = False) -> object:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
@@ -373,7 +375,7 @@ def _store(ros1: bool = False) -> object:
     return store
 
 
-def _bag(
+def _write_bag(
     folder: Path,
     parts: list[Message],
     path: Path,
@@ -389,32 +391,32 @@ def _bag(
                 opened[topic] = writer.add_connection(topic, kind, typestore=store)
             writer.write(opened[topic], round(1e9 * t), serialized(message, kind))
 
-        _ros(store, parts, write)
-    _ros_signals(folder)
+        _write_ros(store, parts, write)
+    _write_ros_signals(folder)
     return path
 
 
-def rosbag2(folder: Path, parts: list[Message]) -> Path:
+def write_rosbag2(folder: Path, parts: list[Message]) -> Path:
     """Write the folder of a ROS 2 bag."""
     from rosbags.rosbag2 import Writer
 
-    store, path = _store(), folder / "bag"
-    return _bag(folder, parts, path, store, Writer(path, version=9), store.serialize_cdr)
+    store, path = _open_store(), folder / "bag"
+    return _write_bag(folder, parts, path, store, Writer(path, version=9), store.serialize_cdr)
 
 
-def rosbag1(folder: Path, parts: list[Message]) -> Path:
+def write_rosbag1(folder: Path, parts: list[Message]) -> Path:
     """Write a ROS 1 bag."""
     from rosbags.rosbag1 import Writer
 
-    store, path = _store(ros1=True), folder / "drive.bag"
-    return _bag(folder, parts, path, store, Writer(path), store.serialize_ros1)
+    store, path = _open_store(ros1=True), folder / "drive.bag"
+    return _write_bag(folder, parts, path, store, Writer(path), store.serialize_ros1)
 
 
-def mcap(folder: Path, parts: list[Message]) -> Path:
+def write_mcap(folder: Path, parts: list[Message]) -> Path:
     """Write ROS 2 messages in one MCAP."""
     from mcap.writer import Writer
 
-    store, path, opened = _store(), folder / "drive.mcap", {}
+    store, path, opened = _open_store(), folder / "drive.mcap", {}
     with open(path, "wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2", library="test")
@@ -429,23 +431,23 @@ def mcap(folder: Path, parts: list[Message]) -> Path:
                 opened[topic], log_time=at, publish_time=at, data=bytes(store.serialize_cdr(message, kind))
             )
 
-        _ros(store, parts, write)
+        _write_ros(store, parts, write)
         writer.finish()
-    _ros_signals(folder)
+    _write_ros_signals(folder)
     return path
 
 
-def mat5(folder: Path, parts: list[Message]) -> Path:
+def write_mat5(folder: Path, parts: list[Message]) -> Path:
     """Write a struct per message, with its time."""
     from scipy.io import savemat
 
     path = folder / "drive.mat"
     savemat(path, {m.name: {"time": m.time} | m.columns for m in parts})
-    (folder / "signals.toml").write_text(signals_toml({m.name: f"{m.name}." for m in parts}))
+    (folder / "signals.toml").write_text(make_signals_toml({m.name: f"{m.name}." for m in parts}))
     return path
 
 
-def mat73(folder: Path, parts: list[Message]) -> Path:
+def write_mat73(folder: Path, parts: list[Message]) -> Path:
     """Write the same as HDF5."""
     import h5py
 
@@ -458,31 +460,31 @@ def mat73(folder: Path, parts: list[Message]) -> Path:
                 )
     with open(path, "r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(116))
-    (folder / "signals.toml").write_text(signals_toml({m.name: f"{m.name}." for m in parts}))
+    (folder / "signals.toml").write_text(make_signals_toml({m.name: f"{m.name}." for m in parts}))
     return path
 
 
 FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # needed package, writer
-    "MF4": ("asammdf", lambda f, p: mdf(f, p, "drive.mf4", "4.10")),
-    "MDF 3": ("asammdf", lambda f, p: mdf(f, p, "drive.dat", "3.30")),
-    "MF4, frames and DBC": ("asammdf", mf4_bus),
-    "BLF and DBC": ("can", lambda f, p: bus(f, p, "drive.blf")),
-    "ASC and DBC": ("can", lambda f, p: bus(f, p, "drive.asc")),
-    "TRC and DBC": ("can", lambda f, p: bus(f, p, "drive.trc")),
-    "frames in a CSV of python-can and DBC": ("can", lambda f, p: bus(f, p, "drive.csv")),
-    "frames in a CSV of SavvyCAN and DBC": ("can", savvycan),
-    "MCAP, ROS 2": ("mcap_ros2", mcap),
-    "ROS 2 bag": ("rosbags", rosbag2),
-    "ROS 1 bag": ("rosbags", rosbag1),
-    "Parquet": ("pyarrow", parquet),
-    "Feather": ("pyarrow", feather),
-    "MAT 5": ("scipy", mat5),
-    "MAT 7.3": ("h5py", mat73),
-    "German CSV": ("pandas", german_csv),
+    "MF4": ("asammdf", lambda f, p: write_mdf(f, p, "drive.mf4", "4.10")),
+    "MDF 3": ("asammdf", lambda f, p: write_mdf(f, p, "drive.dat", "3.30")),
+    "MF4, frames and DBC": ("asammdf", write_mf4_bus_log),
+    "BLF and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.blf")),
+    "ASC and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.asc")),
+    "TRC and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.trc")),
+    "frames in a CSV of python-can and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.csv")),
+    "frames in a CSV of SavvyCAN and DBC": ("can", write_savvycan),
+    "MCAP, ROS 2": ("mcap_ros2", write_mcap),
+    "ROS 2 bag": ("rosbags", write_rosbag2),
+    "ROS 1 bag": ("rosbags", write_rosbag1),
+    "Parquet": ("pyarrow", write_parquet),
+    "Feather": ("pyarrow", write_feather),
+    "MAT 5": ("scipy", write_mat5),
+    "MAT 7.3": ("h5py", write_mat73),
+    "German CSV": ("pandas", write_german_csv),
 }
 
 
-def written(name: str, folder: Path, parts: list[Message]) -> Path:
+def write_or_skip(name: str, folder: Path, parts: list[Message]) -> Path:
     """Write a log of this format; skip the test if its writer is not installed."""
     needs, write = FORMATS[name]
     if find_spec(needs) is None:

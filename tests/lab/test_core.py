@@ -138,7 +138,7 @@ def test_table_converts_to_newton_as_the_library_does():
 
 
 # ---- The filters on the paper's square waves, as in README. A limit is 1.5 times the
-# value of seeds 1 .. 3, except limits that separate one filter from another.
+# largest value of seeds 1 .. 3, except limits that separate one filter from another.
 
 
 CHANGE, LIMIT = 20.0, 0.1  # s; relative error

@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from conftest import tselab, tselab_here
-from log_formats import FORMATS, drive, messages, written
+from log_formats import FORMATS, make_drive, split_messages, write_or_skip
 from trade_files import (
     BUS_LOGS,
     DBC,
     ODD_LINES,
-    frames,
-    si,
+    add_wheels,
+    encode_frames,
     write_bus_log,
     write_candump,
     write_groups,
@@ -43,7 +43,7 @@ TRADE = {
     "long table": lambda f, s: write_long(f / "drive.csv", s),
     "packed table": lambda f, s: _packed(write_racechrono(f / "drive.csv", s)),
     "groups of MF4": lambda f, s: write_groups(f / "drive.mf4", s, 5.0),
-    **{name: (lambda f, s, name=name: write_bus_log(name, f, frames(s))) for name in BUS_LOGS},
+    **{name: (lambda f, s, name=name: write_bus_log(name, f, encode_frames(s))) for name in BUS_LOGS},
 }
 
 
@@ -108,20 +108,20 @@ def car(tmp_path_factory):
 @pytest.fixture(scope="module")
 def clean(car):
     """Return twelve seconds of a drive."""
-    return drive(car.path, seconds=12.0)
+    return make_drive(car.path, seconds=12.0)
 
 
 @pytest.mark.parametrize("name", TRADE)
 def test_a_damaged_file_of_the_trade_is_read_or_refused(name, car, clean, tmp_path):
     if "MF4" in name:
         pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
-    path = TRADE[name](tmp_path, si(clean)[:150])
+    path = TRADE[name](tmp_path, add_wheels(clean)[:150])
     try_all(path, path, name, car)
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_path):
-    path = written(name, tmp_path, messages(clean[:300]))
+    path = write_or_skip(name, tmp_path, split_messages(clean[:300]))
     (tmp_path / "signals.toml").unlink(missing_ok=True)
     target = (
         max((p for p in path.rglob("*") if p.is_file()), key=lambda p: p.stat().st_size)
@@ -133,7 +133,9 @@ def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_pa
 
 @pytest.mark.parametrize("odd", ["", *ODD_LINES])
 def test_a_damaged_database_is_read_or_refused(odd, car, clean, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(si(clean)[:150]), DBC + ODD_LINES.get(odd, "") + "\n")
+    path = write_candump(
+        tmp_path / "drive.log", encode_frames(add_wheels(clean)[:150]), DBC + ODD_LINES.get(odd, "") + "\n"
+    )
     try_all(path, tmp_path / "car.dbc", odd, car)
 
 

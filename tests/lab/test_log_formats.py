@@ -13,7 +13,17 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, tselab, tselab_here
-from log_formats import DEG, FORMATS, LATENCY, RATIO, drive, messages, write_bus, write_mf4_bus, written
+from log_formats import (
+    DEG,
+    FORMATS,
+    LATENCY,
+    RATIO,
+    make_drive,
+    split_messages,
+    write_bus,
+    write_mf4_bus,
+    write_or_skip,
+)
 from log_formats import RADIUS as RADII
 from tse.car.vehicle import read_vehicle
 from tse.channels import physics
@@ -38,7 +48,7 @@ def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("formats")
     car, log = folder / "car.toml", folder / "log.csv"
     car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
-    drive(car).to_csv(log, index=False)
+    make_drive(car).to_csv(log, index=False)
     return pd.read_csv(log), car, estimates(log, car, folder)
 
 
@@ -52,7 +62,7 @@ def estimates(log: Path, car: Path, folder: Path, *options: object) -> pd.Series
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean, tmp_path):
     table, car, wanted = clean
-    path = written(name, tmp_path, messages(table))
+    path = write_or_skip(name, tmp_path, split_messages(table))
     found = estimates(path, car, tmp_path)
     np.testing.assert_allclose(found / wanted, 1.0, atol=TOLERANCE)
 
@@ -63,7 +73,7 @@ def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean
 def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
     """The recorder has lost its power, or the copy is incomplete."""
     table, car, _ = clean
-    path = written(name, tmp_path, messages(table))
+    path = write_or_skip(name, tmp_path, split_messages(table))
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
     how = Reading(car=read_vehicle(car))
     if name == "MF4":  # asammdf writes the descriptions after the data
@@ -83,7 +93,7 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
 def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     """The comparison checks units, sign, ratio, latency and rates."""
     table, car, _ = clean
-    path = FORMATS["Parquet"][1](tmp_path, messages(table))
+    path = FORMATS["Parquet"][1](tmp_path, split_messages(table))
     log = read_log(path, reading=Reading(car=read_vehicle(car)))
     assert abs(len(log) - len(table)) < 12 and log.sample_time == pytest.approx(0.01)
     for name, share in (
@@ -105,7 +115,7 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
 @pytest.mark.parametrize("rate", [50, 200])
 def test_another_rate_on_demand(rate, clean, tmp_path):
     table, car, _ = clean
-    path = FORMATS["MAT 5"][1](tmp_path, messages(table))
+    path = FORMATS["MAT 5"][1](tmp_path, split_messages(table))
     log = read_log(path, reading=Reading(rate=rate, car=read_vehicle(car)))
     assert log.sample_time == pytest.approx(1 / rate)
     true = np.interp(log.time, table.time, table.wheel_speed_rear)
@@ -114,7 +124,7 @@ def test_another_rate_on_demand(rate, clean, tmp_path):
 
 def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
     table, car, wanted = clean
-    path = FORMATS["German CSV"][1](tmp_path, messages(table))
+    path = FORMATS["German CSV"][1](tmp_path, split_messages(table))
     by_hand = read_signals(tmp_path / "signals.toml")
     (tmp_path / "signals.toml").unlink()
     done = tselab_here("estimate", "--verbose", path, "--vehicle", car, "--out", tmp_path / "e.csv")
@@ -138,7 +148,7 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
 
 def test_signals_lists_what_a_log_holds(clean, tmp_path):
     table, _, _ = clean
-    path = FORMATS["Parquet"][1](tmp_path, messages(table))
+    path = FORMATS["Parquet"][1](tmp_path, split_messages(table))
     done = tselab_here("signals", path, "--json")
     found = json.loads(done.out)
     signals = {s["name"]: s for s in found["signals"]}
@@ -199,7 +209,7 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
 @pytest.mark.parametrize("command", ["calibrate", "gap check"])
 def test_calibrate_and_gap_take_any_log_also_without_accel_x(command, clean, tmp_path):
     table, car, _ = clean
-    path = FORMATS["Parquet"][1](tmp_path, messages(table))
+    path = FORMATS["Parquet"][1](tmp_path, split_messages(table))
     text = (tmp_path / "signals.toml").read_text()
     before, after = text.index("[signals.accel_x]"), text.index("[signals.accel_y]")
     (tmp_path / "signals.toml").write_text(text[:before] + text[after:])
@@ -223,7 +233,7 @@ def bends(tmp_path_factory):
     """Return a minute of lane changes: true signals in SI units."""
     car = tmp_path_factory.mktemp("world") / "car.toml"
     car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
-    return drive(car)
+    return make_drive(car)
 
 
 def log_of(time: np.ndarray, **columns: object) -> Recording:

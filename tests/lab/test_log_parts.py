@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from log_formats import FORMATS, drive, messages, written
+from log_formats import FORMATS, make_drive, split_messages, write_or_skip
 from tse.car.vehicle import read_vehicle
 from tse.channels import raster
 from tse.channels.log import read_log
@@ -208,13 +208,13 @@ def short(tmp_path_factory):
     """Return the messages of a drive, and the vehicle file."""
     car = tmp_path_factory.mktemp("long") / "car.toml"
     car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
-    return messages(drive(car, SECONDS).iloc[: round(100 * SECONDS)]), car
+    return split_messages(make_drive(car, SECONDS).iloc[: round(100 * SECONDS)]), car
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_path, monkeypatch):
     parts, car = short
-    path, reading = written(name, tmp_path, parts), Reading(car=read_vehicle(car))
+    path, reading = write_or_skip(name, tmp_path, parts), Reading(car=read_vehicle(car))
     whole = read_log(path, reading=reading)
     in_small_pieces(monkeypatch)
     log = read_log(path, reading=reading)

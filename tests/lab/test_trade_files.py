@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from conftest import tselab, tselab_here
-from log_formats import DEG, RATIO, drive
+from log_formats import DEG, RATIO, make_drive
 from trade_files import (
     BUS_LOGS,
     CORNERS,
     DBC,
     MIDNIGHT,
     ODD_LINES,
-    frames,
-    packed,
-    si,
+    add_wheels,
+    encode_frames,
+    pack_times,
     write_bus_log,
     write_candump,
     write_groups,
@@ -50,7 +50,7 @@ def car(tmp_path_factory):
 @pytest.fixture(scope="module")
 def trip(car):
     """Return forty seconds of lane changes at 50 Hz."""
-    return si(drive(car))
+    return add_wheels(make_drive(car))
 
 
 # ---- VBOX
@@ -162,9 +162,9 @@ def test_seconds_are_no_time_of_day_and_minutes_of_sixty_seconds_are():
 
 @pytest.mark.parametrize("kind", ["packed time", "decimal comma in quotes"])
 def test_a_table_with_the_names_of_tse_is_read_in_either_writing(kind, car, tmp_path):
-    clean = drive(car, seconds=40.0).iloc[::2].reset_index(drop=True)
+    clean = make_drive(car, seconds=40.0).iloc[::2].reset_index(drop=True)
     table = clean.copy()
-    table["time"] = packed(MIDNIGHT + clean.time)
+    table["time"] = pack_times(MIDNIGHT + clean.time)
     if kind == "packed time":
         table.to_csv(tmp_path / "log.csv", index=False)
     else:
@@ -183,7 +183,7 @@ def test_a_table_with_the_names_of_tse_is_read_in_either_writing(kind, car, tmp_
 
 @pytest.mark.parametrize("odd", ODD_LINES)
 def test_a_database_is_read_without_its_odd_line_which_is_named(odd, trip, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(trip[:200]), DBC + ODD_LINES[odd] + "\n")
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip[:200]), DBC + ODD_LINES[odd] + "\n")
     log = read_recording(path)
     np.testing.assert_allclose(
         log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:200]), atol=0.006
@@ -194,7 +194,7 @@ def test_a_database_is_read_without_its_odd_line_which_is_named(odd, trip, tmp_p
 
 
 def test_of_a_database_that_is_none_the_name_is_said(trip, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(trip[:20]), "this is no database")
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip[:20]), "this is no database")
     with pytest.raises(UserError, match=r"car\.dbc: is no database of a bus"):
         read_recording(path)
 
@@ -202,7 +202,7 @@ def test_of_a_database_that_is_none_the_name_is_said(trip, tmp_path):
 def test_what_cantools_does_not_read_canmatrix_may(trip, monkeypatch, tmp_path):
     cantools = pytest.importorskip("cantools", reason="cantools is not installed: scripts/setup.sh logs")
     pytest.importorskip("canmatrix", reason="canmatrix is not installed: it comes with asammdf")
-    path = write_candump(tmp_path / "drive.log", frames(trip[:100]))
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip[:100]))
     made = cantools.database.load_string(DBC, "dbc").as_kcd_string()
     (tmp_path / "car.kcd").write_text(made)
     (tmp_path / "car.dbc").unlink()
@@ -231,7 +231,7 @@ def test_all_public_databases_are_read():
 
 def test_what_a_database_says_of_values_is_used(trip, tmp_path):
     """A code for "not available" is missing in a measurement; a state keeps its codes."""
-    sent = frames(trip[:300])
+    sent = encode_frames(trip[:300])
     lost = [100, 101, 250]
     for i in lost:
         t, identifier, data = sent[3 * i]
@@ -245,7 +245,7 @@ def test_what_a_database_says_of_values_is_used(trip, tmp_path):
 
 
 def test_a_counter_of_fifteen_values_loses_no_message(trip, car, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(trip))
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip))
     assert tselab_here("signals", path, "--vehicle", car, "--write", tmp_path / "signals.toml").code == 0
     assert "modulo = 15" in (tmp_path / "signals.toml").read_text()
     assert not any("lost" in n for n in read_log(path, reading=Reading(car=read_vehicle(car))).notes)
@@ -270,7 +270,7 @@ def test_how_far_a_counter_counts_is_read_from_it(counter, modulo):
 def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
     """The qualifier has two bits; at 3, the sensor is not ready, its values are wrong."""
     qualifier = np.where((np.arange(len(trip)) > 500) & (np.arange(len(trip)) < 560), 3, 0)
-    found = propose(read_recording(write_candump(tmp_path / "drive.log", frames(trip, qualifier))))
+    found = propose(read_recording(write_candump(tmp_path / "drive.log", encode_frames(trip, qualifier))))
     for channel in ("yaw_rate", "accel_x", "accel_y"):
         assert found[channel].valid == ("ESC_1.ESC_1_Qualifier", 0.0), channel
     assert found["steer_angle"].valid is None
@@ -426,7 +426,7 @@ def test_a_long_table_becomes_a_signal_per_name(cars, trip, tmp_path):
 @pytest.mark.parametrize("layout", BUS_LOGS)
 def test_a_bus_log_of_this_layout_is_read(layout, zipped, trip, tmp_path):
     pytest.importorskip("can", reason="python-can is not installed: scripts/setup.sh logs")
-    path = write_bus_log(layout, tmp_path, frames(trip[:500]))
+    path = write_bus_log(layout, tmp_path, encode_frames(trip[:500]))
     if zipped:
         packed_path = path.with_name(path.name + ".gz")
         packed_path.write_bytes(gzip.compress(path.read_bytes()))
@@ -444,7 +444,7 @@ def test_a_bus_log_of_this_layout_is_read(layout, zipped, trip, tmp_path):
 
 
 def test_frames_without_a_time_are_refused_with_what_helps(trip, tmp_path):
-    path = write_bus_log("candump -tz", tmp_path, frames(trip[:50]))
+    path = write_bus_log("candump -tz", tmp_path, encode_frames(trip[:50]))
     path.write_text("".join(line.split(") ")[1] + "\n" for line in path.read_text().splitlines()))
     with pytest.raises(UserError, match=r"no times: record with candump -l"):
         read_recording(path)
@@ -454,7 +454,7 @@ def test_frames_without_a_time_are_refused_with_what_helps(trip, tmp_path):
     "layout", ["ASC", "candump -l", "candump -ta", "TRC 1.1", "BUSMASTER", "CANedge CSV"]
 )
 def test_a_line_that_is_no_frame_is_left_out_and_named(layout, trip, tmp_path):
-    path = write_bus_log(layout, tmp_path, frames(trip[:50]))
+    path = write_bus_log(layout, tmp_path, encode_frames(trip[:50]))
     lines = path.read_text(encoding="latin-1").splitlines()
     lines[100] = lines[100][: len(lines[100]) - 9] + "ZZ"
     path.write_text("\n".join(lines) + "\n", encoding="latin-1")

@@ -17,7 +17,7 @@ MIDNIGHT = 10 * 3600 + 59 * 60 + 40.0  # s; start of a drive across a full hour
 CORNERS = ("fl", "fr", "rl", "rr")
 
 
-def si(clean: pd.DataFrame, seconds: float = 40.0) -> pd.DataFrame:
+def add_wheels(clean: pd.DataFrame, seconds: float = 40.0) -> pd.DataFrame:
     """Return the drive at 50 Hz with four wheels, m/s; SI units, positive to the left."""
     rows = clean[clean.time < seconds].iloc[::2].reset_index(drop=True)
     table = rows[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
@@ -29,7 +29,7 @@ def si(clean: pd.DataFrame, seconds: float = 40.0) -> pd.DataFrame:
     return table
 
 
-def packed(time: Iterable[float]) -> list[str]:
+def pack_times(time: Iterable[float]) -> list[str]:
     """Return times of day as HHMMSS.sss."""
     whole = [round(1e3 * t) for t in time]
     return [f"{t // 3_600_000:02d}{t // 60_000 % 60:02d}{t // 1000 % 60:02d}.{t % 1000:03d}" for t in whole]
@@ -109,7 +109,7 @@ def write_vbo(
         "",
         "[data]",
     ]
-    for i, stamp in enumerate(packed(start + drive.time)):
+    for i, stamp in enumerate(pack_times(start + drive.time)):
         cells = [f"{x.iloc[i]:+.6E}" for x, _ in columns.values()]
         lines.append(
             f"074 {stamp} +3000.00000 -0600.00000 {3.6 * speed.iloc[i]:07.3f} {course.iloc[i]:06.2f} "
@@ -164,7 +164,7 @@ ODD_LINES = {
 }
 
 
-def frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tuple[float, int, bytes]]:
+def encode_frames(drive: pd.DataFrame, qualifier: np.ndarray | None = None) -> list[tuple[float, int, bytes]]:
     """Return time, identifier, bytes of frames: three each 20 ms, counters 0 .. 14."""
 
     def packed_as(value: pd.Series, step: float) -> np.ndarray:
@@ -224,7 +224,7 @@ def write_groups(path: Path, drive: pd.DataFrame, ahead: float = 0.0, per_second
 # ---- Tables
 
 
-def wide(drive: pd.DataFrame) -> dict[str, tuple[pd.Series, str]]:
+def make_columns(drive: pd.DataFrame) -> dict[str, tuple[pd.Series, str]]:
     """Return the columns of a table with their units."""
     columns = {
         "steering_angle": (DEG * RATIO * drive.steer_angle, "deg"),
@@ -237,7 +237,7 @@ def wide(drive: pd.DataFrame) -> dict[str, tuple[pd.Series, str]]:
 
 def write_racechrono(path: Path, drive: pd.DataFrame) -> Path:
     """Write names, units and sources below a preamble; stamps are whole seconds."""
-    columns = wide(drive)
+    columns = make_columns(drive)
     lines = [
         "This file is created using an app.",
         "Format,3",
@@ -263,7 +263,7 @@ def write_long(path: Path, drive: pd.DataFrame, cars: tuple[str, ...] = ("CAR-1"
     lines = ["timestamp,vehicle_id,telemetry_name,telemetry_value"]
     stamps = pd.to_datetime(EPOCH + drive.time, unit="s").dt.strftime("%Y-%m-%dT%H:%M:%S.%f").str[:-3] + "Z"
     for i, stamp in enumerate(stamps):
-        for name, (x, _) in wide(drive).items():
+        for name, (x, _) in make_columns(drive).items():
             lines += [f"{stamp},{car},{name},{x.iloc[i]:.9g}" for car in cars]
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -272,17 +272,17 @@ def write_long(path: Path, drive: pd.DataFrame, cars: tuple[str, ...] = ("CAR-1"
 # ---- Text logs of buses, by the tool that writes them
 
 
-def _hex(data: bytes, between: str = " ") -> str:
+def _format_hex(data: bytes, between: str = " ") -> str:
     return between.join(f"{b:02X}" for b in data)
 
 
-def _clock(t: float, digits: int) -> str:
+def _format_clock(t: float, digits: int) -> str:
     whole = round(10**digits * (MIDNIGHT + t))
     s, part = divmod(whole, 10**digits)
     return f"{s // 3600:02d}:{s // 60 % 60:02d}:{s % 60:02d}:{part:0{digits}d}"
 
 
-def _asc(
+def _format_asc(
     sent: list[tuple[float, int, bytes]], mode: str = "absolute", start: float = 0.0, mark: str = "."
 ) -> str:
     head = [
@@ -297,11 +297,13 @@ def _asc(
     for t, i, d in sent:
         stamp = t - before if mode == "relative" else t + start
         before = t
-        lines.append(f"{stamp:.6f}".replace(".", mark) + f" 1  {i:X}             Rx   d {len(d)} {_hex(d)}")
+        lines.append(
+            f"{stamp:.6f}".replace(".", mark) + f" 1  {i:X}             Rx   d {len(d)} {_format_hex(d)}"
+        )
     return "\n".join([*head, *lines, "End TriggerBlock", ""])
 
 
-def _candump(sent: list[tuple[float, int, bytes]], stamp: str) -> str:
+def _format_candump(sent: list[tuple[float, int, bytes]], stamp: str) -> str:
     lines, before = [], 0.0
     for t, i, d in sent:
         text = {
@@ -312,11 +314,11 @@ def _candump(sent: list[tuple[float, int, bytes]], stamp: str) -> str:
             "date": f"({pd.Timestamp(EPOCH + t, unit='s'):%Y-%m-%d %H:%M:%S.%f}) ",
         }[stamp]
         before = t
-        lines.append(f" {text} can0  {i:03X}   [{len(d)}]  {_hex(d)}")
+        lines.append(f" {text} can0  {i:03X}   [{len(d)}]  {_format_hex(d)}")
     return "\n".join([*lines, ""])
 
 
-def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX", mode: str = "SYSTEM") -> str:
+def _format_busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX", mode: str = "SYSTEM") -> str:
     head = [
         "***BUSMASTER Ver 3.2.2***",
         "***PROTOCOL CAN***",
@@ -330,10 +332,10 @@ def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX", mode: st
         "***END CHANNEL BAUD RATE***",
         "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***",
     ]
-    of = (lambda d: _hex(d)) if base == "HEX" else (lambda d: " ".join(str(b) for b in d))
+    of = (lambda d: _format_hex(d)) if base == "HEX" else (lambda d: " ".join(str(b) for b in d))
     before = [0.0, *(t for t, _, _ in sent)]
     stamps = [
-        _clock(t - b - MIDNIGHT if mode == "RELATIVE" else t, 4)
+        _format_clock(t - b - MIDNIGHT if mode == "RELATIVE" else t, 4)
         for (t, _, _), b in zip(sent, before, strict=False)
     ]
     lines = [
@@ -343,7 +345,7 @@ def _busmaster(sent: list[tuple[float, int, bytes]], base: str = "HEX", mode: st
     return "\n".join([*head, *lines, "***[STOP LOGGING SESSION]***", ""])
 
 
-def _trc(sent: list[tuple[float, int, bytes]], version: str) -> str:
+def _format_trc(sent: list[tuple[float, int, bytes]], version: str) -> str:
     head = [] if version == "1.0" else [f";$FILEVERSION={version}", ";$STARTTIME=45000.5"]
     head += {"2.0": [";$COLUMNS=N,O,T,I,d,l,D"], "2.1": [";$COLUMNS=N,O,T,B,I,d,R,L,D"]}.get(
         version, [";  Prüfstand"]
@@ -353,11 +355,11 @@ def _trc(sent: list[tuple[float, int, bytes]], version: str) -> str:
         before = {"1.0": "", "1.1": "Rx", "1.2": "1 Rx", "1.3": "1 Rx", "2.0": "DT", "2.1": "DT 1"}[version]
         between = {"1.3": "-", "2.0": "Rx", "2.1": "Rx -"}.get(version, "")
         number = f"{n:7d}" if version >= "2" else f"{n:6d})"
-        lines.append(f"{number} {1e3 * t:11.3f} {before} {i:04X} {between} {len(d)} {_hex(d)}")
+        lines.append(f"{number} {1e3 * t:11.3f} {before} {i:04X} {between} {len(d)} {_format_hex(d)}")
     return "\n".join([*head, *lines, ""])
 
 
-def _table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
+def _format_table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
     lines = [
         row.format(
             t=t,
@@ -365,12 +367,12 @@ def _table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
             ms=1e3 * t,
             i=i,
             n=len(d),
-            h=_hex(d, ""),
-            s=_hex(d),
+            h=_format_hex(d, ""),
+            s=_format_hex(d),
             x=",".join(f"{b:02X}" for b in d),
             us=round(1e6 * t) + 166064000,
             b=base64.b64encode(d).decode(),
-            c=_clock(t, 6)[::-1].replace(":", ".", 1)[::-1],
+            c=_format_clock(t, 6)[::-1].replace(":", ".", 1)[::-1],
         )
         for t, i, d in sent
     ]
@@ -378,41 +380,41 @@ def _table(sent: list[tuple[float, int, bytes]], title: str, row: str) -> str:
 
 
 BUS_LOGS = {  # suffix, writer
-    "ASC": (".asc", lambda s: _asc(s)),
-    "ASC of cp1252": (".asc", lambda s: _asc(s)),
-    "ASC with relative stamps": (".asc", lambda s: _asc(s, "relative")),
-    "ASC with stamps below 0": (".asc", lambda s: _asc(s, start=-20.0)),
-    "ASC with decimal commas": (".asc", lambda s: _asc(s, mark=",")),
-    "ASC under another suffix": (".txt", lambda s: _asc(s)),
+    "ASC": (".asc", lambda s: _format_asc(s)),
+    "ASC of cp1252": (".asc", lambda s: _format_asc(s)),
+    "ASC with relative stamps": (".asc", lambda s: _format_asc(s, "relative")),
+    "ASC with stamps below 0": (".asc", lambda s: _format_asc(s, start=-20.0)),
+    "ASC with decimal commas": (".asc", lambda s: _format_asc(s, mark=",")),
+    "ASC under another suffix": (".txt", lambda s: _format_asc(s)),
     "candump -l": (
         ".log",
-        lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{_hex(d, '')}\n" for t, i, d in s),
+        lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}#{_format_hex(d, '')}\n" for t, i, d in s),
     ),
     "candump -l with R": (
         ".log",
-        lambda s: "".join(f"({EPOCH + t:.9f}) can0 {i:03X}#{_hex(d, '')} R\n" for t, i, d in s),
+        lambda s: "".join(f"({EPOCH + t:.9f}) can0 {i:03X}#{_format_hex(d, '')} R\n" for t, i, d in s),
     ),
-    "candump -ta": (".txt", lambda s: _candump(s, "absolute")),
-    "candump -td": (".log", lambda s: _candump(s, "delta")),
-    "candump -tz": (".txt", lambda s: _candump(s, "zero")),
-    "candump -tA": (".txt", lambda s: _candump(s, "date")),
-    "candump -x": (".txt", lambda s: _candump(s, "absolute").replace("can0 ", "can0  RX - - ")),
+    "candump -ta": (".txt", lambda s: _format_candump(s, "absolute")),
+    "candump -td": (".log", lambda s: _format_candump(s, "delta")),
+    "candump -tz": (".txt", lambda s: _format_candump(s, "zero")),
+    "candump -tA": (".txt", lambda s: _format_candump(s, "date")),
+    "candump -x": (".txt", lambda s: _format_candump(s, "absolute").replace("can0 ", "can0  RX - - ")),
     "candump -l of CAN FD": (
         ".log",
-        lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}##1{_hex(d, '')}\n" for t, i, d in s),
+        lambda s: "".join(f"({EPOCH + t:.6f}) can0 {i:03X}##1{_format_hex(d, '')}\n" for t, i, d in s),
     ),
     "CANedge CSV": (
         ".csv",
-        lambda s: _table(
+        lambda s: _format_table(
             s,
             "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes",
             "{e:.6f};1;{i:X};0;{n};{n};0;0;0;0;0;{h}",
         ),
     ),
-    "Cabana CSV": (".csv", lambda s: _table(s, "time,addr,bus,data", "{t:.6f},0x{i:x},0,0x{h}")),
+    "Cabana CSV": (".csv", lambda s: _format_table(s, "time,addr,bus,data", "{t:.6f},0x{i:x},0,0x{h}")),
     "CSV of PCAN-View": (
         ".csv",
-        lambda s: _table(
+        lambda s: _format_table(
             s,
             ";Message Number,Time Offset (ms),Type,ID (hex),Data Length,Data (hex)",
             "1,{ms:.3f},Rx,{i:04X},{n},{s}",
@@ -420,20 +422,20 @@ BUS_LOGS = {  # suffix, writer
     ),
     "CSV with a time of day": (
         ".csv",
-        lambda s: _table(s, "Time,Channel,ID,DLC,Data", "{c},1,0x{i:03X},{n},{s}"),
+        lambda s: _format_table(s, "Time,Channel,ID,DLC,Data", "{c},1,0x{i:03X},{n},{s}"),
     ),
-    "TRC 1.0": (".trc", lambda s: _trc(s, "1.0")),
-    "TRC 1.1": (".trc", lambda s: _trc(s, "1.1")),
-    "TRC 1.2": (".trc", lambda s: _trc(s, "1.2")),
-    "TRC 1.3": (".trc", lambda s: _trc(s, "1.3")),
-    "TRC 2.0": (".trc", lambda s: _trc(s, "2.0")),
-    "TRC 2.1": (".trc", lambda s: _trc(s, "2.1")),
-    "BUSMASTER": (".log", lambda s: _busmaster(s)),
-    "BUSMASTER, decimal": (".log", lambda s: _busmaster(s, "DEC")),
-    "BUSMASTER, relative": (".log", lambda s: _busmaster(s, "HEX", "RELATIVE")),
+    "TRC 1.0": (".trc", lambda s: _format_trc(s, "1.0")),
+    "TRC 1.1": (".trc", lambda s: _format_trc(s, "1.1")),
+    "TRC 1.2": (".trc", lambda s: _format_trc(s, "1.2")),
+    "TRC 1.3": (".trc", lambda s: _format_trc(s, "1.3")),
+    "TRC 2.0": (".trc", lambda s: _format_trc(s, "2.0")),
+    "TRC 2.1": (".trc", lambda s: _format_trc(s, "2.1")),
+    "BUSMASTER": (".log", lambda s: _format_busmaster(s)),
+    "BUSMASTER, decimal": (".log", lambda s: _format_busmaster(s, "DEC")),
+    "BUSMASTER, relative": (".log", lambda s: _format_busmaster(s, "HEX", "RELATIVE")),
     "SavvyCAN CSV": (
         ".csv",
-        lambda s: _table(
+        lambda s: _format_table(
             s,
             "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8",
             "{us},{i:08X},false,Rx,0,{n},{x},",
@@ -441,7 +443,7 @@ BUS_LOGS = {  # suffix, writer
     ),
     "python-can CSV": (
         ".csv",
-        lambda s: _table(
+        lambda s: _format_table(
             s, "timestamp,arbitration_id,extended,remote,error,dlc,data", "{e:.6f},0x{i:x},0,0,0,{n},{b}"
         ),
     ),
