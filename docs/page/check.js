@@ -38,7 +38,7 @@ function deviation(x) {
   return Math.sqrt(x.reduce((sum, v) => sum + (v - mean) ** 2, 0) / x.length);
 }
 
-// Of a longer log the part in which the car turns most, as tse.log.rows.liveliest(): enough to say what its channels are.
+// Of a longer log the part in which the car turns most, as tse.log.rows.select_liveliest(): enough to say what its channels are.
 function liveliest(rows, most) {
   const n = rows.time.length;
   if (n <= most) return rows;

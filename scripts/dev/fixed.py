@@ -19,7 +19,7 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from tse.library.core import STIFFNESS, Config, Filter, Library  # noqa: E402
+from tse.library.core import STIFFNESS, Config, Library, NativeFilter  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
 from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
 
@@ -74,7 +74,7 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                     for filter_seed in FILTER_SEEDS[form]:
                         config = settings(lib, form, d.about)
                         config.set("seed", filter_seed)
-                        estimate = Filter(config).over(d.rows)
+                        estimate = NativeFilter(config).estimate_rows(d.rows)
                         row = {"case": case.name, "form": form, "build": build, "seed": seed}
                         row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
                         rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))

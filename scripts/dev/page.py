@@ -189,10 +189,10 @@ def known() -> dict[str, Any]:
 
     factors: dict[str, dict[str, float]] = {}
     for si in ("s", "rad", "rad/s", "m/s", "m/s2"):
-        found = {spelling: units.factor(spelling, si) for spelling in units.SPELT if spelling}
+        found = {spelling: units.unit_factor(spelling, si) for spelling in units.SPELLINGS if spelling}
         factors[si] = {spelling: value for spelling, value in found.items() if value is not None}
     return {
-        "spelt": units.SPELT, "factors": factors, "atEnd": _AT_END,
+        "spelt": units.SPELLINGS, "factors": factors, "atEnd": _AT_END,
         "roles": vocabulary.ROLES, "not": vocabulary.NOT, "places": vocabulary.PLACES,
         "names": verdict.NAMES, "wheel": vocabulary.WHEEL.pattern, "noWheel": vocabulary.NO_WHEEL.pattern,
         "rules": {
@@ -212,7 +212,7 @@ def known() -> dict[str, Any]:
             "turned": agree.TURNED, "aside": agree.ASIDE, "asideShare": agree.ASIDE_SHARE,
             "rate": physics.RATE, "smooth": physics.SMOOTH, "moving": physics.MOVING, "fewest": physics.FEWEST,
             "mostRows": MOST_CHECKED,
-            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.TURN_SHOWN,
+            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.MIN_TURN_SHARE,
         },
     }  # fmt: skip
 

@@ -19,8 +19,8 @@ from tqdm import tqdm
 
 import tables
 from tse.channels.log import read_log
-from tse.library.core import STIFFNESS, Config, Library, library_path
-from tse.library.files import atomic
+from tse.library.core import STIFFNESS, Config, Library, find_library
+from tse.library.files import write_atomically
 from tselab.montecarlo import estimators, studies
 from tselab.montecarlo.case import START, Case, Drive, drive
 from tselab.montecarlo.scores import inside
@@ -67,7 +67,7 @@ def build(name: str, factor: float) -> Library:
         ["cmake", "--build", folder, "--parallel", "2"],
     ):
         subprocess.run([str(c) for c in command], check=True, capture_output=True)
-    made = next(f for f in folder.rglob(library_path().name) if f.is_file())
+    made = next(f for f in folder.rglob(find_library().name) if f.is_file())
     kept = folder / f"{name}-{factor:g}{made.suffix}"
     kept.write_bytes(made.read_bytes())
     return Library(kept)
@@ -177,7 +177,7 @@ mean. Command: `.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.ru
     if args.names:
         print("\n".join(lines))
     else:
-        with atomic(TABLE) as file:
+        with write_atomically(TABLE) as file:
             file.write("\n".join(lines) + "\n")
         print(TABLE)
     return 0

@@ -127,7 +127,7 @@ def test_the_description_has_bounds_and_types(wheel):
 
 def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_path):
     code = (
-        "import sys, pandas, tse; from tse.library.core import library_path; print(tse.__file__); print(library_path());"
+        "import sys, pandas, tse; from tse.library.core import find_library; print(tse.__file__); print(find_library());"
         "tse.estimate(tse.simulate(duration=5).log, {'mass': 1650, 'lf': 1.2, 'lr': 1.5, 'wheel_radius_front': 0.32,"
         "'wheel_radius_rear': 0.32}).to_csv(sys.argv[1])"
     )

@@ -16,7 +16,7 @@ from tse.channels.log import read_log
 from tse.channels.raster import resample
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import TORQUES, Log, Reading, liveliest
+from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
 # sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
 # cars of
@@ -125,17 +125,17 @@ class Figures:
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
-def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading) -> list[Log]:
+def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: Reading) -> list[CheckedLog]:
     """Return the logs that can be read, or are, and whose channels agree: nothing is learnt of a car from others. One that is left
     out is a note. UserError: all are."""
-    found: list[Log] = []
+    found: list[CheckedLog] = []
     refused: list[UserError] = []
     car = reading.car or default_vehicle()
     for given in logs:
-        path = given.path if isinstance(given, Log) else given
+        path = given.path if isinstance(given, CheckedLog) else given
         try:
-            log = given if isinstance(given, Log) else read_log(given, reading=reading)
-            against = check_car(liveliest(log, MOST_ROWS), car, Config.exact(car.values))
+            log = given if isinstance(given, CheckedLog) else read_log(given, reading=reading)
+            against = check_car(select_liveliest(log, MOST_ROWS), car, Config.exact(car.values))
             if surely := sure(against):
                 raise UserError(f"{path}: nothing is learnt from it: {'; '.join(surely)}")
             notes += [f"{path}: {text}" for text in against]
@@ -153,14 +153,14 @@ def sure(warnings: Sequence[str]) -> list[str]:
     return [text for text in warnings if PERHAPS not in text]
 
 
-def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:
+def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
     """Return how the channels of a log of this car contradict each other: check_units() with its measures."""
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
-def late_across(log: Log, config: Config) -> list[str]:
+def late_across(log: CheckedLog, config: Config) -> list[str]:
     """Return that accel_y does not come when the car turns, but much later or earlier than the vehicle file says; [] if it does.
 
     It is speed times yaw rate and the change of the sideslip. Body roll, which comes later, is within LATE_ACROSS."""
@@ -187,7 +187,7 @@ def late_across(log: Log, config: Config) -> list[str]:
 
 
 def check_units(
-    log: Log,
+    log: CheckedLog,
     wheelbase: float,
     radius_front: float,
     radius_rear: float,
@@ -254,7 +254,7 @@ def check_units(
 
 
 def _throughout(
-    log: Log, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
+    log: CheckedLog, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
     radii: tuple[float, float], causes: tuple[Cause, ...],
 ) -> bool:  # fmt: skip
     """Return whether causes explain the log better than none in nearly all of its pieces that show anything of them.
@@ -306,7 +306,7 @@ def _of_any_factor(figures: Figures) -> float:
     return ODD + min(costs, default=np.inf)
 
 
-def stood(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
+def stood(log: CheckedLog, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
     """Return when the wheels of both axles read as good as 0 while the car drove: from one row to the next they stop, and they turn
     again as suddenly. Two such steps that together are more than FALL are nothing that brakes and engines do."""
     speed = np.maximum(
@@ -332,7 +332,7 @@ def stood(log: Log, radius_front: float, radius_rear: float, hold_speed: float) 
     ]
 
 
-def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
+def _velocity(log: CheckedLog, radius_front: float, radius_rear: float) -> list[str]:
     """Return in what a measured velocity contradicts the wheels, and its change the lateral acceleration; [] where it does not.
 
     Speed along is that of the wheels within OFF_SPEED, since slip and radii are a few percent. Speed across changes by
@@ -398,7 +398,7 @@ def _pedals(
             if share > 0.5:
                 words = words.format(100 * share)
                 found.append(f"check the units: brake is {words}: it is 1 while the car brakes, else 0")
-    axles = [c for c in TORQUES if c in d]
+    axles = [c for c in TORQUE_COLUMNS if c in d]
     if axles and mass and "accel_x" in d:
         force = sum(d[c] / radius[c.rpartition("_")[2]] for c in axles) / mass
         both = len(axles) == 2
@@ -412,12 +412,12 @@ def _pedals(
     return found
 
 
-def _smooth(log: Log) -> dict[str, np.ndarray]:
+def _smooth(log: CheckedLog) -> dict[str, np.ndarray]:
     """The channels and GNSS on the raster of physics.py."""
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
-        c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUES) if c in log.extra
+        c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUE_COLUMNS) if c in log.extra
     }
     rate = 1.0 / max(log.sample_time or 0.01, 1e-3)
     found = {}
@@ -497,7 +497,7 @@ def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> 
     ]
 
 
-def _time(log: Log, radius: float) -> list[str]:
+def _time(log: CheckedLog, radius: float) -> list[str]:
     """Rows that are far apart, by a time that may count them: what accel_x adds up to is the change of the speed."""
     step, n = float(log.sample_time or 0.0), ROWS_SLOW
     if step <= 1.0 / physics.RATE or len(log) < 10 * n:
@@ -529,7 +529,8 @@ def _sets(ratio: float) -> Iterator[tuple[Cause, ...]]:
 
 
 def _figures(
-    log: Log, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None, wheels: float,
+    log: CheckedLog, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
+    wheels: float,
     radii: tuple[float, float],
 ) -> Figures:  # fmt: skip
     """With the speed v, m/s."""

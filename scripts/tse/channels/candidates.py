@@ -9,7 +9,7 @@ from tse.channels.look import KINDS, NAMED, Guess, Look
 from tse.channels.physics import fit
 from tse.channels.vocabulary import ROLES, is_another_thing, place_of, score
 from tse.channels.wheels import SLOWEST, quaternions, rolls
-from tse.log.units import kind
+from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording
 
 MOST_CANDIDATES = 3  # of one channel
@@ -60,7 +60,7 @@ def nearest_candidates(
 
 def _worth(role: str, axle: str, c: Channel) -> float:
     """Return how near a signal comes by name and unit; 0: not at all."""
-    of_kind = kind(c.unit) in KINDS[role] and kind(c.unit) != ""
+    of_kind = unit_kind(c.unit) in KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = place_of(c.name)
         if place and not place.startswith(axle):
@@ -102,7 +102,7 @@ def _reason(
         others = f"{look.time[0]:.1f} .. {look.time[-1]:.1f} s"
         return f"its times ({begin:.1f} .. {end:.1f} s) are not those of the other signals ({others})"
     unit = look.unit(c.name)
-    if kind(unit) not in ("", *KINDS[role]):
+    if unit_kind(unit) not in ("", *KINDS[role]):
         return f"its unit {unit} is not that of {WANTED[role]}"
     if role == "wheel":
         if not rolls(x):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.channels.vocabulary import place_of, score
-from tse.readers.recording import Channel, Recording, listed
+from tse.readers.recording import Channel, Recording, list_names
 
 ONE_CLOCK = (
     "BLF",
@@ -46,7 +46,7 @@ class Group:
 
     def words(self) -> str:
         """Its number and what it holds."""
-        return f"group {self.number} ({listed(c.short for c in self.channels[:3])}{', ...' if len(self.channels) > 3 else ''})"
+        return f"group {self.number} ({list_names(c.short for c in self.channels[:3])}{', ...' if len(self.channels) > 3 else ''})"
 
 
 def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, dict[str, float]]:

@@ -11,8 +11,8 @@ from tse.channels.physics import MOVING, mean_of
 from tse.channels.scales import UNITS, USUAL_WHEELBASE, Scale, facts_of, same_unit
 from tse.channels.vocabulary import place_of, score
 from tse.channels.wheels import is_speed, speed_of
-from tse.log.units import factor, kind
-from tse.readers.table import unit_at_end
+from tse.log.units import unit_factor, unit_kind
+from tse.readers.table import find_unit_suffix
 
 SIZE = "its size says so"
 MOUNTED = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
@@ -93,7 +93,7 @@ def _from(look: Look, name: str, unit: str, role: str) -> str:
     c = look.channels[name]
     if c.unit and same_unit(c.unit, unit, role):
         return "the log says so"
-    end = unit_at_end(c.short)
+    end = find_unit_suffix(c.short)
     return "the name ends so" if end and same_unit(end, unit, role) else SIZE
 
 
@@ -185,8 +185,8 @@ def _steer(
     warnings: list[str],
 ) -> Guess:
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
-    unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
-    unit = unit if kind(unit) == "angle" else ""
+    unit = look.channels[name].unit or find_unit_suffix(look.channels[name].short)
+    unit = unit if unit_kind(unit) == "angle" else ""
     given = car.steering_ratio if car is not None else None
     found = physics.steering(look.x[name], v, r) if v is not None and r is not None else None
     guess = Guess(
@@ -207,7 +207,9 @@ def _steer(
         return guess
     guess.sign = float(np.sign(found.per_curvature))
     raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
-    options = [(u, raw * float(factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNITS["steer_angle"])]
+    options = [
+        (u, raw * float(unit_factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNITS["steer_angle"])
+    ]
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
     likely = [
         (
@@ -224,7 +226,7 @@ def _steer(
     guess.unit_from = _from(look, name, guess.unit, "steer_angle")
     if unit and off > 3.0:  # the unit that is said makes no sense
         other = "rad" if same_unit(unit, "deg", "steer_angle") else "deg"
-        q = raw * float(factor(other, "rad") or 1.0)
+        q = raw * float(unit_factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or USUAL_RATIO)))) / spread < 1.5:
             warnings.append(
                 f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
@@ -255,7 +257,7 @@ def _steer(
             )
     if guess.sign < 0:
         guess.figures.append("positive to the right in the log")
-    offset = found.offset * float(factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
+    offset = found.offset * float(unit_factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
     if abs(offset) > 0.003:
         guess.figures.append(f"straight on it shows {found.offset:.3g} {guess.unit}")
     return guess
@@ -280,7 +282,7 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
             figures.append(f"{axle} over the other axle: {float(np.nanmedian((a / b)[fast])):.3f}")
     if "speed" in scale.figures:
         figures.append(f"the log's own speed over theirs: {scale.figures['speed']:.3f}")
-    if factor(unit, "m/s") is None and "accel_y" in scale.figures:
+    if unit_factor(unit, "m/s") is None and "accel_y" in scale.figures:
         figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}")
     if len(mine) == 2 and "track" in scale.figures:
         figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")

@@ -18,43 +18,43 @@ from tse.channels.signals import FASTEST, SLOWEST, Signal, Signals, find_signals
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
-    FEW_OUTSIDE,
+    MAX_OUTSIDE,
     MEASURES,
-    OPTIONAL,
+    OPTIONAL_COLUMNS,
     SIDES,
-    Log,
+    CheckedLog,
     Reading,
-    Slower,
-    beside_of,
-    checked,
-    columns,
-    lacking,
-    straightened,
+    SlowChannel,
+    check_log,
+    find_absent_channels,
+    find_signals_file,
+    list_columns,
+    straighten_log_time,
 )
-from tse.readers.read_text import parsing
+from tse.readers.read_text import translate_parser_errors
 from tse.readers.readers import read_recording
 from tse.readers.recording import (
-    PIECE,
-    ROW,
+    CHUNK_ROWS,
+    MIN_ROW_BYTES,
     Recording,
-    cells_of,
-    check_columns,
     check_rows,
-    in_room,
-    in_time,
-    listed,
+    check_table_width,
+    limit_memory,
+    limit_time,
+    list_names,
+    split_cells,
 )
-from tse.readers.table import PACKED, Column, is_packed, of_packed, seconds
+from tse.readers.table import PACKED_NOTE, Column, convert_to_seconds, is_packed, unpack_times
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
-def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
+def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> CheckedLog:
     """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
     path, reading = Path(path), reading or Reading()
-    with in_room(path), in_time(path):
+    with limit_memory(path), limit_time(path):
         log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
     if reading.car is not None:
         log = of_car(log, reading.car)
@@ -63,7 +63,7 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
     return log
 
 
-def of_car(log: Log, car: Vehicle) -> Log:
+def of_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
     """Return the log with the wheel speed that stands in for an axle's by the radii of this car."""
     if log.stand_in is None:
         return log
@@ -82,10 +82,10 @@ def _is_plain(path: Path, reading: Reading) -> bool:
             head = file.read(65536)
     except (OSError, UnicodeDecodeError):
         return False
-    lines = [cells_of(path, x) for x in head.splitlines()[:2]] if "\0" not in head else []
+    lines = [split_cells(path, x) for x in head.splitlines()[:2]] if "\0" not in head else []
     names = [c.strip() for c in lines[0]] if lines else []
-    wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
-    beside = beside_of(path)
+    wanted = {*list_columns(), *(c for pair in SIDES.values() for c in pair)}
+    beside = find_signals_file(path)
     if beside is not None and any(
         f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n
     ):
@@ -99,15 +99,15 @@ def _is_plain(path: Path, reading: Reading) -> bool:
     return "time" in names and len(wanted & {n.lower() for n in names}) > 3
 
 
-def _read_plain(path: Path, spare: Collection[str]) -> Log:
+def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
     head, whole = _head(path)
-    header = [c.strip() for c in (cells_of(path, head[0]) if head else [])]
-    check_columns(path, header)
-    wanted = columns()
+    header = [c.strip() for c in (split_cells(path, head[0]) if head else [])]
+    check_table_width(path, header)
+    wanted = list_columns()
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
     }
-    absent = lacking(header, sides, spare)
+    absent = find_absent_channels(header, sides, spare)
     needed = [c for name in wanted if name not in absent for c in sides.get(name, (name,))]
     missing = [c for c in needed if c not in header]
     if missing:
@@ -125,15 +125,15 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
         notes.append(f"column {', '.join(skipped)} is not numeric: not used")
     time = table.pop("time")
     if is_packed(time):
-        notes.append(PACKED)
-        time = of_packed(time)
-    time, keep = straightened(path, time, line, notes)
+        notes.append(PACKED_NOTE)
+        time = unpack_times(time)
+    time, keep = straighten_log_time(path, time, line, notes)
     if not keep.all():
         table, line = {c: x[keep] for c, x in table.items()}, line[keep]
-    return checked(path, time, table, line, notes, spare)
+    return check_log(path, time, table, line, notes, spare)
 
 
-def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
+def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> CheckedLog:
     """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0.
     Times may be dates, times of day or differences of time, too, and stand in the index of a data frame."""
     if (
@@ -153,8 +153,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
     }
-    absent = lacking(header, sides, MEASURES)
-    needed = [c for wanted in columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
+    absent = find_absent_channels(header, sides, MEASURES)
+    needed = [c for wanted in list_columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
     if missing := [c for c in needed if c not in header]:
         also = (
             "; left and right wheel may stand in place of an axle, both"
@@ -188,21 +188,21 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
     row = np.arange(rows[0])
-    time, keep = straightened(Path(name), table.pop("time"), row, notes, "row")
-    return checked(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+    time, keep = straighten_log_time(Path(name), table.pop("time"), row, notes, "row")
+    return check_log(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
 
 
 def _array(name: str, column: str, values: Any) -> np.ndarray:
     """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
-    if kind == "c" or (kind == "b" and column not in OPTIONAL):
+    if kind == "c" or (kind == "b" and column not in OPTIONAL_COLUMNS):
         raise TypeError("complex numbers, or truths, where a measurement is needed")
     if column == "time" and kind not in "fiub":
         series = (
             values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
         )
         if isinstance(next(iter(series), None), str | datetime | timedelta):
-            return seconds(Path(name), Column(column, series.infer_objects()), [])
+            return convert_to_seconds(Path(name), Column(column, series.infer_objects()), [])
     elif kind in "mM":
         raise TypeError("times where a measurement is needed")  # as numbers they would be nanoseconds
     return (
@@ -214,7 +214,7 @@ def _array(name: str, column: str, values: Any) -> np.ndarray:
 
 def _beside(column: str) -> bool:
     """A column that is read, though the estimator does not need it."""
-    return column.startswith("ref_") or column in OPTIONAL
+    return column.startswith("ref_") or column in OPTIONAL_COLUMNS
 
 
 def _head(path: Path) -> tuple[list[str], int | None]:
@@ -270,7 +270,7 @@ def _numbers(
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
     are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
     Rows without any of what is needed are blank. `whole`: rows to read, where not all; `first`: the line of the first."""
-    if (cells := len(row := cells_of(path, first[0]) if first else [])) > len(
+    if (cells := len(row := split_cells(path, first[0]) if first else [])) > len(
         header
     ):  # of which pandas only warns
         wide = cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row)
@@ -283,15 +283,15 @@ def _numbers(
             f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}"
         )
     names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
-    with parsing(path), pd.read_csv(
+    with translate_parser_errors(path), pd.read_csv(
         path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
-        encoding="utf-8-sig", nrows=whole, chunksize=PIECE,  # all at once take twice the memory
+        encoding="utf-8-sig", nrows=whole, chunksize=CHUNK_ROWS,  # all at once take twice the memory
     ) as pieces:  # fmt: skip
         parts, rows = [], 0
         for piece in pieces:
             parts.append(piece[piece[needed].notna().any(axis=1)])
             rows += len(parts[-1])
-            check_rows(path, "it", rows, ROW)
+            check_rows(path, "it", rows, MIN_ROW_BYTES)
         table = pd.concat(parts)
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
@@ -307,7 +307,7 @@ def _numbers(
             continue
         if bad.any():
             count, at, wrong = int(bad.sum()), line[bad.argmax()], str(cells.iloc[int(bad.argmax())])
-            if count > FEW_OUTSIDE * len(table):
+            if count > MAX_OUTSIDE * len(table):
                 hint = "; decimals are written with a point" if "," in wrong else ""
                 raise UserError(
                     f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
@@ -342,7 +342,7 @@ def _allowed(name: str) -> str:
 # ---- any log: reader, mapping, raster, check
 
 
-def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
+def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog:
     """A log of any format. UserError: what is missing, and what helps."""
     if reading.rate is not None and not SLOWEST <= reading.rate <= FASTEST:
         raise UserError(f"option --rate: {reading.rate:g} is outside its range {SLOWEST:g} .. {FASTEST:g} Hz")
@@ -366,7 +366,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     rows = on_raster(found, reading.rate or signals.rate, path)
     notes += rows.notes
     line = np.arange(1, len(rows.time) + 1)
-    log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row")
+    log = check_log(path, rows.time, dict(rows.value), line, notes, spare, place="row")
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
@@ -406,24 +406,24 @@ def by_own_names(recording: Recording) -> Signals | None:
     return Signals(None, {s.channel: s for s in whole.values() if s.channel not in sided})
 
 
-def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:
+def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, SlowChannel]:
     """By channel; of an axle that of its wheels."""
-    found = {n: Slower(t, x, rate / own) for n, (t, x, own) in native.items()}
+    found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
             left, right = (found.pop(s) for s in pair)
             mean = 0.5 * (left.value + np.interp(left.time, right.time, right.value))
-            found[axle] = Slower(left.time, mean, left.rows)
-    return {n: s for n, s in found.items() if n in {*columns(), *MEASURES} and n not in OPTIONAL}
+            found[axle] = SlowChannel(left.time, mean, left.rows)
+    return {n: s for n, s in found.items() if n in {*list_columns(), *MEASURES} and n not in OPTIONAL_COLUMNS}
 
 
 def _unnamed(path: Path, recording: Recording) -> str:
     own = [n for n in known_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
-    has = f"; of tse's names it has {listed(own)}, not {listed(missing)}" if own else ""
+    has = f"; of tse's names it has {list_names(own)}, not {list_names(missing)}" if own else ""
     name = shlex.quote(path.name)
     return (
         f"{path}: a file must say which of its {len(recording.channels)} signals are which "
-        f"({listed(c.name for c in recording)}){has}\n"
+        f"({list_names(c.name for c in recording)}){has}\n"
         f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, it is used"
     )

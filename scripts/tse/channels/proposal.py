@@ -16,9 +16,9 @@ from tse.channels.raster import entries, rate_of
 from tse.channels.scales import find_units
 from tse.channels.velocities import find_velocities
 from tse.channels.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
-from tse.log.clock import straight
-from tse.log.units import is_strange
-from tse.readers.recording import Channel, How, Recording, listed
+from tse.log.clock import straighten_time
+from tse.log.units import is_unknown_unit
+from tse.readers.recording import Channel, ReadOptions, Recording, list_names
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def listing(recording: Recording, proposal: Proposal) -> list[Line]:
 
 def _line(c: Channel, used: str) -> Line:
     there = np.isfinite(c.value)
-    time, keep, _ = straight(c.time)
+    time, keep, _ = straighten_time(c.time)
     rate = rate_of(entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
     low, high = (
         (float(np.min(c.value[there])), float(np.max(c.value[there]))) if there.any() else (np.nan, np.nan)
@@ -66,13 +66,15 @@ def headline(g: Guess) -> str:
     return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
 
 
-def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()) -> str:
+def toml_text(
+    recording: Recording, proposal: Proposal, how: ReadOptions | None = None, folder: Path = Path()
+) -> str:
     """signals.toml, with what speaks for each guess as comments. `how`: the log was read; `folder`: of the file."""
     lines = [
         f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. Look through, and edit."
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
-    said = {k: v for k, v in vars(how or How()).items() if v and k != "wanted"}
+    said = {k: v for k, v in vars(how or ReadOptions()).items() if v and k != "wanted"}
     if "databases" in said:
         said["databases"] = [_relative(p, folder) for p in said["databases"]]
     lines += (
@@ -109,10 +111,10 @@ def _strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
     found: dict[tuple[str, str], list[str]] = {}
     for g in guesses:
         for n in g.name:
-            if is_strange(unit := recording.channels[n].unit):
+            if is_unknown_unit(unit := recording.channels[n].unit):
                 found.setdefault((unit, g.unit), []).append(n)
     return [
-        f"the unit {unit!r} of {listed(names)} is not known: {own} is proposed, by size; look whether it is right"
+        f"the unit {unit!r} of {list_names(names)} is not known: {own} is proposed, by size; look whether it is right"
         for (unit, own), names in found.items()
     ]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from tse.channels.mapping import Series
-from tse.log.noise import fresh
-from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITIES
-from tse.readers.recording import PIECE, ROW, check_rows
+from tse.log.noise import find_new_values
+from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITY_COLUMNS
+from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 
 FASTEST = 100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
 SLOWEST_OWN = 5.0  # Hz: a slower channel asks for no raster
@@ -52,7 +52,7 @@ def entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
     time, value = (s.time, s.value) if there.all() else (s.time[there], s.value[there])
     if s.hold or len(time) < 3:
         return time, value
-    new = fresh(value)
+    new = find_new_values(value)
     time, value = (time, value) if new.all() else (time[new], value[new])
     step = np.diff(time)
     if len(step) and (step < CLOSE * np.median(step)).any():
@@ -76,7 +76,7 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
     plain = _as_it_is(found, rate)
     if plain is not None:
         if path is not None:
-            check_rows(path, "it", len(plain.time), ROW)
+            check_rows(path, "it", len(plain.time), MIN_ROW_BYTES)
         return plain
     own, rates = {}, {}
     for name, s in found.items():
@@ -89,14 +89,14 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
-        if name in VELOCITIES:  # a measurement each: none is made of two, and none is held
+        if name in VELOCITY_COLUMNS:  # a measurement each: none is made of two, and none is held
             rows.value[name] = _nearest(t, x, time)
         else:
             held = s.hold or name == "brake"  # a switch
             rows.value[name] = hold(t, x, time) if held else resample(t, x, time, rate)
         if name in core:
             keep |= np.isfinite(rows.value[name])
-        if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITIES:
+        if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITY_COLUMNS:
             rows.native[name] = t, x, rates[name]
     if not keep.all():
         rows.time = time[keep]
@@ -137,7 +137,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
             part, value = _low_pass(part, value, usual, rate)
             if len(part) > 3 and 1.0 / usual > DENSE * rate:
                 between = _of_four
-        count = max(1, round(PIECE * min(1.0, rate * usual)))  # rows of so many entries
+        count = max(1, round(CHUNK_ROWS * min(1.0, rate * usual)))  # rows of so many entries
         for begin in range(rows.start, rows.stop, count):
             piece = slice(begin, min(begin + count, rows.stop))
             out[piece] = between(part, value, np.clip(time[piece], part[0], part[-1]))
@@ -193,13 +193,13 @@ def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[
     # ends go on as they are mirrored about their last value: a straight line stays one
     before, after = 2 * value[0] - value[half:0:-1], 2 * value[-1] - value[-2 : -half - 2 : -1]
     longer, found = np.concatenate([before, value, after]), np.empty(n)
-    for begin in range(0, n, PIECE):
-        part = longer[begin : begin + PIECE + 2 * half]
+    for begin in range(0, n, CHUNK_ROWS):
+        part = longer[begin : begin + CHUNK_ROWS + 2 * half]
         size = 1 << (len(part) - 1).bit_length()  # enough: what goes round falls on what is left out
         if len(of_kernel) != size // 2 + 1:
             of_kernel = np.fft.rfft(kernel, size)
         both = np.fft.rfft(part, size) * of_kernel
-        found[begin : begin + PIECE] = np.fft.irfft(both, size)[2 * half : len(part)]
+        found[begin : begin + CHUNK_ROWS] = np.fft.irfft(both, size)[2 * half : len(part)]
     return even, found
 
 
@@ -239,7 +239,7 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
     own = rate_of(first.time)
     if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * FASTEST and rate is None):
         return None
-    full = [s for n, s in found.items() if n not in VELOCITIES]
+    full = [s for n, s in found.items() if n not in VELOCITY_COLUMNS]
     sparse = [s for s in full if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < SPARSE]
     if any(
         np.median(np.diff(np.flatnonzero(np.isfinite(s.value)))) > 1
@@ -269,7 +269,7 @@ def _times(
     start = start_on_beat({n: own[n][0] for n in core}, rates, rate, first)
     count = max(1, int(np.floor((last - start) * rate + 1e-6)) + 1)
     if path is not None:
-        check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, ROW)
+        check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, MIN_ROW_BYTES)
     return start + np.arange(count) / rate
 
 

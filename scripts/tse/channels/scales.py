@@ -13,9 +13,9 @@ from tse.channels.look import KINDS, NAMED, TURNED, Look
 from tse.channels.physics import TRACK, TRACK_SD, fit, smoothed
 from tse.channels.vocabulary import score, text_of
 from tse.channels.wheels import is_speed, named_speed, speed_of, turn_of
-from tse.log.units import factor, kind
-from tse.readers.recording import RECEIVER
-from tse.readers.table import unit_at_end
+from tse.log.units import unit_factor, unit_kind
+from tse.readers.recording import RECEIVER_TEXT
+from tse.readers.table import find_unit_suffix
 
 UNITS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"),
     "accel_x": ("m/s2", "g"),
@@ -60,12 +60,14 @@ def find_units(
     facts = facts_of(look, wheels, chosen, v0)
     options: dict[str, list[tuple[str, float]]] = {}
     for role, name in names.items():
-        said, end = look.channels[name].unit, unit_at_end(look.channels[name].short)
-        said = said if kind(said) in KINDS.get(role, KINDS["wheel"]) else ""
-        choices = [u for u in UNITS[role] if not (role == "wheel" and car_speed and factor(u, "m/s") is None)]
-        if said and factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
+        said, end = look.channels[name].unit, find_unit_suffix(look.channels[name].short)
+        said = said if unit_kind(said) in KINDS.get(role, KINDS["wheel"]) else ""
+        choices = [
+            u for u in UNITS[role] if not (role == "wheel" and car_speed and unit_factor(u, "m/s") is None)
+        ]
+        if said and unit_factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
             choices = [said] + [u for u in choices if not same_unit(u, said, role)]
-        elif said == "" and end and kind(end) in KINDS.get(role, KINDS["wheel"]):
+        elif said == "" and end and unit_kind(end) in KINDS.get(role, KINDS["wheel"]):
             choices = [end] + [u for u in choices if not same_unit(u, end, role)]
         cost = CONTRADICTED if said else SUFFIX if end and choices[0] == end else UNSAID
         options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
@@ -89,7 +91,7 @@ def find_units(
         return Scale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
-        if was and kind(was) in KINDS.get(role, KINDS["wheel"]) and not same_unit(u, was, role):
+        if was and unit_kind(was) in KINDS.get(role, KINDS["wheel"]) and not same_unit(u, was, role):
             warnings.append(
                 f"{names[role]!r} is in {was}, the log says, but its size is that of {u}: {u} is proposed"
             )
@@ -98,16 +100,16 @@ def find_units(
 
 def same_unit(a: str, b: str, role: str) -> bool:
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
-    x, y = factor(a, wanted, 1.0), factor(b, wanted, 1.0)
+    x, y = unit_factor(a, wanted, 1.0), unit_factor(b, wanted, 1.0)
     # a rate of rolling and a speed are different units, though both become rates
-    return x is not None and y is not None and abs(x / y - 1) < 1e-3 and kind(a) == kind(b)
+    return x is not None and y is not None and abs(x / y - 1) < 1e-3 and unit_kind(a) == unit_kind(b)
 
 
 def _per(role: str, unit: str, car: Any | None) -> float:
     """SI per unit; of wheels m/s."""
     if role == "wheel":
-        return float(factor(unit, "m/s") or (factor(unit, "rad/s") or 1.0) * _radius(car))
-    return float(factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
+        return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _radius(car))
+    return float(unit_factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
 
 
 def facts_of(
@@ -152,8 +154,8 @@ def _course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     left. -1: to the right. 0: there is no course."""
     named = [
         n for n in look.raw
-        if score("heading", n) >= NAMED and kind(look.unit(n)) in ("", "angle")
-        and (look.channels[n].text == RECEIVER or re.search(r"gps|gnss", text_of(n)))
+        if score("heading", n) >= NAMED and unit_kind(look.unit(n)) in ("", "angle")
+        and (look.channels[n].text == RECEIVER_TEXT or re.search(r"gps|gnss", text_of(n)))
     ]  # fmt: skip
     if not named:
         return 0.0
@@ -172,11 +174,13 @@ def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     named = [
         n
         for n in look.x
-        if kind(look.channels[n].unit) == "speed" and score("speed", n) >= NAMED and n not in wheels.values()
+        if unit_kind(look.channels[n].unit) == "speed"
+        and score("speed", n) >= NAMED
+        and n not in wheels.values()
     ]
     named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", text_of(n))), score("speed", n)))
     if named:
-        return look.x[named[-1]] * float(factor(look.channels[named[-1]].unit, "m/s") or 1.0)
+        return look.x[named[-1]] * float(unit_factor(look.channels[named[-1]].unit, "m/s") or 1.0)
     at = {
         role: max(((score(role, n), n) for n in look.x), default=(0.0, ""))
         for role in ("latitude", "longitude")
@@ -193,7 +197,7 @@ def _cost(
 ) -> tuple[float, dict[str, float]]:
     """How far a set of units is from what physics wants, in squared sd, and the figures themselves."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
-    rolling = unit.get("wheel", "") and factor(unit["wheel"], "m/s") is None
+    rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
     loose = RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0
     figures = {}
     cost = 0.0

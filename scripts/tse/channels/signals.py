@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from tse.library.core import library
-from tse.library.errors import UserError, meant
+from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml
-from tse.log.rows import OPTIONAL, SIDES, beside_of
-from tse.log.units import factor, quantity
-from tse.readers.recording import How
+from tse.log.rows import OPTIONAL_COLUMNS, SIDES, find_signals_file
+from tse.log.units import parse_unit, unit_factor
+from tse.readers.recording import ReadOptions
 
 SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
 LONGEST_LATENCY = 1.0  # s
 LONGEST_CLOCK = 4e9  # s: an epoch
-LOG_KEYS = {f.name for f in fields(How)} - {"wanted"} | {"rate"}
+LOG_KEYS = {f.name for f in fields(ReadOptions)} - {"wanted"} | {"rate"}
 KEYS = (
     "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "clock", "valid", "counter",
     "hold", "above",
@@ -90,7 +90,7 @@ class Signals:
 
     path: Path | None
     signals: Mapping[str, Signal]
-    how: How = field(default_factory=How)
+    how: ReadOptions = field(default_factory=ReadOptions)
     rate: float | None = None
 
     def wants(self, name: str) -> bool:
@@ -106,25 +106,31 @@ class Signals:
         )
 
 
-def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tuple[Signals | None, How]:
+def find_signals(
+    log: Path, file: Path | None, databases: Sequence[Path]
+) -> tuple[Signals | None, ReadOptions]:
     """The signals.toml of a log, that which was named or the one beside it, and how the log is read: [log] of it, and these
     databases before those that it names."""
-    file = file or beside_of(log)
+    file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
-    how = signals.how if signals is not None else How()
+    how = signals.how if signals is not None else ReadOptions()
     return signals, replace(how, databases=(*databases, *how.databases))
 
 
 def known_channels() -> list[str]:
     """Channels that a file may have, without ref_*."""
-    return [*(f.name for f in library().channels), *(s for pair in SIDES.values() for s in pair), *OPTIONAL]
+    return [
+        *(f.name for f in library().channels),
+        *(s for pair in SIDES.values() for s in pair),
+        *OPTIONAL_COLUMNS,
+    ]
 
 
 def unit_of(channel: str) -> str:
     """The SI unit in which the library takes a channel."""
     axle = next((a for a, pair in SIDES.items() if channel in pair), channel)
-    if axle in OPTIONAL:
-        return OPTIONAL[axle][0]
+    if axle in OPTIONAL_COLUMNS:
+        return OPTIONAL_COLUMNS[axle][0]
     return next((f.unit for f in library().channels if f.name == axle), "")
 
 
@@ -142,7 +148,7 @@ def read_signals(path: Path) -> Signals:
         raise refuse(
             next(iter(data)),
             "",
-            f"is not known{meant(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and [signals.CHANNEL]",
+            f"is not known{suggest_names(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and [signals.CHANNEL]",
         )
     if not isinstance(log, dict) or not isinstance(signals, dict):
         raise UserError(f"{path}: log and signals must be tables: [log], [signals.CHANNEL]")
@@ -160,7 +166,7 @@ def read_signals(path: Path) -> Signals:
             raise refuse(
                 at,
                 "",
-                f"there is no such channel{meant(channel, known, 1)}; channels: {', '.join(known)}, ref_ANYTHING",
+                f"there is no such channel{suggest_names(channel, known, 1)}; channels: {', '.join(known)}, ref_ANYTHING",
             )
         if not isinstance(table, dict):
             raise UserError(
@@ -185,17 +191,19 @@ def read_signals(path: Path) -> Signals:
     return Signals(path, found, how, rate)
 
 
-def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | None]:
+def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
     for key, value in log.items():
         if key not in LOG_KEYS:
             raise refuse(
-                "log", key, f"is not known{meant(key, LOG_KEYS, 1)}; keys: {', '.join(sorted(LOG_KEYS))}"
+                "log",
+                key,
+                f"is not known{suggest_names(key, LOG_KEYS, 1)}; keys: {', '.join(sorted(LOG_KEYS))}",
             )
         if key in ("time", "time_unit", "separator", "decimal", "encoding") and not isinstance(value, str):
             raise refuse("log", key, f"{value!r} is no text in quotes")
     rate = _number("log", "rate", log["rate"], SLOWEST, FASTEST, "Hz", refuse) if "rate" in log else None
     step = _number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
-    if "time_unit" in log and factor(log["time_unit"], "s") is None:
+    if "time_unit" in log and unit_factor(log["time_unit"], "s") is None:
         raise refuse("log", "time_unit", f"{log['time_unit']!r} is no unit of time; s, ms, us, ns are")
     if log.get("decimal", ".") not in (".", ","):
         raise refuse("log", "decimal", f'{log["decimal"]!r} is not allowed; "." and "," are')
@@ -206,7 +214,7 @@ def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | Non
     databases = [databases] if isinstance(databases, str) else databases
     if not isinstance(databases, list) or not all(isinstance(d, str) for d in databases):
         raise refuse("log", "databases", 'must be a list of files: ["car.dbc"]')
-    how = How(
+    how = ReadOptions(
         databases=tuple((path.parent / d) for d in databases), time=log.get("time"), time_unit=log.get("time_unit"), step=step,
         separator=log.get("separator"), decimal=log.get("decimal"), encoding=log.get("encoding"), header=header,
     )  # fmt: skip
@@ -216,7 +224,7 @@ def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | Non
 def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
     for key in table:
         if key not in KEYS:
-            raise refuse(at, key, f"is not known{meant(key, KEYS, 1)}; keys: {', '.join(KEYS)}")
+            raise refuse(at, key, f"is not known{suggest_names(key, KEYS, 1)}; keys: {', '.join(KEYS)}")
     name = table.get("name")
     names = [name] if isinstance(name, str) else name
     axle = channel in SIDES
@@ -251,7 +259,7 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
         values["sign"] = float(table["sign"])
     if "unit" in table:
         unit = table["unit"]
-        if not isinstance(unit, str) or quantity(unit) is None:
+        if not isinstance(unit, str) or parse_unit(unit) is None:
             raise refuse(
                 at,
                 "unit",
@@ -260,7 +268,7 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
         if (
             not channel.startswith("ref_")
             and "above" not in table
-            and factor(unit, unit_of(channel), 1.0) is None
+            and unit_factor(unit, unit_of(channel), 1.0) is None
         ):
             raise refuse(
                 at,

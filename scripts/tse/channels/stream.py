@@ -26,11 +26,11 @@ from tse.channels.raster import (
 )
 from tse.channels.signals import Signal, Signals
 from tse.library.core import library
-from tse.library.errors import UserError, meant
-from tse.log.noise import fresh
-from tse.log.rows import DRIVES, MEASURES, OPTIONAL, SIDES, VELOCITIES
-from tse.readers.bus_text import Frame
-from tse.readers.read_can import key_of, messages_of, states_of, values_of, without_codes
+from tse.library.errors import UserError, suggest_names
+from tse.log.noise import find_new_values
+from tse.log.rows import DRIVES, MEASURES, OPTIONAL_COLUMNS, SIDES, VELOCITY_COLUMNS
+from tse.readers.bus_text import CanFrame
+from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
 KEPT, LEAST_KEPT = (
@@ -105,7 +105,7 @@ class Stream:
         self.notes: list[str] = []
         self._car, self._all = car, signals
         self._rate = rate or signals.rate
-        self._messages = messages_of(databases, self.notes)
+        self._messages = read_messages(databases, self.notes)
         self._kept: dict[str, _Signal] = {}
         self._of_key: dict[int, list[_Signal]] = {}
         for key, message in self._messages.items():
@@ -147,7 +147,7 @@ class Stream:
                 if not alike:
                     there = [f"{m.name}.{x.name}" for m in self._messages.values() for x in m.signals]
                     raise UserError(f"{source}: [signals.{s.channel}]: there is no {name!r} in "
-                                    f"{', '.join(p.name for p in databases)}{meant(name, there)}")  # fmt: skip
+                                    f"{', '.join(p.name for p in databases)}{suggest_names(name, there)}")  # fmt: skip
                 whole[name] = name if name in self._kept else alike[0]
         self._all = replace(self._all, signals={c: _renamed(s, whole) for c, s in self._all.signals.items()})
         have = set(self._all.signals)
@@ -183,7 +183,7 @@ class Stream:
 
     def channels(self) -> list[str]:
         """Columns of the rows, time not among them."""
-        optional = [c for c in OPTIONAL if c in self._all.signals]
+        optional = [c for c in OPTIONAL_COLUMNS if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
 
     def message_of(self, channel: str) -> str:
@@ -194,7 +194,7 @@ class Stream:
         )
         return str(self._kept[name].message.name) if name else ""
 
-    def add(self, frames: Sequence[Frame]) -> list[str]:
+    def add(self, frames: Sequence[CanFrame]) -> list[str]:
         """Take frames in the order in which they came; what is to be said of their clock."""
         said = []
         groups: dict[int, tuple[list[float], list[bytes]]] = {}
@@ -207,7 +207,7 @@ class Stream:
                 self._shift += self._last - time
                 time = self._last
             self._last = max(time, self._last)
-            key = int(key_of(f.identifier, f.extended))
+            key = int(make_key(f.identifier, f.extended))
             if key not in self._messages:
                 self.unknown[f.identifier] = self.unknown.get(f.identifier, 0) + 1
                 continue
@@ -223,9 +223,9 @@ class Stream:
 
     def _decode(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
         of = {k.signal.name: k for k in kept}
-        for s, have, value in values_of(kept[0].message, [k.signal for k in kept], data):
+        for s, have, value in decode_signals(kept[0].message, [k.signal for k in kept], data):
             k = of[s.name]
-            value = without_codes(s.name, s, value, states_of(s), [])
+            value = drop_codes(s.name, s, value, read_states(s), [])
             for i, x in zip(have.tolist(), value.tolist(), strict=True):
                 if not k.time or times[i] > k.time[-1]:
                     k.time.append(times[i])
@@ -290,7 +290,7 @@ class Stream:
         even: dict[int, list[str]] = {}  # channels that share their times, by the array of these
         for n, s in found.items():
             t, x = own[n]
-            if n in VELOCITIES:
+            if n in VELOCITY_COLUMNS:
                 value[n] = self._given(n, t, x, time)
             elif s.hold or n == "brake":
                 value[n] = hold(t, x, time)
@@ -405,7 +405,7 @@ class Stream:
                 value[axle] = self._axle(axle, *(value.get(s, nothing) for s in pair), yaw)
         for c in self.channels():
             x = value.get(c, nothing)
-            columns[c] = _inside(x, *OPTIONAL[c][1:3]) if c in OPTIONAL else x
+            columns[c] = _inside(x, *OPTIONAL_COLUMNS[c][1:3]) if c in OPTIONAL_COLUMNS else x
         if self._stand_in:
             other = next(axle for axle in SIDES if axle != self._stand_in)
             front, rear = (self._car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -432,7 +432,7 @@ class Stream:
 def mean_rate(s: Series) -> float:
     """Return how many new values a second a channel has on average, Hz."""
     span = float(s.time[-1] - s.time[0]) if len(s.time) > 1 else 0.0
-    return (int(fresh(s.value).sum()) - 1) / span if span > 0 else 0.0
+    return (int(find_new_values(s.value).sum()) - 1) / span if span > 0 else 0.0
 
 
 def _names(s: Signal) -> list[str]:

@@ -9,7 +9,7 @@ from tse.channels import physics
 from tse.channels.look import Guess, Look
 from tse.channels.physics import MOVING
 from tse.channels.vocabulary import text_of
-from tse.log.units import factor, kind
+from tse.log.units import unit_factor, unit_kind
 
 VELOCITIES = {
     "ins_vel_x": re.compile(
@@ -63,14 +63,16 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
 
 def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
     text = text_of(look.channels[name].short)
-    return bool(pattern.search(text)) and not NO_VELOCITY.search(text) and kind(look.unit(name)) == "speed"
+    return (
+        bool(pattern.search(text)) and not NO_VELOCITY.search(text) and unit_kind(look.unit(name)) == "speed"
+    )
 
 
 def _guess(
     look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
 ) -> Guess | None:
     unit = look.unit(name)
-    x = look.x[name] * float(factor(unit, "m/s") or 1.0)
+    x = look.x[name] * float(unit_factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING)
     if moving.sum() < physics.FEWEST:
         return None
@@ -109,7 +111,7 @@ def _sign(look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, mo
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0
-    y, r = (look.x[(g := known[c]).name[0]] * g.sign * float(factor(g.unit, u) or 1.0)
+    y, r = (look.x[(g := known[c]).name[0]] * g.sign * float(unit_factor(g.unit, u) or 1.0)
             for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s")))  # fmt: skip
     table = np.column_stack([physics.derivative(x), y, np.ones(len(x))])
     left = y - v * r

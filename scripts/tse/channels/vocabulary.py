@@ -5,7 +5,7 @@ import functools
 import re
 
 from tse.readers.recording import last_part
-from tse.readers.table import words
+from tse.readers.table import split_words
 
 # role -> (pattern over the words joined by blanks, score). The best one counts; NOT below takes off.
 ROLES: dict[str, tuple[tuple[str, float], ...]] = {
@@ -125,7 +125,7 @@ NO_WHEEL = re.compile(r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|br
 @functools.lru_cache(maxsize=4096)
 def text_of(name: str) -> str:
     """The words of a name with blanks between: topic, message and all."""
-    return " ".join(words(name))
+    return " ".join(split_words(name))
 
 
 @functools.lru_cache(maxsize=65536)

@@ -13,7 +13,7 @@ from tse.channels.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
 from tse.channels.physics import fit, mean_of
 from tse.channels.raster import resample
 from tse.channels.vocabulary import NO_WHEEL, is_another_thing, place_of, score, text_of
-from tse.log.units import kind
+from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording, last_part
 
 SLOWEST = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
@@ -27,11 +27,11 @@ def find_wheels(look: Look) -> dict[str, str]:
         if (
             not place
             or worth <= 0
-            or kind(look.unit(name)) not in ("", *KINDS["wheel"])
+            or unit_kind(look.unit(name)) not in ("", *KINDS["wheel"])
             or not rolls(look.x[name])
         ):
             continue
-        worth += kind(look.unit(name)) in KINDS["wheel"]
+        worth += unit_kind(look.unit(name)) in KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
         for key in (
             f"{len(text_of(name).split())} {look.unit(name)} {_stem(name)}",
@@ -96,7 +96,7 @@ def _nameless_wheels(look: Look) -> dict[str, str]:
         n
         for n in look.x
         if rolls(look.x[n])
-        and kind(look.unit(n)) in ("", *KINDS["wheel"])
+        and unit_kind(look.unit(n)) in ("", *KINDS["wheel"])
         and not NO_WHEEL.search(text_of(n))
     ]
     for first in rolling:
@@ -146,9 +146,9 @@ def is_speed(wheels: Mapping[str, str]) -> bool:
 def named_speed(look: Look, slowest: float = 0.0) -> str:
     """What is called the speed of the car, and has at least so many values a second, Hz; "" where nothing is."""
     named = sorted(
-        (score("speed", look.called(n)) + (kind(look.unit(n)) == "speed"), n)
+        (score("speed", look.called(n)) + (unit_kind(look.unit(n)) == "speed"), n)
         for n in look.x
-        if look.rate[n] >= slowest and kind(look.unit(n)) in ("", "speed") and rolls(look.x[n])
+        if look.rate[n] >= slowest and unit_kind(look.unit(n)) in ("", "speed") and rolls(look.x[n])
     )
     return named[-1][1] if named and named[-1][0] >= NAMED else ""
 
@@ -242,7 +242,7 @@ def quaternions(look: Look) -> set[str]:
 
 
 def _said(look: Look, role: str, name: str) -> float:
-    unit = kind(look.unit(name))
+    unit = unit_kind(look.unit(name))
     of_kind = 1.0 if unit in KINDS[role] else (0.0 if unit == "" else -3.0)
     of_kind -= 3.0 * is_another_thing(role, look.called(name))
     return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
@@ -376,7 +376,7 @@ def _torque(recording: Recording, axle: str) -> Guess | None:
     for c in recording:
         name = text_of(c.short)
         named = TORQUE.search(name) and AXLE[axle].search(name) and not OTHER_TORQUE.search(name)
-        if named and kind(c.unit) == "torque":
+        if named and unit_kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "the log says so")
             guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")
             guess.unsure.append("the signal, by its name alone")

@@ -29,7 +29,7 @@ from tse.estimation.verdict import (
 )
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import Log, Reading, liveliest, sampling_notes, steering_notes
+from tse.log.rows import CheckedLog, Reading, describe_sampling, describe_steering, select_liveliest
 from tse.log.rows import average as average_log
 from tse.roads.road import Road
 
@@ -40,7 +40,7 @@ class Prepared:
     they perhaps do, if the rows say so, too. `own`: what a calibration on the log itself has found."""
 
     vehicle: Vehicle
-    log: Log
+    log: CheckedLog
     config: Config
     notes: list[str]
     warnings: list[str]
@@ -54,7 +54,7 @@ class Calibrate:
     Ctrl-C ends the calibration alone, and the estimate is that of an ordinary car."""
 
     say: Callable[[str], None] = lambda _: None
-    others: Sequence[Log] = ()
+    others: Sequence[CheckedLog] = ()
     goes_on: bool = False
 
 
@@ -91,7 +91,7 @@ def prepare(
 
 def assemble(
     vehicle: Vehicle,
-    log: Log,
+    log: CheckedLog,
     config_path: Path | None,
     average: float | None,
     options: Mapping[str, Any],
@@ -115,7 +115,7 @@ def assemble(
         from tse.roads.road_match import on_road  # scipy: for those who have a road
 
         log, profile = on_road(log, road, Config.exact(vehicle.values))
-    lively = liveliest(log, MOST_ROWS)
+    lively = select_liveliest(log, MOST_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
     else:
@@ -163,8 +163,8 @@ def assemble(
         *late,
         *stood(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
         *log.notes,
-        *sampling_notes(log, config.max_gap),
-        *steering_notes(log, config.max_steer),
+        *describe_sampling(log, config.max_gap),
+        *describe_steering(log, config.max_steer),
         *notes,
         *vehicle.notes,
     ]
