@@ -180,8 +180,10 @@ def late_across(log: Log, config: Config) -> list[str]:
     if not abs(late) - 3.0 * sd > LATE_ACROSS:
         return []
     return [
-        f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms {'later' if late > 0 else 'earlier'} than the car "
-        "turns: one of them is late or low-passed, or the IMU is far from the centre of gravity. Stiffness is wrong by it: "
+        f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms "
+        f"{'later' if late > 0 else 'earlier'} than the car "
+        "turns: one of them is late or low-passed, or the IMU is far from the centre of gravity. Stiffness "
+        "is wrong by it: "
         "calibrate, or state it in the vehicle file"
     ]
 
@@ -246,7 +248,8 @@ def check_units(
             return pedals  # of a stretch, in which the car slides: no unit changes on the road
         return [_words(causes, plain[1], _left(after, causes))]
     return pedals + [
-        f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains "
+        f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is "
+        "often mixed up explains "
         f"it{_otherwise(name, x)}"
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
@@ -327,7 +330,8 @@ def stood(log: Log, radius_front: float, radius_rear: float, hold_speed: float) 
     start, end, before, then = found[0]
     often = "" if len(found) == 1 else f"{len(found)} times, first "
     return [
-        f"both wheel speeds are 0 {often}from {start:.2f} to {end:.2f} s, while the car drove ({before:.3g} m/s in the row before, "
+        f"both wheel speeds are 0 {often}from {start:.2f} to {end:.2f} s, while the car drove ({before:.3g} "
+        "m/s in the row before, "
         f"{then:.3g} in the row after): not valid there"
     ]
 
@@ -363,7 +367,8 @@ def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
         changes = changes[log.time[last] - log.time[first] < 2 * HALF]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
-                "check the units: gnss_course turns against yaw_rate: a compass counts clockwise, it counts to the left"
+                "check the units: gnss_course turns against yaw_rate: a compass counts clockwise, it counts "
+                "to the left"
             )
     if "ins_vel_y" in log.extra:
         y = log.extra["ins_vel_y"].to_numpy(float)
@@ -375,7 +380,8 @@ def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
         changes = changes[np.isfinite(changes).all(axis=1)]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
-                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of left?"
+                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of "
+                "left?"
             )
     return found
 
@@ -406,8 +412,10 @@ def _pedals(
         least = 1 / OFF_TORQUE if both else LEAST_SHARE
         if abs(f.corr) > TORQUE_CORR and not least < f.slope < OFF_TORQUE:
             found.append(
-                f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x accel_x (correlation "
-                f"{f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of both of an axle, negative while they brake"
+                f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x "
+                "accel_x (correlation "
+                f"{f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of both of an axle, "
+                "negative while they brake"
             )
     return found
 
@@ -436,7 +444,8 @@ def _axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
     )
     if min(a, b) > 0 and not 0.8 < a / b < 1.25:
         return [
-            f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one wheel speed is wrong"
+            f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one "
+            "wheel speed is wrong"
         ]
     return []
 
@@ -453,7 +462,8 @@ def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
         and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2)
     ):
         return [
-            f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor {x.slope:.3g}) and accel_y does "
+            f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor "
+            f"{x.slope:.3g}) and accel_y does "
             f"not ({y.corr:.2f}): accel_x and accel_y are swapped"
         ]
     return []
@@ -470,7 +480,8 @@ def _turned(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     if min(abs(x), abs(y)) < TURNED or x * y > 0:
         return []
     return [
-        f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change of the speed: the IMU is "
+        f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change "
+        "of the speed: the IMU is "
         f"turned about the vertical by {np.degrees(np.arcsin(np.clip((x - y) / 2, -1, 1))):.0f} degrees"
     ]
 
@@ -508,7 +519,8 @@ def _time(log: Log, radius: float) -> list[str]:
     if f.corr < ENOUGH["accel_x"] or 1 / OFF_TIME < f.slope < OFF_TIME:
         return []
     return [
-        f"check the units: accel_x over {n} rows, {step:.3g} s apart, adds up to {f.slope:.3g} times the change of the speed: is "
+        f"check the units: accel_x over {n} rows, {step:.3g} s apart, adds up to {f.slope:.3g} times the "
+        "change of the speed: is "
         "time in s, or does it count rows?"
     ]
 
@@ -599,6 +611,7 @@ def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float
     if not fits and "steer_angle" in before.value:
         text += f", or the steering ratio or the wheelbase is wrong by the factor {before.value['steer_angle']:.3g}"
     return (
-        f"check the units: {'' if fits else PERHAPS}{text}; factor {', '.join(f'{c.factor:.3g}' for c in causes)}: "
+        f"check the units: {'' if fits else PERHAPS}{text}; factor "
+        f"{', '.join(f'{c.factor:.3g}' for c in causes)}: "
         f"{'; '.join(parts)} (about 1 is expected)"
     )

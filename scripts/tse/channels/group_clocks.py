@@ -81,7 +81,8 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
         if found is None:
             if apart:
                 warnings.append(
-                    f"the clock of {g.words()} does not overlap with that of {base.words()}: {apart}; nothing says by how much"
+                    f"the clock of {g.words()} does not overlap with that of {base.words()}: {apart}; "
+                    "nothing says by how much"
                 )
             continue
         shift, corr = found

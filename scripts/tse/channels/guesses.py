@@ -79,7 +79,8 @@ def make_guesses(
         and abs(by_wheels) > 0.7
     ):
         warnings.append(
-            "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left and right wheels are "
+            "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
+            "and right wheels are "
             "exchanged; the wheels are believed"
         )
         for c in ("yaw_rate", "accel_y", "steer_angle"):
@@ -121,7 +122,9 @@ def _guess(
     what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
     if role in what and role in scale.figures:
         figures.append(
-            f"{what[role]}: {sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, correlation "
+            f"{what[role]}: "
+            f"{sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, "
+            "correlation "
             f"{abs(facts[f'{role}_corr']):.3f}"
         )
     elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
@@ -133,7 +136,8 @@ def _guess(
     if role == "yaw_rate":
         if "track" in scale.figures:
             figures.append(
-                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation {facts['track_corr']:.3f}"
+                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation "
+                f"{facts['track_corr']:.3f}"
             )
         if "accel_y" in scale.figures:
             figures.append(
@@ -233,12 +237,14 @@ def _steer(
     guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / USUAL_RATIO)) else ratio
     if guess.ratio is None:
         guess.figures.append(
-            f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of its variance)"
+            f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of "
+            "its variance)"
         )
     else:
         base = f"a wheelbase of {wheelbase:g} m{'' if car is not None else ' (a guess: give --vehicle)'}"
         guess.figures.append(
-            f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, {100 * found.share:.0f} % of its variance"
+            f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, "
+            f"{100 * found.share:.0f} % of its variance"
         )
         if given is None:  # what cars have counts as much as it is sure
             weight = USUAL_RATIO_SD**-2 / (USUAL_RATIO_SD**-2 + spread**-2)
@@ -293,7 +299,8 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:
         figures.append(
-            "no name says which wheel it is: left and right are by the yaw rate, front and rear by their order"
+            "no name says which wheel it is: left and right are by the yaw rate, front and rear by their "
+            "order"
         )
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
     origin = _from(look, mine[0], unit, "wheel")
@@ -349,8 +356,10 @@ def _turned(
     if abs(angle) < MOUNTED or abs(angle) < 4.0 * sd:
         return
     warnings.append(
-        f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the vertical axis: accel_y "
-        f"has {slope[1]:+.2f} of the acceleration along the car in it; turn it back before, or leave accel_x and accel_y out"
+        f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the "
+        "vertical axis: accel_y "
+        f"has {slope[1]:+.2f} of the acceleration along the car in it; turn it back before, or leave "
+        "accel_x and accel_y out"
     )
     for c in ("accel_y", "accel_x"):
         if c in found:
@@ -385,24 +394,28 @@ def _odd(
         offset = float(np.nanmedian(left)) if np.isfinite(left).any() else 0.0
         if 8.5 < abs(offset) < 11:
             warnings.append(
-                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is the vertical axis, or "
+                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is "
+                "the vertical axis, or "
                 f"the IMU stands on edge"
             )
         elif abs(offset) > 0.7:
             warnings.append(
-                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road that leans; the "
+                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road "
+                "that leans; the "
                 f"estimator finds it"
             )
         else:
             found[role].figures.append(f"offset {offset:+.2f} m/s2")
     if "accel_y" in scale.figures and not 0.8 < scale.figures["accel_y"] < 1.25:
         warnings.append(
-            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three is not what it is taken "
+            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three "
+            "is not what it is taken "
             f"for"
         )
     if "track" in scale.figures and not 1.1 < scale.figures["track"] < 2.1:
         warnings.append(
-            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the wheels or of the yaw rate "
+            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the "
+            "wheels or of the yaw rate "
             f"are off"
         )
 

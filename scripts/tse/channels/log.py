@@ -147,7 +147,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     )
     if not all(labels[0].equals(x) for x in labels[1:]):
         raise UserError(
-            f"{name}: the columns are Series with different indices: which rows go together? Make a data frame of them"
+            f"{name}: the columns are Series with different indices: which rows go together? Make a data "
+            "frame of them"
         )
     header = [str(c) for c in frame]
     sides = {
@@ -183,7 +184,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     for column, values in table.items():
         if values.shape != rows:
             raise UserError(
-                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}"
+                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a "
+                f"row: {rows}"
             )
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
@@ -310,7 +312,8 @@ def _numbers(
             if count > FEW_OUTSIDE * len(table):
                 hint = "; decimals are written with a point" if "," in wrong else ""
                 raise UserError(
-                    f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
+                    f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: "
+                    f"{_allowed(name)}, or empty for "
                     f"missing{hint}"
                 )
             said = f"{count} cells that are no numbers are" if count > 1 else "a cell that is no number is"
@@ -370,7 +373,8 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
-            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure out"
+            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure "
+            "out"
         )
         log.notes.insert(0, log.warnings[-1])
     log.slower = _slower(rows.native, rows.rate)
@@ -383,7 +387,8 @@ def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, no
         return
     if reading.car is None:
         raise UserError(
-            f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is needed: --vehicle CAR.toml"
+            f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is "
+            "needed: --vehicle CAR.toml"
         )
     speed = found["vehicle_speed"]
     found["wheel_speed_front"] = replace(
@@ -425,5 +430,6 @@ def _unnamed(path: Path, recording: Recording) -> str:
     return (
         f"{path}: a file must say which of its {len(recording.channels)} signals are which "
         f"({listed(c.name for c in recording)}){has}\n"
-        f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, it is used"
+        f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, "
+        "it is used"
     )

@@ -360,6 +360,7 @@ def counted(recording: Recording) -> list[str]:
     if len(found) < 2:
         return []
     return [
-        f"{', '.join(found[:4])} count up: ticks of wheels are not read; make speeds of them (ticks per row over ticks per turn, "
+        f"{', '.join(found[:4])} count up: ticks of wheels are not read; make speeds of them (ticks per row "
+        "over ticks per turn, "
         "times 2 pi over the time between rows)"
     ]

@@ -147,11 +147,13 @@ def _factor(
         where = "" if signal.unit is not None else f" (of {channel.name!r} in the log)"
         if "wheel_speed" in part and factor(unit, wanted, 1.0) is not None:
             raise UserError(
-                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or radius = 0.31 beside the "
+                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or "
+                "radius = 0.31 beside the "
                 f"unit"
             )
         raise UserError(
-            f'{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the right one: unit = "..."'
+            f"{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the "
+            'right one: unit = "..."'
         )
     return per
 
@@ -189,7 +191,8 @@ def _drop_invalid(
     if bad.mean() > most_lost:
         is_now = ", ".join(f"{v:g}" for v in np.unique(state[np.isfinite(state)])[:5])
         raise UserError(
-            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} invalid; it has the "
+            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} "
+            "invalid; it has the "
             f"values {is_now}: "
             'say which of them are valid: {name = "...", is = [0]}'
         )
@@ -213,14 +216,16 @@ def _drop_repeated(
     again = np.append(False, step == 0)
     if again.mean() > MOST_LOST:
         notes.append(
-            f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: not used"
+            f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: "
+            "not used"
         )
         return
     lost = int(np.nansum(np.where(step > 1, step - 1, 0)))
     if again.any():
         value[again] = np.nan
         notes.append(
-            f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated as missing"
+            f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated "
+            "as missing"
         )
     if lost:
         notes.append(f"{part}: {lost} messages are lost, its counter {counter.name} says")

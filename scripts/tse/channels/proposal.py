@@ -69,7 +69,8 @@ def headline(g: Guess) -> str:
 def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()) -> str:
     """signals.toml, with what speaks for each guess as comments. `how`: the log was read; `folder`: of the file."""
     lines = [
-        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. Look through, and edit."
+        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. "
+        "Look through, and edit."
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
     said = {k: v for k, v in vars(how or How()).items() if v and k != "wanted"}
@@ -112,7 +113,8 @@ def _strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
             if is_strange(unit := recording.channels[n].unit):
                 found.setdefault((unit, g.unit), []).append(n)
     return [
-        f"the unit {unit!r} of {listed(names)} is not known: {own} is proposed, by size; look whether it is right"
+        f"the unit {unit!r} of {listed(names)} is not known: {own} is proposed, by size; look whether it is "
+        "right"
         for (unit, own), names in found.items()
     ]
 

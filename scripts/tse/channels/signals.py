@@ -142,13 +142,15 @@ def read_signals(path: Path) -> Signals:
         raise refuse(
             next(iter(data)),
             "",
-            f"is not known{meant(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and [signals.CHANNEL]",
+            f"is not known{meant(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and "
+            "[signals.CHANNEL]",
         )
     if not isinstance(log, dict) or not isinstance(signals, dict):
         raise UserError(f"{path}: log and signals must be tables: [log], [signals.CHANNEL]")
     if not signals:
         raise UserError(
-            f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG --write {path.name}' "
+            f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG "
+            f"--write {path.name}' "
             f"proposes them"
         )
     how, rate = _log(path, log, refuse)
@@ -160,11 +162,13 @@ def read_signals(path: Path) -> Signals:
             raise refuse(
                 at,
                 "",
-                f"there is no such channel{meant(channel, known, 1)}; channels: {', '.join(known)}, ref_ANYTHING",
+                f"there is no such channel{meant(channel, known, 1)}; channels: {', '.join(known)}, "
+                "ref_ANYTHING",
             )
         if not isinstance(table, dict):
             raise UserError(
-                f'{path}: {_line(text, "signals", channel)}{channel} must be a table: [{at}] with name = "..."'
+                f"{path}: {_line(text, 'signals', channel)}{channel} must be a table: [{at}] with name = "
+                '"..."'
             )
         found[channel] = _signal(channel, at, table, refuse)
     for axle, pair in SIDES.items():
@@ -229,7 +233,8 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
         raise refuse(
             at,
             "name",
-            f'must be the name of a signal{", or two of them: left and right wheel" if axle else ""}: name = "..."',
+            f"must be the name of a signal{', or two of them: left and right wheel' if axle else ''}: name "
+            '= "..."',
         )
     if len(names) == 2 and not axle and channel != "steer_angle":
         raise refuse(at, "name", f"two names are for wheels: {', '.join(SIDES)}")
@@ -306,7 +311,8 @@ def _ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float
         raise refuse(
             at,
             "ratio",
-            "a table has two rows or more of angle of the steering wheel, ratio: [[-300, 14.0], [0, 16.0], [300, 14.0]]",
+            "a table has two rows or more of angle of the steering wheel, ratio: [[-300, 14.0], [0, 16.0], "
+            "[300, 14.0]]",
         )
     rows = []
     for i, row in enumerate(value):

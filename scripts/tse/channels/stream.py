@@ -154,7 +154,8 @@ class Stream:
         wheels = {axle for axle, pair in SIDES.items() if axle in have or set(pair) <= have}
         if "steer_angle" not in have:
             raise UserError(
-                f"{source}: steer_angle is missing: without the steering angle nothing can be said about the tyres"
+                f"{source}: steer_angle is missing: without the steering angle nothing can be said about "
+                "the tyres"
             )
         if not wheels and "vehicle_speed" not in have:
             raise UserError(
@@ -162,7 +163,8 @@ class Stream:
             )
         if not {"accel_y", "yaw_rate"} & have:
             raise UserError(
-                f"{source}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
+                f"{source}: accel_y and yaw_rate are missing: without either nothing can be said about the "
+                "tyres"
             )
         self._stand_in = (
             next((axle for axle in SIDES if axle not in wheels), None) if wheels else "wheel_speed_rear"
