@@ -13,7 +13,7 @@ from tests.cars.logs import make_logs
 from tests.cars.real import DATA
 from tse.car.vehicle import default_vehicle, read_vehicle
 from tse.channels import look, physics
-from tse.channels.agree import check_car, check_units, stood, sure
+from tse.channels.agree import check_car, check_units, find_false_stops, select_certain
 from tse.channels.log import read_log
 from tse.channels.proposal import propose
 from tse.channels.signals import read_signals
@@ -338,9 +338,9 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
     pd.DataFrame(rows).to_csv(tmp_path / "log.csv", index=False)
     log = read_log(tmp_path / "log.csv")
     said = check_car(log, car, config)
-    assert len(said) == 1 and "braking in bends" in said[0] and not sure(said)
+    assert len(said) == 1 and "braking in bends" in said[0] and not select_certain(said)
     log.data["steer_angle"] *= 0.4
-    assert sure(check_car(log, car, config))
+    assert select_certain(check_car(log, car, config))
 
 
 @pytest.mark.parametrize("first, last", [(0.0, 1.0), (0.0, 2 / 3), (1 / 3, 1.0), (0.5, 1.0)])
@@ -354,7 +354,7 @@ def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
     car = read_vehicle(folder)
     rows = pd.read_csv(folder.parent / "data.csv")
     rows.iloc[int(first * len(rows)) : int(last * len(rows))].to_csv(tmp_path / "log.csv", index=False)
-    assert sure(check_car(read_log(tmp_path / "log.csv"), car, Config.exact(car.values))) == []
+    assert select_certain(check_car(read_log(tmp_path / "log.csv"), car, Config.exact(car.values))) == []
 
 
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
@@ -481,12 +481,12 @@ def test_a_car_that_stops_and_starts_gets_no_note_and_two_gaps_get_one(lively):
     log = read_log(lively)
     speed = np.clip(np.abs(20 - 5 * np.abs(log.time - 10)) - 10, 0, None) / 0.33
     log.data["wheel_speed_front"] = log.data["wheel_speed_rear"] = speed
-    assert (speed == 0).sum() > 300 and stood(log, 0.33, 0.33, 1.0) == []
+    assert (speed == 0).sum() > 300 and find_false_stops(log, 0.33, 0.33, 1.0) == []
     steady = np.full(len(log), 60.0)
     for seconds, said in ((((3, 6),), 1), (((3, 6), (8, 9)), 1), (((3, 3.3),), 0)):
         x = np.where(np.any([(log.time > a) & (log.time < b) for a, b in seconds], axis=0), 0.0, steady)
         log.data["wheel_speed_front"] = log.data["wheel_speed_rear"] = x
-        notes = stood(log, 0.33, 0.33, 1.0)
+        notes = find_false_stops(log, 0.33, 0.33, 1.0)
         assert len(notes) == said and ("2 times, first from 3.0" in "".join(notes)) == (len(seconds) > 1)
 
 

@@ -99,7 +99,7 @@ ROWS_SLOW, OFF_TIME = (
 )  # rows further apart than the raster; factor of the change of speed over so many
 ODD_PIECES = 0.2  # of the pieces of a log may contradict a mistake that is in all of it
 PIECE = 20.0  # s: bends and changes of speed in it show a unit
-MOST_ROWS = (
+MAX_CHECKED_ROWS = (
     1 << 19
 )  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
@@ -135,8 +135,8 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
         path = given.path if isinstance(given, Log) else given
         try:
             log = given if isinstance(given, Log) else read_log(given, reading=reading)
-            against = check_car(liveliest(log, MOST_ROWS), car, Config.exact(car.values))
-            if surely := sure(against):
+            against = check_car(liveliest(log, MAX_CHECKED_ROWS), car, Config.exact(car.values))
+            if surely := select_certain(against):
                 raise UserError(f"{path}: nothing is learnt from it: {'; '.join(surely)}")
             notes += [f"{path}: {text}" for text in against]
             found.append(log)
@@ -148,7 +148,7 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
     return found
 
 
-def sure(warnings: Sequence[str]) -> list[str]:
+def select_certain(warnings: Sequence[str]) -> list[str]:
     """Return of what check_car() says that which is no guess: roads that lean, or a tyre that fails, may look like a wrong unit."""
     return [text for text in warnings if PERHAPS not in text]
 
@@ -309,7 +309,7 @@ def _of_any_factor(figures: Figures) -> float:
     return ODD + min(costs, default=np.inf)
 
 
-def stood(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
+def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
     """Return when the wheels of both axles read as good as 0 while the car drove: from one row to the next they stop, and they turn
     again as suddenly. Two such steps that together are more than FALL are nothing that brakes and engines do."""
     speed = np.maximum(
@@ -431,7 +431,7 @@ def _smooth(log: Log) -> dict[str, np.ndarray]:
     found = {}
     for name, x in columns.items():
         good = np.isfinite(x)
-        found[name] = physics.smoothed(resample(log.time[good], x[good], time, min(physics.RATE, rate)))
+        found[name] = physics.smooth(resample(log.time[good], x[good], time, min(physics.RATE, rate)))
     return found
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from tse.channels import physics
 from tse.channels.look import KINDS, NAMED, Guess, Look
 from tse.channels.physics import fit
-from tse.channels.vocabulary import ROLES, is_another_thing, place_of, score
+from tse.channels.vocabulary import ROLES, find_place, is_another_thing, score
 from tse.channels.wheels import SLOWEST, quaternions, rolls
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording
@@ -62,7 +62,7 @@ def _worth(role: str, axle: str, c: Channel) -> float:
     """Return how near a signal comes by name and unit; 0: not at all."""
     of_kind = kind(c.unit) in KINDS[role] and kind(c.unit) != ""
     if role == "wheel":
-        place, named = place_of(c.name)
+        place, named = find_place(c.name)
         if place and not place.startswith(axle):
             return 0.0
         return named + of_kind if place else (0.6 * of_kind if score("speed", c.name) > 0 else 0.0)

@@ -6,7 +6,7 @@ COUNTED = 0.8  # share of the entries in which a counter goes on by one
 POWERS = (4, 8, 16, 32, 64, 256, 65536)  # values that most counters have
 
 
-def modulo_of(counter: np.ndarray) -> int:
+def find_modulo(counter: np.ndarray) -> int:
     """Return how far a counter counts.
 
     Parameters

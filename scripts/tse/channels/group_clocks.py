@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tse.channels.vocabulary import place_of, score
+from tse.channels.vocabulary import find_place, score
 from tse.readers.recording import Channel, Recording, listed
 
 ONE_CLOCK = (
@@ -25,7 +25,7 @@ LEAST_CORR, BETTER = (
     0.8,
     0.15,
 )  # a shift is found by such a correlation, and it is so much better than without
-MOST_ROWS = 1 << 16  # of a signal that are compared: 1.8 h
+MAX_CORRELATED_ROWS = 1 << 16  # of a signal that are compared: 1.8 h
 FEWEST = 100  # samples of a group
 LONGEST, LATEST = 1e6, 1e11  # s: of a signal, and of its times, that are compared
 MOST_GROUPS = 64  # that are compared
@@ -132,7 +132,7 @@ def _best(role: str, g: Group) -> tuple[float, Channel | None]:
 def _motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return what a group says of the motion, time and value: "turn", which goes with the yaw rate, "speed" and its "change"."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    wheels = {place: c for c in g.channels if (place := place_of(c.name)[0])}
+    wheels = {place: c for c in g.channels if (place := find_place(c.name)[0])}
     for axle in ("rear", "front"):
         left, right = wheels.get(f"{axle}_left"), wheels.get(f"{axle}_right")
         if left is not None and right is not None:
@@ -160,7 +160,7 @@ def _even(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.
     time, value = time[order], value[order]
     if not 0 < time[-1] - time[0] < LONGEST or abs(time[0]) > LATEST:
         return None
-    at = time[0] + np.arange(min(MOST_ROWS, int((time[-1] - time[0]) * RATE) + 1)) / RATE
+    at = time[0] + np.arange(min(MAX_CORRELATED_ROWS, int((time[-1] - time[0]) * RATE) + 1)) / RATE
     x = np.interp(at, time, value)
     n = max(1, round(SMOOTH * RATE))
     x = np.convolve(x, np.ones(n) / n, "same") if len(x) > n else x

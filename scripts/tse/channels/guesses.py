@@ -9,7 +9,7 @@ from tse.channels import physics
 from tse.channels.look import AXLES, NAMED, Guess, Look
 from tse.channels.physics import MOVING, mean_of
 from tse.channels.scales import UNITS, USUAL_WHEELBASE, Scale, facts_of, same_unit
-from tse.channels.vocabulary import place_of, score
+from tse.channels.vocabulary import find_place, score
 from tse.channels.wheels import is_speed, speed_of
 from tse.log.units import factor, kind
 from tse.readers.table import unit_at_end
@@ -295,7 +295,7 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
                        "not known")  # fmt: skip
         return Guess(f"wheel_speed_{axle}", tuple(mine), unit, _from(look, mine[0], unit, "wheel"), confidence="likely",
                      figures=figures)  # fmt: skip
-    named = all(place_of(n)[0].startswith(axle) for n in mine)
+    named = all(find_place(n)[0].startswith(axle) for n in mine)
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:
         figures.append(

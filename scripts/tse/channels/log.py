@@ -13,7 +13,7 @@ import pandas as pd
 
 from tse.car.vehicle import Vehicle
 from tse.channels.mapping import Series, series
-from tse.channels.raster import on_raster
+from tse.channels.raster import resample_channels
 from tse.channels.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
@@ -57,13 +57,13 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
     with in_room(path), in_time(path):
         log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
     if reading.car is not None:
-        log = of_car(log, reading.car)
+        log = adapt_to_car(log, reading.car)
     if reading.strict and log.warnings:
         raise UserError(f"{path}: option --strict: {log.warnings[0]}")
     return log
 
 
-def of_car(log: Log, car: Vehicle) -> Log:
+def adapt_to_car(log: Log, car: Vehicle) -> Log:
     """Return the log with the wheel speed that stands in for an axle's by the radii of this car."""
     if log.stand_in is None:
         return log
@@ -366,7 +366,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     found = series(recording, signals, reading.car, notes)
     _speed_for_wheels(path, found, reading, notes)
     del recording  # what is not asked for need not stay
-    rows = on_raster(found, reading.rate or signals.rate, path)
+    rows = resample_channels(found, reading.rate or signals.rate, path)
     notes += rows.notes
     line = np.arange(1, len(rows.time) + 1)
     log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row")

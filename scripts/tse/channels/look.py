@@ -10,10 +10,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tse.channels.counters import modulo_of
+from tse.channels.counters import find_modulo
 from tse.channels.mapping import Clocks, Series
-from tse.channels.physics import RATE, smoothed
-from tse.channels.raster import entries, rate_of, resample
+from tse.channels.physics import RATE, smooth
+from tse.channels.raster import find_rate, resample, select_entries
 from tse.channels.vocabulary import text_of
 from tse.log.units import is_strange, kind
 from tse.readers.recording import Channel, Recording
@@ -78,7 +78,7 @@ def _held(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
     return value[np.clip(np.searchsorted(own, time, side="right") - 1, 0, len(value) - 1)]
 
 
-def _sign_bit(
+def _find_sign_bit(
     name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str, tuple[str, np.ndarray, np.ndarray]]
 ) -> str | None:
     """Which bit is the sign of a magnitude: one of a name alike that changes where the magnitude goes through zero, and is set
@@ -138,15 +138,15 @@ class Look:
         short = {c.name: c.short for c in recording}
         self.sign_bit: dict[str, str] = {}
         for name, (time, value) in raw.items():
-            if bit := _sign_bit(short[name], time, value, {short[b]: (b, *bits[b]) for b in bits}):
+            if bit := _find_sign_bit(short[name], time, value, {short[b]: (b, *bits[b]) for b in bits}):
                 self.sign_bit[name] = bit
                 raw[name] = time, np.where(_held(time, *bits[bit]) == 1, -value, value)
         self.raw = raw
-        own = {name: entries(Series(name, time, value)) for name, (time, value) in raw.items()}
+        own = {name: select_entries(Series(name, time, value)) for name, (time, value) in raw.items()}
         self.channels: dict[str, Channel] = {c.name: c for c in recording if c.name in own}
         self._called: dict[str, str] = {}
         self._unit: dict[str, str] = {}
-        self.rate = {n: rate_of(t) for n, (t, _) in own.items()}
+        self.rate = {n: find_rate(t) for n, (t, _) in own.items()}
         if not own:
             self.x, self.time = {}, np.zeros(0)
             return
@@ -154,7 +154,7 @@ class Look:
         last = min(float(np.median([t[-1] for t, _ in own.values()])), first + LONGEST)
         self.time = np.arange(first, max(last, first + 1.0), 1.0 / RATE)
         self.fine = {n: resample(t, v, self.time, RATE) for n, (t, v) in own.items()}
-        self.x = {n: smoothed(v) for n, v in self.fine.items()}
+        self.x = {n: smooth(v) for n, v in self.fine.items()}
 
     def called(self, name: str) -> str:
         """The name; without a "status" at its end where it has more values than a status has."""
@@ -317,7 +317,7 @@ def _counts(c: Channel) -> int:
     there = c.value[np.isfinite(c.value)][:100000]
     if len(there) < 50 or (there != np.round(there)).any() or there.min() < 0:
         return 0
-    return modulo_of(there)
+    return find_modulo(there)
 
 
 def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tse.channels.counters import modulo_of
+from tse.channels.counters import find_modulo
 from tse.channels.signals import Counter, Flag, Signal, Signals, unit_of
 from tse.library.errors import UserError
 from tse.log.clock import straight
@@ -211,7 +211,7 @@ def _drop_repeated(
     notes: list[str],
 ) -> None:
     state = _standing(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
-    modulo = counter.modulo or modulo_of(state) or USUAL_MODULO
+    modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)
     again = np.append(False, step == 0)
     if again.mean() > MOST_LOST:

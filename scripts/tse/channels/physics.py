@@ -26,7 +26,7 @@ class Fit:
     rows: int = 0
 
 
-def smoothed(x: np.ndarray) -> np.ndarray:
+def smooth(x: np.ndarray) -> np.ndarray:
     """Means over SMOOTH, NaN where more than half is missing."""
     n = max(1, round(SMOOTH * RATE))
     good = np.isfinite(x)

@@ -12,7 +12,7 @@ from tse.channels.group_clocks import align_clocks
 from tse.channels.guesses import make_guesses
 from tse.channels.look import Guess, Look, Proposal, counted, find_companions
 from tse.channels.mapping import Series
-from tse.channels.raster import entries, rate_of
+from tse.channels.raster import find_rate, select_entries
 from tse.channels.scales import find_units
 from tse.channels.velocities import find_velocities
 from tse.channels.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
@@ -34,7 +34,7 @@ class Line:
     used: str  # channel it is proposed for
 
 
-def listing(recording: Recording, proposal: Proposal) -> list[Line]:
+def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
     """A line per signal, in the order of the file."""
     used = {n: g.channel for g in proposal.guesses for n in g.name}
     return [_line(c, used.get(c.name, "")) for c in recording]
@@ -43,14 +43,14 @@ def listing(recording: Recording, proposal: Proposal) -> list[Line]:
 def _line(c: Channel, used: str) -> Line:
     there = np.isfinite(c.value)
     time, keep, _ = straight(c.time)
-    rate = rate_of(entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
+    rate = find_rate(select_entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
     low, high = (
         (float(np.min(c.value[there])), float(np.max(c.value[there]))) if there.any() else (np.nan, np.nan)
     )
     return Line(c.name, c.unit, rate, low, high, float(1 - there.mean()) if len(there) else 1.0, used)
 
 
-def headline(g: Guess) -> str:
+def format_headline(g: Guess) -> str:
     """Return a guess in a line."""
     more = (
         [f"{g.unit} ({g.unit_from})"]
@@ -66,7 +66,9 @@ def headline(g: Guess) -> str:
     return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
 
 
-def toml_text(recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()) -> str:
+def format_signals(
+    recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()
+) -> str:
     """signals.toml, with what speaks for each guess as comments. `how`: the log was read; `folder`: of the file."""
     lines = [
         f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. "

@@ -46,7 +46,7 @@ class Rows:
     )  # slower channels: time, value, Hz
 
 
-def entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
+def select_entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
     """Times and values that are new: without what is missing, held, or two in one burst."""
     there = np.isfinite(s.value)
     time, value = (s.time, s.value) if there.all() else (s.time[there], s.value[there])
@@ -63,14 +63,14 @@ def entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
     return time, value
 
 
-def rate_of(time: np.ndarray) -> float:
+def find_rate(time: np.ndarray) -> float:
     """Usual entries per second; 0: too few to tell."""
     step = np.diff(time)
     step = step[step > 0]
     return 1.0 / float(np.median(step)) if len(step) else 0.0
 
 
-def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None = None) -> Rows:
+def resample_channels(found: Mapping[str, Series], rate: float | None, path: Path | None = None) -> Rows:
     """All channels on rows at `rate`, Hz; None: the fastest channel's, up to FASTEST. A table whose columns share an even, full
     time is left as it is. UserError: more rows than the file at `path` may have."""
     plain = _as_it_is(found, rate)
@@ -80,8 +80,8 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
         return plain
     own, rates = {}, {}
     for name, s in found.items():
-        own[name] = entries(s)
-        rates[name] = rate_of(own[name][0])
+        own[name] = select_entries(s)
+        rates[name] = find_rate(own[name][0])
     core = [n for n in found if is_core(n)]
     rate = rate_for([rates[n] for n in core]) if rate is None else rate
     time = _times(own, rates, core, rate, path)
@@ -90,7 +90,7 @@ def on_raster(found: Mapping[str, Series], rate: float | None, path: Path | None
     for name, s in found.items():
         t, x = own[name]
         if name in VELOCITIES:  # a measurement each: none is made of two, and none is held
-            rows.value[name] = _nearest(t, x, time)
+            rows.value[name] = _place_entries(t, x, time)
         else:
             held = s.hold or name == "brake"  # a switch
             rows.value[name] = hold(t, x, time) if held else resample(t, x, time, rate)
@@ -210,7 +210,7 @@ def hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.where(at >= 0, x[np.maximum(at, 0)], np.nan)
 
 
-def _nearest(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _place_entries(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return each entry in the row that is nearest to it, (rows,), NaN in all others."""
     out = np.full(len(time), np.nan)
     if len(t) and len(time):
@@ -236,7 +236,7 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
         return None
     if not all(s.time is first.time or np.array_equal(s.time, first.time) for s in found.values()):
         return None
-    own = rate_of(first.time)
+    own = find_rate(first.time)
     if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * FASTEST and rate is None):
         return None
     full = [s for n, s in found.items() if n not in VELOCITIES]

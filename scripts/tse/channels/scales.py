@@ -10,7 +10,7 @@ import numpy as np
 
 from tse.channels import physics
 from tse.channels.look import KINDS, NAMED, TURNED, Look
-from tse.channels.physics import TRACK, TRACK_SD, fit, smoothed
+from tse.channels.physics import TRACK, TRACK_SD, fit, smooth
 from tse.channels.vocabulary import score, text_of
 from tse.channels.wheels import is_speed, named_speed, speed_of, turn_of
 from tse.log.units import factor, kind
@@ -163,7 +163,7 @@ def _course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     if len(course) < 10 or np.ptp(course) < 1.0 or course.min() < -181.0 or course.max() > 361.0:
         return 0.0
     turned = -np.unwrap(np.radians(course))
-    rate = smoothed(np.gradient(smoothed(np.interp(look.time, time, turned, np.nan, np.nan))) * physics.RATE)
+    rate = smooth(np.gradient(smooth(np.interp(look.time, time, turned, np.nan, np.nan))) * physics.RATE)
     return fit(r, rate, np.abs(v) > 0.3 * np.nanmax(np.abs(v))).corr
 
 
@@ -184,7 +184,7 @@ def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     if all(w >= 2.0 for w, _ in at.values()):
         lat, lon = (look.x[at[role][1]] for role in ("latitude", "longitude"))
         if np.nanmax(np.abs(lat)) <= 90 and np.nanmax(np.abs(lon)) <= 180:
-            return smoothed(physics.haversine(lat, lon))
+            return smooth(physics.haversine(lat, lon))
     return None
 
 

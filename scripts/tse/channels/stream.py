@@ -15,13 +15,13 @@ from scipy.interpolate import make_interp_spline
 from tse.channels.mapping import Series, series
 from tse.channels.raster import (
     CLOSE,
-    entries,
+    find_rate,
     hold,
     is_core,
     longest_gap,
     rate_for,
-    rate_of,
     resample,
+    select_entries,
     start_on_beat,
 )
 from tse.channels.signals import Signal, Signals
@@ -188,7 +188,7 @@ class Stream:
         optional = [c for c in OPTIONAL if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
 
-    def message_of(self, channel: str) -> str:
+    def find_message(self, channel: str) -> str:
         """Return the message that a channel comes with."""
         name = next(
             (s.name[0] for c, s in self._all.signals.items() if c == channel or channel in SIDES.get(c, ())),
@@ -308,15 +308,15 @@ class Stream:
         return time[some], {n: x[some] for n, x in self._checked(value, len(time)).items()}
 
     def _entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return times and values of a channel that are new, as entries() does; how it is held is looked at now and then."""
+        """Return times and values of a channel that are new, as select_entries() does; how it is held is looked at now and then."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= CLOSE / rate):
                 there = np.isfinite(s.value)
                 return (s.time, s.value) if there.all() else (s.time[there], s.value[there])
-            return entries(s)
-        time, value = entries(s)
-        self._usual[name] = rate_of(time), len(time) == int(np.isfinite(s.value).sum())
+            return select_entries(s)
+        time, value = select_entries(s)
+        self._usual[name] = find_rate(time), len(time) == int(np.isfinite(s.value).sum())
         return time, value
 
     def _splines(

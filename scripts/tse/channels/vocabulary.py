@@ -151,7 +151,7 @@ def is_another_thing(role: str, name: str) -> bool:
 
 
 @functools.lru_cache(maxsize=65536)
-def place_of(name: str) -> tuple[str, float]:
+def find_place(name: str) -> tuple[str, float]:
     """Which wheel's or axle's speed a name sounds like, and how much; "" where none."""
     last = last_part(name)
     text, end = text_of(name), text_of(last)

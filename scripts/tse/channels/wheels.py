@@ -12,7 +12,7 @@ from tse.channels import physics
 from tse.channels.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
 from tse.channels.physics import fit, mean_of
 from tse.channels.raster import resample
-from tse.channels.vocabulary import NO_WHEEL, is_another_thing, place_of, score, text_of
+from tse.channels.vocabulary import NO_WHEEL, find_place, is_another_thing, score, text_of
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording, last_part
 
@@ -23,7 +23,7 @@ def find_wheels(look: Look) -> dict[str, str]:
     """Place -> name; of several sets the most complete one that behaves like wheels."""
     groups: dict[str, dict[str, tuple[float, str]]] = {}
     for name in look.x:
-        place, worth = place_of(name)
+        place, worth = find_place(name)
         if (
             not place
             or worth <= 0
@@ -155,7 +155,7 @@ def named_speed(look: Look, slowest: float = 0.0) -> str:
 
 def sided(wheels: Mapping[str, str]) -> bool:
     """Do the names say which wheel is left?"""
-    return bool(wheels) and bool(place_of(next(iter(wheels.values())))[0])
+    return bool(wheels) and bool(find_place(next(iter(wheels.values())))[0])
 
 
 def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:

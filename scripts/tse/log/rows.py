@@ -169,7 +169,7 @@ class Log:
     stand_in: str | None = (
         None  # an axle without wheel speeds: it has the other's, and slip is not observable
     )
-    stands_by: float = 1.0  # ... times that, which depends on the radii of the car: of_car()
+    stands_by: float = 1.0  # ... times that, which depends on the radii of the car: adapt_to_car()
     slower: dict[str, Slower] = field(
         default_factory=dict
     )  # channels whose entries are further apart than the rows

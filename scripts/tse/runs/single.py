@@ -13,7 +13,14 @@ import pandas as pd
 from tse.calibration.own import STOPPED, Own, calibrated, of_class, uncalibrated
 from tse.car.config import check_effect, make_config
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
-from tse.channels.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
+from tse.channels.agree import (
+    MAX_CHECKED_ROWS,
+    PERHAPS,
+    check_car,
+    find_false_stops,
+    late_across,
+    select_certain,
+)
 from tse.channels.log import read_log
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimate, Learnt, estimate_to
@@ -115,7 +122,7 @@ def assemble(
         from tse.roads.road_match import on_road  # scipy: for those who have a road
 
         log, profile = on_road(log, road, Config.exact(vehicle.values))
-    lively = liveliest(log, MOST_ROWS)
+    lively = liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
     else:
@@ -131,7 +138,7 @@ def assemble(
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
     if calibrate is not None and form == "default" and uncalibrated(stated):
         if said:
-            found = of_class(f"its channels {'' if sure(said) else PERHAPS}contradict each other")
+            found = of_class(f"its channels {'' if select_certain(said) else PERHAPS}contradict each other")
         else:
             try:
                 found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
@@ -161,14 +168,14 @@ def assemble(
     notes = [
         *said,
         *late,
-        *stood(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
+        *find_false_stops(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
         *log.notes,
         *sampling_notes(log, config.max_gap),
         *steering_notes(log, config.max_steer),
         *notes,
         *vehicle.notes,
     ]
-    warnings = [*sure(said), *late, *vehicle.wrong]
+    warnings = [*select_certain(said), *late, *vehicle.wrong]
     return Prepared(vehicle, log, config, notes, warnings, [w for w in said if w not in warnings])
 
 
