@@ -121,7 +121,7 @@ class Figures:
     sd: dict[str, float]
     sure: frozenset[str] = frozenset()  # by ENOUGH, not by SLACK less
 
-    def only(self, names: Collection[str]) -> Figures:
+    def select(self, names: Collection[str]) -> Figures:
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
@@ -166,16 +166,16 @@ def late_across(log: Log, config: Config) -> list[str]:
     It is speed times yaw rate and the change of the sideslip. Body roll, which comes later, is within LATE_ACROSS."""
     if len(log) < 50 or not log.sample_time:
         return []
-    d = _smooth(log)
+    d = _smooth_channels(log)
     v = 0.5 * (
         config.wheel_radius_front * d["wheel_speed_front"] + config.wheel_radius_rear * d["wheel_speed_rear"]
     )
     wheelbase = config.lf + config.lr
     slip = config.mass * config.lf / (config.cornering_stiffness_rear * wheelbase) * v**2
-    across = v * d["yaw_rate"] + physics.derivative(
+    across = v * d["yaw_rate"] + physics.differentiate(
         (config.lr - slip + config.imu_lever_arm_x) * d["yaw_rate"]
     )
-    late, sd = physics.lag(across, d["accel_y"], np.abs(v) > physics.MOVING)
+    late, sd = physics.find_lag(across, d["accel_y"], np.abs(v) > physics.MOVING)
     late -= config.accel_y_latency
     if not abs(late) - 3.0 * sd > LATE_ACROSS:
         return []
@@ -201,62 +201,62 @@ def check_units(
     "rear"."""
     if len(log) < 50 or not log.sample_time:
         return []
-    d = _smooth(log)
+    d = _smooth_channels(log)
     radius = 0.5 * (radius_front + radius_rear)
     front, rear = radius_front * d["wheel_speed_front"], radius_rear * d["wheel_speed_rear"]
-    apart = _axles(front, rear)
-    swapped = _swapped(d, 0.5 * (front + rear))
-    velocity = _velocity(log, radius_front, radius_rear)
-    swapped = swapped or _turned(d, 0.5 * (front + rear))
-    apart = apart or _aside(d, front, rear) or _time(log, radius)
+    apart = _check_axles(front, rear)
+    swapped = _check_swapped_axes(d, 0.5 * (front + rear))
+    velocity = _check_velocity(log, radius_front, radius_rear)
+    swapped = swapped or _check_turned_imu(d, 0.5 * (front + rear))
+    apart = apart or _check_mixed_sides(d, front, rear) or _check_time(log, radius)
     if swapped or apart or velocity:
         return [*apart, *swapped, *velocity]
     best: tuple[float, tuple[Cause, ...], Figures] | None = None
     plain: tuple[float, Figures] | None = None
     tried = []
-    for wheels in (None, *_of_wheels(radius)):
+    for wheels in (None, *_list_wheel_causes(radius)):
         per = wheels.factor if wheels else 1.0
         tried.append(
             (
                 wheels,
-                _figures(
+                _compute_figures(
                     log, d, 0.5 * (front + rear) / per, wheelbase, tracks, per, (radius_front, radius_rear)
                 ),
             )
         )
     shown = frozenset().union(*(f.sure for _, f in tried))
-    tried = [(wheels, f.only(shown)) for wheels, f in tried]
+    tried = [(wheels, f.select(shown)) for wheels, f in tried]
     most = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
-        for causes in _sets(ratio or USUAL_RATIO):
+        for causes in _combine_causes(ratio or USUAL_RATIO):
             lost = VANISHED * (most - len(figures.value))
-            cost = _cost(figures, causes) + lost + PRICE * (len(causes) + (wheels is not None))
+            cost = _compute_cost(figures, causes) + lost + PRICE * (len(causes) + (wheels is not None))
             if not causes and wheels is None:
                 plain = cost, figures
             elif plain and len(figures.value) < len(plain[1].value):
                 continue  # at that speed the log says less: no explanation of what it says
             if best is None or cost < best[0]:
                 best = cost, (*((wheels,) if wheels else ()), *causes), figures
-    pedals = _pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
+    pedals = _check_pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
     if best is None or plain is None or not plain[1].value:
         return pedals
     _, causes, after = best
-    if causes and best[0] < _of_any_factor(plain[1]):
-        if not _throughout(
+    if causes and best[0] < _cost_free_factor(plain[1]):
+        if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
             return pedals  # of a stretch, in which the car slides: no unit changes on the road
-        return [_words(causes, plain[1], _left(after, causes))]
+        return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is "
         "often mixed up explains "
-        f"it{_otherwise(name, x)}"
+        f"it{_list_alternatives(name, x)}"
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
     ]
 
 
-def _throughout(
+def _holds_throughout(
     log: Log, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
     radii: tuple[float, float], causes: tuple[Cause, ...],
 ) -> bool:  # fmt: skip
@@ -270,20 +270,20 @@ def _throughout(
     for first in range(0, len(v) - count // 2, count):
         part = {name: x[first : first + count] for name, x in d.items()}
         plain, other = (
-            _figures(log, part, v[first : first + count] / by, wheelbase, tracks, by, radii)
+            _compute_figures(log, part, v[first : first + count] / by, wheelbase, tracks, by, radii)
             for by in (1.0, per)
         )
         shared = {n for n in plain.value if n in other.value and not n.startswith("track")}
         if not shared:
             continue
-        costs = _cost(plain.only(shared), ()), _cost(other.only(shared), others)
+        costs = _compute_cost(plain.select(shared), ()), _compute_cost(other.select(shared), others)
         if abs(costs[0] - costs[1]) > PRICE:
             with_it += costs[1] < costs[0]
             without += costs[0] < costs[1]
     return without <= ODD_PIECES * (with_it + without)
 
 
-def _otherwise(name: str, x: float) -> str:
+def _list_alternatives(name: str, x: float) -> str:
     """What else a figure may be off by."""
     if name == "accel_x":
         return f": time, if its steps are {x:.3g} times the true ones"
@@ -293,11 +293,13 @@ def _otherwise(name: str, x: float) -> str:
     return f", a wrong steering ratio or wheelbase does{braking}"
 
 
-def _of_any_factor(figures: Figures) -> float:
+def _cost_free_factor(figures: Figures) -> float:
     """What it costs that one channel is off by a factor that no unit has: the best one."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
-        turned = _left(figures, (Cause(channel, np.e, ""),))  # which figures go with it, and which against it
+        turned = _apply_causes(
+            figures, (Cause(channel, np.e, ""),)
+        )  # which figures go with it, and which against it
         log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
         if log:
             power = {n: np.log(abs(turned[n] / figures.value[n])) for n in log}
@@ -305,7 +307,9 @@ def _of_any_factor(figures: Figures) -> float:
             best = -sum(weight[n] * power[n] * log[n] for n in log) / sum(
                 weight[n] * power[n] ** 2 for n in log
             )
-            costs += [_cost(figures, (Cause(channel, sign * float(np.exp(best)), ""),)) for sign in (1, -1)]
+            costs += [
+                _compute_cost(figures, (Cause(channel, sign * float(np.exp(best)), ""),)) for sign in (1, -1)
+            ]
     return ODD + min(costs, default=np.inf)
 
 
@@ -336,7 +340,7 @@ def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_spe
     ]
 
 
-def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
+def _check_velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
     """Return in what a measured velocity contradicts the wheels, and its change the lateral acceleration; [] where it does not.
 
     Speed along is that of the wheels within OFF_SPEED, since slip and radii are a few percent. Speed across changes by
@@ -386,13 +390,13 @@ def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
     return found
 
 
-def _pedals(
+def _check_pedals(
     d: Mapping[str, np.ndarray], v: np.ndarray, radius: Mapping[str, float], mass: float | None
 ) -> list[str]:
     """Return in what a brake switch contradicts the change of the speed, and wheel torques mass times accel_x; [] if in nothing.
 
     Both feel the slope of the road and drag in one way. Of one axle's torque only rows that drive count: brakes are on both."""
-    found, moving, rate = [], np.abs(v) > FAST, physics.derivative(v)
+    found, moving, rate = [], np.abs(v) > FAST, physics.differentiate(v)
     if "brake" in d:
         loses = f"off in {{:.0f}} % of the rows in which it loses more than {-SLOWS:g} m/s2"
         for rows, on, words in (
@@ -420,7 +424,7 @@ def _pedals(
     return found
 
 
-def _smooth(log: Log) -> dict[str, np.ndarray]:
+def _smooth_channels(log: Log) -> dict[str, np.ndarray]:
     """The channels and GNSS on the raster of physics.py."""
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
@@ -435,7 +439,7 @@ def _smooth(log: Log) -> dict[str, np.ndarray]:
     return found
 
 
-def _axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
+def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
     a, b = (
         float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING])))
         if (np.abs(x) > physics.MOVING).any()
@@ -450,12 +454,12 @@ def _axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
     return []
 
 
-def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
+def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     """accel_x goes with v r, and accel_y does not."""
     moving = np.abs(v) > physics.MOVING
     turn = v * d["yaw_rate"]
     x, y = (physics.fit(turn, d[c], moving) for c in ("accel_x", "accel_y"))
-    along = physics.fit(physics.derivative(v), d["accel_y"], moving)
+    along = physics.fit(physics.differentiate(v), d["accel_y"], moving)
     if (
         abs(x.corr) > ENOUGH["accel_y"]
         and abs(y.corr) < 0.5
@@ -469,9 +473,9 @@ def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     return []
 
 
-def _turned(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
+def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     """Each accelerometer reads what belongs to the other, in opposite ways."""
-    turn, rate = v * d["yaw_rate"], physics.derivative(v)
+    turn, rate = v * d["yaw_rate"], physics.differentiate(v)
     rows = (np.abs(v) > physics.MOVING) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
     if rows.sum() < physics.FEWEST:
         return []
@@ -486,9 +490,9 @@ def _turned(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     ]
 
 
-def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
+def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
     """Wheels of one side roll faster in a bend to the other; those of one axle in any bend."""
-    y, turn, slip = front - rear, d["yaw_rate"], rear * physics.derivative(rear)
+    y, turn, slip = front - rear, d["yaw_rate"], rear * physics.differentiate(rear)
     rows = (np.abs(front) > physics.MOVING) & np.isfinite(y + turn + slip)
     if rows.sum() < physics.FEWEST:
         return []
@@ -508,7 +512,7 @@ def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> 
     ]
 
 
-def _time(log: Log, radius: float) -> list[str]:
+def _check_time(log: Log, radius: float) -> list[str]:
     """Rows that are far apart, by a time that may count them: what accel_x adds up to is the change of the speed."""
     step, n = float(log.sample_time or 0.0), ROWS_SLOW
     if step <= 1.0 / physics.RATE or len(log) < 10 * n:
@@ -525,11 +529,11 @@ def _time(log: Log, radius: float) -> list[str]:
     ]
 
 
-def _of_wheels(radius: float) -> list[Cause]:
+def _list_wheel_causes(radius: float) -> list[Cause]:
     return [Cause("wheel_speed", per * radius**power, text) for per, power, _, text in WHEEL_CAUSES]
 
 
-def _sets(ratio: float) -> Iterator[tuple[Cause, ...]]:
+def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
     """None, one, or two causes at once, of different channels."""
     single = [Cause(channel, per * ratio**power, text) for channel, per, power, _, text in CAUSES]
     yield ()
@@ -540,7 +544,7 @@ def _sets(ratio: float) -> Iterator[tuple[Cause, ...]]:
             yield a, b
 
 
-def _figures(
+def _compute_figures(
     log: Log, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None, wheels: float,
     radii: tuple[float, float],
 ) -> Figures:  # fmt: skip
@@ -549,12 +553,12 @@ def _figures(
     sd: dict[str, float] = {}
     nearly: set[str] = set()
     moving = np.abs(v) > physics.MOVING
-    for name, kinematic in (("accel_y", v * d["yaw_rate"]), ("accel_x", physics.derivative(v))):
+    for name, kinematic in (("accel_y", v * d["yaw_rate"]), ("accel_x", physics.differentiate(v))):
         f = physics.fit(kinematic, d[name], moving)
         if abs(f.corr) > ENOUGH[name] - SLACK and np.nanstd(d[name][moving]) > 0.02:
             value[name], sd[name] = f.slope, float(np.hypot(SD[name], 1 - abs(f.corr)))
             nearly |= {name} if abs(f.corr) <= ENOUGH[name] else set()
-    s = physics.steering(d["steer_angle"], v, d["yaw_rate"])
+    s = physics.fit_steering(d["steer_angle"], v, d["yaw_rate"])
     if s is not None and s.share > ENOUGH["steer_angle"] - SLACK and s.per_curvature != 0:
         nearly |= {"steer_angle"} if s.share <= ENOUGH["steer_angle"] else set()
         value["steer_angle"], sd["steer_angle"] = (
@@ -574,7 +578,7 @@ def _figures(
     return Figures(value, sd, frozenset(value) - nearly)
 
 
-def _left(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
+def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
     """The figures, if these causes are put right. The wheels' has been in the speed already."""
     by = dict.fromkeys(("yaw_rate", "accel_y", "accel_x", "steer_angle"), 1.0)
     for cause in causes:
@@ -590,14 +594,14 @@ def _left(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
     return {name: x / expected[name] for name, x in figures.value.items()}
 
 
-def _cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
-    left = _left(figures, causes)
+def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
+    left = _apply_causes(figures, causes)
     return sum(
         float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + WRONG_SIGN * (x < 0) for n, x in left.items()
     )
 
 
-def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
+def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
     """The figures that speak, before and after."""
     moved = [
         n

@@ -7,8 +7,8 @@ import numpy as np
 from tse.channels import physics
 from tse.channels.look import KINDS, NAMED, Guess, Look
 from tse.channels.physics import fit
-from tse.channels.vocabulary import ROLES, find_place, is_another_thing, score
-from tse.channels.wheels import SLOWEST, quaternions, rolls
+from tse.channels.vocabulary import ROLES, find_place, is_another_thing, score_name
+from tse.channels.wheels import SLOWEST, find_quaternions, is_rolling
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording
 
@@ -20,7 +20,7 @@ WANTED = {"yaw_rate": "a rate", "accel_x": "an acceleration", "accel_y": "an acc
           "wheel": "a speed or a rate"}  # fmt: skip
 
 
-def nearest_candidates(
+def find_nearest_candidates(
     recording: Recording, look: Look, guesses: Sequence[Guess], missing: Sequence[str], v: np.ndarray | None
 ) -> dict[str, list[str]]:
     """Return for each channel that was not found the nearest signals with the reason against each.
@@ -48,35 +48,39 @@ def nearest_candidates(
     for channel in missing:
         role = "wheel" if channel.startswith("wheel") else channel
         axle = channel.rpartition("_")[2] if role == "wheel" else ""
-        worth = sorted(((w, c.name) for c in recording if (w := _worth(role, axle, c)) > 0), reverse=True)[
-            :MOST_CANDIDATES
-        ]
+        worth = sorted(
+            ((w, c.name) for c in recording if (w := _score_candidate(role, axle, c)) > 0), reverse=True
+        )[:MOST_CANDIDATES]
         said = [
-            f"{name}: {_reason(recording.channels[name], role, look, used, guesses, v)}" for _, name in worth
+            f"{name}: {_explain_rejection(recording.channels[name], role, look, used, guesses, v)}"
+            for _, name in worth
         ]
         found[channel] = said or ["no signal has a name like it, or its unit"]
     return found
 
 
-def _worth(role: str, axle: str, c: Channel) -> float:
+def _score_candidate(role: str, axle: str, c: Channel) -> float:
     """Return how near a signal comes by name and unit; 0: not at all."""
     of_kind = kind(c.unit) in KINDS[role] and kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
         if place and not place.startswith(axle):
             return 0.0
-        return named + of_kind if place else (0.6 * of_kind if score("speed", c.name) > 0 else 0.0)
-    named = score(role, c.name)
+        return named + of_kind if place else (0.6 * of_kind if score_name("speed", c.name) > 0 else 0.0)
+    named = score_name(role, c.name)
     if named <= 0:  # a name that sounds alike and is that of something else
-        named = 0.5 if any(_sounds(role, c)) else 0.0
+        named = 0.5 if any(_compare_sounds(role, c)) else 0.0
     return named + of_kind * (1.0 if named > 0 or not is_another_thing(role, c.name) else 0.0)
 
 
-def _sounds(role: str, c: Channel) -> list[bool]:
-    return [score(role, c.name) > -4.0 + worth - 0.3 and score(role, c.name) < 0 for _, worth in ROLES[role]]
+def _compare_sounds(role: str, c: Channel) -> list[bool]:
+    return [
+        score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
+        for _, worth in ROLES[role]
+    ]
 
 
-def _reason(
+def _explain_rejection(
     c: Channel, role: str, look: Look, used: Mapping[str, str], guesses: Sequence[Guess], v: np.ndarray | None
 ) -> str:
     """Return why a signal is not proposed: clock, values, unit, name, rate or physics."""
@@ -101,25 +105,25 @@ def _reason(
         begin, end = times[[0, -1]]
         others = f"{look.time[0]:.1f} .. {look.time[-1]:.1f} s"
         return f"its times ({begin:.1f} .. {end:.1f} s) are not those of the other signals ({others})"
-    unit = look.unit(c.name)
+    unit = look.find_unit(c.name)
     if kind(unit) not in ("", *KINDS[role]):
         return f"its unit {unit} is not that of {WANTED[role]}"
     if role == "wheel":
-        if not rolls(x):
+        if not is_rolling(x):
             return "goes below 0, which a wheel seldom does"
         if look.rate[c.name] < SLOWEST:
             return f"comes {look.rate[c.name]:.2g} times a second: too seldom for a wheel"
         return "the other wheel of its axle, or the other axle, was not found beside it"
-    if c.name in quaternions(look):
+    if c.name in find_quaternions(look):
         return "is a part of an attitude"
-    if score(role, c.name) < 0:
+    if score_name(role, c.name) < 0:
         return "its name says that it is another thing (a target, a status, an offset, ...)"
     if is_another_thing(role, c.name):
         return "its name says that it is another thing"
-    return _by_physics(x, role, look, guesses, v, score(role, c.name))
+    return _explain_by_physics(x, role, look, guesses, v, score_name(role, c.name))
 
 
-def _by_physics(
+def _explain_by_physics(
     x: np.ndarray, role: str, look: Look, guesses: Sequence[Guess], v: np.ndarray | None, named: float
 ) -> str:
     """Return with what a signal does not go."""
@@ -133,7 +137,7 @@ def _by_physics(
         "steer_angle": ("yaw_rate", "yaw rate over speed", lambda o: o / moving),
     }
     if role == "accel_x":
-        return f"does not go with the change of speed (correlation {abs(fit(physics.derivative(v), x).corr):.2f})"
+        return f"does not go with the change of speed (correlation {abs(fit(physics.differentiate(v), x).corr):.2f})"
     other, words, made = pairs[role]
     if other not in by:
         return f"there is no {other} to test it with, and its name says too little"

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tse.channels.vocabulary import find_place, score
+from tse.channels.vocabulary import find_place, score_name
 from tse.readers.recording import Channel, Recording, listed
 
 ONE_CLOCK = (
@@ -44,7 +44,7 @@ class Group:
         good = self.channels[0].time[np.isfinite(self.channels[0].time)]
         return float(good.min()), float(good.max())
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """Its number and what it holds."""
         return f"group {self.number} ({listed(c.short for c in self.channels[:3])}{', ...' if len(self.channels) > 3 else ''})"
 
@@ -66,31 +66,36 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
     dict of str to float
         By name of each signal that was shifted, s that were taken off its times.
     """
-    groups = _groups(recording)
+    groups = _group_channels(recording)
     if recording.format in ONE_CLOCK or not 2 <= len(groups) <= MOST_GROUPS:
         return recording, {}
     base = max(
-        groups, key=lambda g: (_motion(g) != {}, _best("yaw_rate", g)[0] + _best("accel_y", g)[0], -g.number)
+        groups,
+        key=lambda g: (
+            _find_motion(g) != {},
+            _find_best("yaw_rate", g)[0] + _find_best("accel_y", g)[0],
+            -g.number,
+        ),
     )
     shifts: dict[int, float] = {}
     for g in groups:
         if g is base:
             continue
-        found = _shift(base, g)
-        apart = _apart(base, g)
+        found = _find_shift(base, g)
+        apart = _describe_gap(base, g)
         if found is None:
             if apart:
                 warnings.append(
-                    f"the clock of {g.words()} does not overlap with that of {base.words()}: {apart}; "
+                    f"the clock of {g.describe()} does not overlap with that of {base.describe()}: {apart}; "
                     "nothing says by how much"
                 )
             continue
         shift, corr = found
-        off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.words()}"
+        off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.describe()}"
         how = f"correlation {corr:.2f}; it is taken off: key clock in signals.toml"
         warnings.append(
-            f"the clock of {g.words()} does not overlap with that of {base.words()}: {apart}. It is {off}, found by {how}" if apart
-            else f"the clock of {g.words()} is {off}, found by {how}"
+            f"the clock of {g.describe()} does not overlap with that of {base.describe()}: {apart}. It is {off}, found by {how}" if apart
+            else f"the clock of {g.describe()} is {off}, found by {how}"
         )  # fmt: skip
         shifts[g.number] = shift
     if not shifts:
@@ -106,7 +111,7 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
     return replace(recording, channels=channels), moved
 
 
-def _groups(recording: Recording) -> list[Group]:
+def _group_channels(recording: Recording) -> list[Group]:
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)
@@ -114,7 +119,7 @@ def _groups(recording: Recording) -> list[Group]:
     return [Group(i, part) for i, part in enumerate(large, 1)]
 
 
-def _apart(a: Group, b: Group) -> str:
+def _describe_gap(a: Group, b: Group) -> str:
     """Return the spans of two groups in words, where they share less than half of the shorter; else ""."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
@@ -123,13 +128,13 @@ def _apart(a: Group, b: Group) -> str:
     return f"{b0:.1f} .. {b1:.1f} s and {a0:.1f} .. {a1:.1f} s"
 
 
-def _best(role: str, g: Group) -> tuple[float, Channel | None]:
-    rated = [(score(role, c.name), i) for i, c in enumerate(g.channels)]
+def _find_best(role: str, g: Group) -> tuple[float, Channel | None]:
+    rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
 
 
-def _motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _find_motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return what a group says of the motion, time and value: "turn", which goes with the yaw rate, "speed" and its "change"."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     wheels = {place: c for c in g.channels if (place := find_place(c.name)[0])}
@@ -138,11 +143,11 @@ def _motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         if left is not None and right is not None:
             found.setdefault("turn", (left.time, right.value - left.value))
     for role in ("yaw_rate", "accel_y", "steer_angle"):
-        c = _best(role, g)[1]
+        c = _find_best(role, g)[1]
         if c is not None:
             found.setdefault("turn", (c.time, c.value))
-    along = _best("accel_x", g)[1]
-    speed = next(iter(wheels.values()), None) or _best("speed", g)[1]
+    along = _find_best("accel_x", g)[1]
+    speed = next(iter(wheels.values()), None) or _find_best("speed", g)[1]
     if along is not None:
         found["change"] = along.time, along.value
     elif speed is not None:
@@ -150,7 +155,7 @@ def _motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def _even(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
+def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
     """Return a signal at RATE without its mean, and when it begins; None: it does not move."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
@@ -170,9 +175,9 @@ def _even(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.
     return (float(at[0]) + n / RATE, x) if len(x) > FEWEST and x.std() > 1e-9 else None
 
 
-def _shift(a: Group, b: Group) -> tuple[float, float] | None:
+def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
     """Return by how much the clock of b is ahead of that of a, s, and the correlation; None: it is not, or nothing shows it."""
-    mine, other = _motion(a), _motion(b)
+    mine, other = _find_motion(a), _find_motion(b)
     best: tuple[float, float] | None = None
     for x, y, dx, dy in (
         ("turn", "turn", False, False),
@@ -181,12 +186,12 @@ def _shift(a: Group, b: Group) -> tuple[float, float] | None:
     ):
         if x not in mine or y not in other:
             continue
-        one, two = _even(mine[x], dx), _even(other[y], dy)
+        one, two = _resample_evenly(mine[x], dx), _resample_evenly(other[y], dy)
         if one is None or two is None:
             continue
         lag, corr, at_zero = _correlate(one, two)
         if corr < LEAST_CORR or corr < at_zero + BETTER or abs(lag) < LEAST_SHIFT:
-            if at_zero >= LEAST_CORR and not _apart(a, b):
+            if at_zero >= LEAST_CORR and not _describe_gap(a, b):
                 return None  # the clocks are one
             continue
         if best is None or corr > best[1]:
@@ -199,14 +204,16 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 
-    def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def correlate_all(p: np.ndarray, q: np.ndarray) -> np.ndarray:
         return np.fft.irfft(np.conj(np.fft.rfft(p, size)) * np.fft.rfft(q, size), size)
 
     ones_a, ones_b = np.ones(len(a)), np.ones(len(b))
-    shared = np.round(cross(ones_a, ones_b))
-    power = np.sqrt(np.maximum(cross(a**2, ones_b), 0.0) * np.maximum(cross(ones_a, b**2), 0.0))
+    shared = np.round(correlate_all(ones_a, ones_b))
+    power = np.sqrt(
+        np.maximum(correlate_all(a**2, ones_b), 0.0) * np.maximum(correlate_all(ones_a, b**2), 0.0)
+    )
     enough = shared >= LEAST_SHARED * min(len(a), len(b))
-    corr = np.where(enough & (power > 0), np.abs(cross(a, b)) / np.maximum(power, 1e-30), 0.0)
+    corr = np.where(enough & (power > 0), np.abs(correlate_all(a, b)) / np.maximum(power, 1e-30), 0.0)
     k = int(corr.argmax())
     steps = np.arange(size)
     steps = np.where(steps > size // 2, steps - size, steps)

@@ -7,10 +7,10 @@ import numpy as np
 
 from tse.channels import physics
 from tse.channels.look import AXLES, NAMED, Guess, Look
-from tse.channels.physics import MOVING, mean_of
-from tse.channels.scales import UNITS, USUAL_WHEELBASE, Scale, facts_of, same_unit
-from tse.channels.vocabulary import find_place, score
-from tse.channels.wheels import is_speed, speed_of
+from tse.channels.physics import MOVING, average
+from tse.channels.scales import UNITS, USUAL_WHEELBASE, Scale, is_same_unit, measure_slopes
+from tse.channels.vocabulary import find_place, score_name
+from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import factor, kind
 from tse.readers.table import unit_at_end
 
@@ -37,16 +37,16 @@ def make_guesses(
     warnings: list[str],
 ) -> list[Guess]:
     found: dict[str, Guess] = {}
-    v = speed_of(look, wheels)
-    facts = facts_of(look, wheels, chosen, v)
+    v = compute_speed(look, wheels)
+    facts = measure_slopes(look, wheels, chosen, v)
     if v is not None:
         v = v * scale.per["wheel"]
     # the wheels give the sign of the yaw rate, where they can; the others follow it
     # and where they cannot, the course of a receiver does
     by_wheels = facts.get("track_corr", 0.0)
     turn = by_wheels if abs(by_wheels) > 0.7 else facts.get("course_corr", 0.0)
-    sided = abs(turn) > 0.7
-    sign = {"yaw_rate": float(np.sign(turn)) if sided else 1.0}
+    is_sided = abs(turn) > 0.7
+    sign = {"yaw_rate": float(np.sign(turn)) if is_sided else 1.0}
     sign["accel_y"] = sign["yaw_rate"] * (
         float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0
     )
@@ -55,8 +55,8 @@ def make_guesses(
     )
     for role in ("yaw_rate", "accel_y", "accel_x"):
         if role in chosen:
-            found[role] = _guess(
-                look, role, chosen[role], worth[role], scale, sign[role], facts, sided, warnings
+            found[role] = _guess_motion(
+                look, role, chosen[role], worth[role], scale, sign[role], facts, is_sided, warnings
             )
     if "steer_angle" in chosen:
         r = (
@@ -64,16 +64,18 @@ def make_guesses(
             if "yaw_rate" in chosen
             else None
         )
-        found["steer_angle"] = _steer(look, chosen["steer_angle"], worth["steer_angle"], v, r, car, warnings)
+        found["steer_angle"] = _guess_steering(
+            look, chosen["steer_angle"], worth["steer_angle"], v, r, car, warnings
+        )
     for axle in AXLES:
         mine = [wheels[f"{axle}_{s}"] for s in ("left", "right") if f"{axle}_{s}" in wheels] or (
             [wheels[axle]] if axle in wheels else []
         )
         if mine:
-            found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale)
+            found[f"wheel_speed_{axle}"] = _guess_wheels(look, axle, mine, wheels, scale)
     find_latencies(look, found, wheels, scale, sign, warnings)
-    _odd(look, found, chosen, scale, sign, v, warnings)
-    _turned(look, found, scale, sign, v, warnings)
+    _check_offsets(look, found, chosen, scale, sign, v, warnings)
+    _check_turned_imu(look, found, scale, sign, v, warnings)
     if (
         all(c in found and found[c].sign < 0 for c in ("yaw_rate", "accel_y", "steer_angle"))
         and abs(by_wheels) > 0.7
@@ -90,15 +92,15 @@ def make_guesses(
     return [found[c] for c in order if c in found]
 
 
-def _from(look: Look, name: str, unit: str, role: str) -> str:
+def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
     c = look.channels[name]
-    if c.unit and same_unit(c.unit, unit, role):
+    if c.unit and is_same_unit(c.unit, unit, role):
         return "the log says so"
     end = unit_at_end(c.short)
-    return "the name ends so" if end and same_unit(end, unit, role) else SIZE
+    return "the name ends so" if end and is_same_unit(end, unit, role) else SIZE
 
 
-def _confidence(said: float, shown: float) -> str:
+def _rate_confidence(said: float, shown: float) -> str:
     """Sure: name and physics agree. Likely: physics is clear alone, or the name, and physics does not contradict it. What was
     neither tested nor is called so and has a unit is unsure."""
     if said >= NAMED and shown >= 2.5:
@@ -106,7 +108,7 @@ def _confidence(said: float, shown: float) -> str:
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
 
 
-def _guess(
+def _guess_motion(
     look: Look,
     role: str,
     name: str,
@@ -114,7 +116,7 @@ def _guess(
     scale: Scale,
     sign: float,
     facts: Mapping[str, float],
-    sided: bool,
+    is_sided: bool,
     warnings: list[str],
 ) -> Guess:
     unit = scale.unit[role]
@@ -143,14 +145,14 @@ def _guess(
             figures.append(
                 f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
             )
-        if sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
+        if is_sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
             figures.append(
                 f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}"
             )
-        if not sided:
+        if not is_sided:
             figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
-    confidence = _confidence(worth["said"], worth["shown"])
-    origin = _from(look, name, unit, role)
+    confidence = _rate_confidence(worth["said"], worth["shown"])
+    origin = _describe_origin(look, name, unit, role)
     unsure = []
     if worth["shown"] == 0.0:  # nothing to compare with, or the log moves too little
         figures.append("not tested: by its name alone" if worth["said"] >= NAMED else "not tested")
@@ -161,9 +163,9 @@ def _guess(
     elif worth["said"] < NAMED:
         unsure = [
             "the signal, by its behaviour alone",
-            *(["its sign"] if role != "accel_x" and not sided else []),
+            *(["its sign"] if role != "accel_x" and not is_sided else []),
         ]
-    elif role == "yaw_rate" and not sided:
+    elif role == "yaw_rate" and not is_sided:
         unsure = ["its sign"]
     guess = Guess(role, (name,), unit, origin, sign, confidence=confidence, figures=figures, unsure=unsure)
     if confidence == "unsure" and not unsure:
@@ -172,14 +174,14 @@ def _guess(
         guess.figures.append({"yaw_rate": "positive to the right in the log", "accel_y": "positive to the right in the log",
                               "accel_x": "positive backwards in the log"}[role])  # fmt: skip
     other = {"accel_x": "accel_y", "accel_y": "accel_x"}.get(role)
-    if other and score(other, name) > score(role, name) + 0.5:
+    if other and score_name(other, name) > score_name(role, name) + 0.5:
         warnings.append(
             f"{name!r} sounds like {other}, and behaves like {role}: are the axes of the IMU swapped?"
         )
     return guess
 
 
-def _steer(
+def _guess_steering(
     look: Look,
     name: str,
     worth: Mapping[str, float],
@@ -192,9 +194,9 @@ def _steer(
     unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
     unit = unit if kind(unit) == "angle" else ""
     given = car.steering_ratio if car is not None else None
-    found = physics.steering(look.x[name], v, r) if v is not None and r is not None else None
+    found = physics.fit_steering(look.x[name], v, r) if v is not None and r is not None else None
     guess = Guess(
-        "steer_angle", (name,), unit or "deg", "", confidence=_confidence(worth["said"], worth["shown"])
+        "steer_angle", (name,), unit or "deg", "", confidence=_rate_confidence(worth["said"], worth["shown"])
     )
     if found is None or found.share < 0.5 or found.per_curvature == 0:
         why = (
@@ -202,7 +204,7 @@ def _steer(
             else "there is no yaw rate to test sign and ratio with" if r is None
             else "the log turns too little to test sign and ratio"
         )  # fmt: skip
-        guess.unit, wheel = _by_size(look.x[name], unit)
+        guess.unit, wheel = _guess_by_size(look.x[name], unit)
         guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
         guess.ratio = (given or USUAL_RATIO) if wheel else None
         guess.confidence = "unsure"
@@ -225,9 +227,9 @@ def _steer(
         for u, q in options
     ]
     off, guess.unit, ratio = min(likely)
-    guess.unit_from = _from(look, name, guess.unit, "steer_angle")
+    guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
     if unit and off > 3.0:  # the unit that is said makes no sense
-        other = "rad" if same_unit(unit, "deg", "steer_angle") else "deg"
+        other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or USUAL_RATIO)))) / spread < 1.5:
             warnings.append(
@@ -267,20 +269,20 @@ def _steer(
     return guess
 
 
-def _by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
+def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
     """Unit, and whether it is the steering wheel's: the likeliest of SIZES."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
-    options = {k: s for k, s in SIZES.items() if not unit or same_unit(k[0], unit, "steer_angle")} or SIZES
+    options = {k: s for k, s in SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")} or SIZES
     best = max(options, key=lambda k: np.log(options[k][1]) - 0.5 * np.log(large / options[k][0]) ** 2)
     return unit or best[0], best[1]
 
 
-def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
+def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
     if others:
-        a, b = (mean_of([look.x[n] for n in part]) for part in (mine, others))
+        a, b = (average([look.x[n] for n in part]) for part in (mine, others))
         fast = a > 0.3 * np.nanmax(a)
         if fast.any():
             figures.append(f"{axle} over the other axle: {float(np.nanmedian((a / b)[fast])):.3f}")
@@ -290,10 +292,10 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
         figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}")
     if len(mine) == 2 and "track" in scale.figures:
         figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")
-    if is_speed(wheels):
+    if is_car_speed(wheels):
         figures.append("no wheel is logged: the speed of the car stands for both axles, so slip and longitudinal stiffness are "
                        "not known")  # fmt: skip
-        return Guess(f"wheel_speed_{axle}", tuple(mine), unit, _from(look, mine[0], unit, "wheel"), confidence="likely",
+        return Guess(f"wheel_speed_{axle}", tuple(mine), unit, _describe_origin(look, mine[0], unit, "wheel"), confidence="likely",
                      figures=figures)  # fmt: skip
     named = all(find_place(n)[0].startswith(axle) for n in mine)
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
@@ -303,7 +305,7 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
             "order"
         )
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
-    origin = _from(look, mine[0], unit, "wheel")
+    origin = _describe_origin(look, mine[0], unit, "wheel")
     unsure = [] if named else ["which wheel is which"]
     unsure += (
         ["its unit"]
@@ -323,7 +325,7 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
     )
 
 
-def _turned(
+def _check_turned_imu(
     look: Look,
     found: Mapping[str, Guess],
     scale: Scale,
@@ -337,7 +339,7 @@ def _turned(
         return
     r = look.x[found["yaw_rate"].name[0]] * scale.per["yaw_rate"] * sign["yaw_rate"]
     y = look.x[found["accel_y"].name[0]] * scale.per["accel_y"] * sign["accel_y"]
-    a = np.column_stack([v * r, physics.derivative(v), np.ones(len(v))])
+    a = np.column_stack([v * r, physics.differentiate(v), np.ones(len(v))])
     keep = np.isfinite(a).all(axis=1) & np.isfinite(y) & (np.abs(v) > physics.MOVING)
     if keep.sum() < physics.FEWEST:
         return
@@ -367,7 +369,7 @@ def _turned(
             found[c].unsure.append("how its IMU is mounted")
 
 
-def _odd(
+def _check_offsets(
     look: Look,
     found: Mapping[str, Guess],
     chosen: Mapping[str, str],
@@ -386,7 +388,7 @@ def _odd(
     )
     for role, kinematic in (
         ("accel_y", v * r if r is not None else None),
-        ("accel_x", physics.derivative(v)),
+        ("accel_x", physics.differentiate(v)),
     ):
         if role not in found or kinematic is None:
             continue
@@ -444,10 +446,10 @@ def find_latencies(
     keep = np.isfinite(r)
     if "rear_left" in wheels:
         difference = (look.x[wheels["rear_right"]] - look.x[wheels["rear_left"]]) * scale.per["wheel"]
-        v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        late, sd = physics.lag(r, difference, keep & (v > MOVING))
+        v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
+        late, sd = physics.find_lag(r, difference, keep & (v > MOVING))
         for axle in AXLES:
-            _late(
+            _set_latency(
                 look,
                 found.get(f"wheel_speed_{axle}"),
                 clock,
@@ -456,23 +458,25 @@ def find_latencies(
                 "right less left wheels against the gyro",
             )
     if "steer_angle" in found and wheels:
-        v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        _late_steering(look, found["steer_angle"], v, r, keep & (v > MOVING), warnings)
+        v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
+        _set_steering_latency(look, found["steer_angle"], v, r, keep & (v > MOVING), warnings)
     if "accel_y" in found and wheels:
-        v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        slope = physics.derivative(r)
+        v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
+        slope = physics.differentiate(r)
         # the body's own way of following, (c0 + c2 v^2) r', is no latency
-        late, sd = _lag_of_accel(look, found["accel_y"], v, r, slope, scale, sign, keep)
-        _late(look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out")
+        late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
+        _set_latency(
+            look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out"
+        )
 
 
-def _late_steering(
+def _set_steering_latency(
     look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]
 ) -> None:
     """A car turns YAW_LAG after its wheels are turned. Where the yaw rate follows sooner, or comes before the angle, which no car
     does, the angle is late. What is less than cars differ by shows only in a fit of the whole car: calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
-    follows, sd = physics.lag(steered, r, keep)
+    follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
     if not np.isfinite(sd) or sd > 2 * YAW_LAG_SD or not STEER_SURE * sd < late < LATEST:
         return
@@ -483,7 +487,7 @@ def _late_steering(
                     "estimates would be of another car")  # fmt: skip
 
 
-def _lag_of_accel(
+def _find_accel_lag(
     look: Look,
     g: Guess,
     v: np.ndarray,
@@ -494,10 +498,10 @@ def _lag_of_accel(
     keep: np.ndarray,
 ) -> tuple[float, float]:
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
-    return physics.lag(v * r, y, keep & (v > MOVING), (slope, v**2 * slope))
+    return physics.find_lag(v * r, y, keep & (v > MOVING), (slope, v**2 * slope))
 
 
-def _late(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
+def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 
 from tse.car.vehicle import Vehicle
-from tse.channels.mapping import Series, series
+from tse.channels.mapping import Series, map_signals
 from tse.channels.raster import resample_channels
-from tse.channels.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
+from tse.channels.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, list_channels
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
@@ -100,7 +100,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 
 
 def _read_plain(path: Path, spare: Collection[str]) -> Log:
-    head, whole = _head(path)
+    head, whole = _read_head(path)
     header = [c.strip() for c in (cells_of(path, head[0]) if head else [])]
     check_columns(path, header)
     wanted = columns()
@@ -111,12 +111,12 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     needed = [c for name in wanted if name not in absent for c in sides.get(name, (name,))]
     missing = [c for c in needed if c not in header]
     if missing:
-        raise UserError(_missing_text(path, header, missing, needed))
-    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _beside(c))})
+        raise UserError(_describe_missing(path, header, missing, needed))
+    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _is_spare(c))})
     if twice:
         raise UserError(f"{path}: column {', '.join(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
-    table, line, skipped = _numbers(path, header, head[1:], whole, needed, notes)
+    table, line, skipped = _read_numbers(path, header, head[1:], whole, needed, notes)
     if whole is not None:
         notes.append(
             f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out"
@@ -170,12 +170,12 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     notes: list[str] = []
     table: dict[str, np.ndarray] = {}
     for column in header:
-        if column in needed or _beside(column):
+        if column in needed or _is_spare(column):
             try:
-                table[column] = _array(name, column, frame[column])
+                table[column] = _convert_column(name, column, frame[column])
             except (TypeError, ValueError, OverflowError):
                 if column in needed:
-                    what = _allowed(column)
+                    what = _describe_range(column)
                     raise UserError(
                         f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing"
                     ) from None
@@ -194,7 +194,7 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     return checked(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
 
 
-def _array(name: str, column: str, values: Any) -> np.ndarray:
+def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
     """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
     if kind == "c" or (kind == "b" and column not in OPTIONAL):
@@ -214,12 +214,12 @@ def _array(name: str, column: str, values: Any) -> np.ndarray:
     )
 
 
-def _beside(column: str) -> bool:
+def _is_spare(column: str) -> bool:
     """A column that is read, though the estimator does not need it."""
     return column.startswith("ref_") or column in OPTIONAL
 
 
-def _head(path: Path) -> tuple[list[str], int | None]:
+def _read_head(path: Path) -> tuple[list[str], int | None]:
     """The first two lines of a log; where the last line does not end, how many rows do: its writer was perhaps stopped there, and a
     number that is cut is a number still."""
     if path.is_dir():
@@ -248,11 +248,11 @@ def _head(path: Path) -> tuple[list[str], int | None]:
     return head.split("\n", 2)[:2], whole
 
 
-def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
+def _describe_missing(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
     text = f"{path}: column {', '.join(missing)} is missing in the header (line 1)"
     if len(header) == 1 and any(s in header[0] for s in ";\t|"):
         text += "; the columns must be separated by commas"
-    elif all(np.isfinite(_number(c)) for c in header):
+    elif all(np.isfinite(_to_number(c)) for c in header):
         text += "; the first line must name the columns"
     else:
         lower = {c.lower(): c for c in header}
@@ -266,7 +266,7 @@ def _missing_text(path: Path, header: list[str], missing: list[str], needed: lis
     return f"{text}\n  needed: {','.join(needed)}\n  found:  {','.join(header)[:300]}"
 
 
-def _numbers(
+def _read_numbers(
     path: Path, header: list[str], first: list[str], whole: int | None, needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
@@ -300,7 +300,7 @@ def _numbers(
     line = table.index.to_numpy() + 2
     columns: dict[str, np.ndarray] = {}
     skipped = []
-    for name in (c for c in header if c in needed or _beside(c)):
+    for name in (c for c in header if c in needed or _is_spare(c)):
         cells = table[name]
         numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else to_numbers(cells)
         bad = (numbers.isna() & cells.notna()).to_numpy()
@@ -313,7 +313,7 @@ def _numbers(
                 hint = "; decimals are written with a point" if "," in wrong else ""
                 raise UserError(
                     f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: "
-                    f"{_allowed(name)}, or empty for "
+                    f"{_describe_range(name)}, or empty for "
                     f"missing{hint}"
                 )
             said = f"{count} cells that are no numbers are" if count > 1 else "a cell that is no number is"
@@ -327,17 +327,17 @@ def to_numbers(column: pd.Series) -> pd.Series:
     try:
         return pd.to_numeric(column, errors="coerce")
     except OverflowError:  # a whole number of more digits than a float has, beside text
-        return pd.Series([_number(cell) for cell in column], column.index, float)
+        return pd.Series([_to_number(cell) for cell in column], column.index, float)
 
 
-def _number(cell: object) -> float:
+def _to_number(cell: object) -> float:
     try:
         return float(str(cell))
     except ValueError:
         return np.nan
 
 
-def _allowed(name: str) -> str:
+def _describe_range(name: str) -> str:
     channel = next((axle for axle, pair in SIDES.items() if name in pair), name)
     return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
 
@@ -356,15 +356,15 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     if reading.signals is None and (
         signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)
     ):
-        own = by_own_names(recording)
+        own = map_own_names(recording)
         if own is None and signals is None:
-            raise UserError(_unnamed(path, recording))
+            raise UserError(_describe_unnamed(path, recording))
         signals = own or signals
     notes = list(recording.notes)
     if signals.path is not None:
         notes.append(f"signals by {signals.path}")
-    found = series(recording, signals, reading.car, notes)
-    _speed_for_wheels(path, found, reading, notes)
+    found = map_signals(recording, signals, reading.car, notes)
+    _substitute_speed(path, found, reading, notes)
     del recording  # what is not asked for need not stay
     rows = resample_channels(found, reading.rate or signals.rate, path)
     notes += rows.notes
@@ -377,11 +377,11 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
             "out"
         )
         log.notes.insert(0, log.warnings[-1])
-    log.slower = _slower(rows.native, rows.rate)
+    log.slower = _join_slower(rows.native, rows.rate)
     return log
 
 
-def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
+def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
     """A log without any wheel speed: they roll as the car goes, and tell no slip."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
@@ -397,21 +397,21 @@ def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, no
     notes.append("no wheel speed is in the log: vehicle_speed stands in for them")
 
 
-def by_own_names(recording: Recording) -> Signals | None:
+def map_own_names(recording: Recording) -> Signals | None:
     """A log whose channels have the library's names, in whatever format; None where it does not."""
-    names = [n for n in known_channels() if recording.has(n)]
+    names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
     full = all(n in names or all(s in names for s in SIDES.get(n, ("-",))) for n in NEEDED[:1]) and any(
         n in names or all(s in names for s in SIDES[n]) for n in NEEDED[1:]
     )
     if not full:
         return None
-    whole = {n: Signal(n if n in known_channels() else recording.find(n, "").short, (n,)) for n in names}
-    sided = {s for axle, pair in SIDES.items() if axle in names for s in pair}
-    return Signals(None, {s.channel: s for s in whole.values() if s.channel not in sided})
+    whole = {n: Signal(n if n in list_channels() else recording.find(n, "").short, (n,)) for n in names}
+    is_sided = {s for axle, pair in SIDES.items() if axle in names for s in pair}
+    return Signals(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
 
 
-def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:
+def _join_slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:
     """By channel; of an axle that of its wheels."""
     found = {n: Slower(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
@@ -422,8 +422,8 @@ def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
     return {n: s for n, s in found.items() if n in {*columns(), *MEASURES} and n not in OPTIONAL}
 
 
-def _unnamed(path: Path, recording: Recording) -> str:
-    own = [n for n in known_channels() if recording.has(n)]
+def _describe_unnamed(path: Path, recording: Recording) -> str:
+    own = [n for n in list_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
     has = f"; of tse's names it has {listed(own)}, not {listed(missing)}" if own else ""
     name = shlex.quote(path.name)

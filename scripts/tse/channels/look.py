@@ -14,7 +14,7 @@ from tse.channels.counters import find_modulo
 from tse.channels.mapping import Clocks, Series
 from tse.channels.physics import RATE, smooth
 from tse.channels.raster import find_rate, resample, select_entries
-from tse.channels.vocabulary import text_of
+from tse.channels.vocabulary import join_words
 from tse.log.units import is_strange, kind
 from tse.readers.recording import Channel, Recording
 from tse.readers.table import unit_at_end
@@ -73,7 +73,7 @@ class Proposal:
         return next((g for g in self.guesses if g.channel == channel), None)
 
 
-def _held(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _hold_last(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
     """A signal at other times: the last entry before each."""
     return value[np.clip(np.searchsorted(own, time, side="right") - 1, 0, len(value) - 1)]
 
@@ -92,7 +92,7 @@ def _find_sign_bit(
         alike = SequenceMatcher(None, name.lower(), short.lower(), autojunk=False).ratio()
         if alike < SIGN_ALIKE or not set(np.unique(flag[np.isfinite(flag)])) <= {0.0, 1.0}:
             continue
-        sign = _held(time, own, flag)
+        sign = _hold_last(time, own, flag)
         turns = np.flatnonzero(np.diff(sign))
         set_there = np.mean((sign == 1) & (value > 0.5 * usual))
         if len(turns) < FEWEST_TURNS or set_there < LEAST_SET:
@@ -103,11 +103,11 @@ def _find_sign_bit(
     return best[1] if best else None
 
 
-def _without_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> np.ndarray:
+def _mask_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> np.ndarray:
     """Its first values, NaN where a flag of its message calls them invalid or they are the number for "no value"."""
     value = c.value[:rows]
-    bad = no_value(value)
-    flag = flag_of(recording, c, flags)
+    bad = mark_no_value(value)
+    flag = find_flag(recording, c, flags)
     if flag is not None:
         bad = bad | (recording.channels[flag[0]].value[:rows] != flag[1])
     return np.where(bad, np.nan, value) if bad.any() else value
@@ -120,16 +120,14 @@ class Look:
         clocks = Clocks()
         raw: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # a signal of two values is no measurement
-        flags = flags_of(recording)
+        flags = find_flags(recording)
         for c in recording:
-            time, value = clocks.of(c)
+            time, value = clocks.straighten(c)
             rows = (
                 int(np.searchsorted(time, time[0] + 1.1 * LONGEST)) if len(time) else 0
             )  # of ten hours no more is copied
             # where all of them have a time
-            value = (
-                _without_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
-            )
+            value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
             if len(there) > 3 and np.ptp(there) > 0 and len(time):
@@ -140,7 +138,7 @@ class Look:
         for name, (time, value) in raw.items():
             if bit := _find_sign_bit(short[name], time, value, {short[b]: (b, *bits[b]) for b in bits}):
                 self.sign_bit[name] = bit
-                raw[name] = time, np.where(_held(time, *bits[bit]) == 1, -value, value)
+                raw[name] = time, np.where(_hold_last(time, *bits[bit]) == 1, -value, value)
         self.raw = raw
         own = {name: select_entries(Series(name, time, value)) for name, (time, value) in raw.items()}
         self.channels: dict[str, Channel] = {c.name: c for c in recording if c.name in own}
@@ -156,7 +154,7 @@ class Look:
         self.fine = {n: resample(t, v, self.time, RATE) for n, (t, v) in own.items()}
         self.x = {n: smooth(v) for n, v in self.fine.items()}
 
-    def called(self, name: str) -> str:
+    def clean_name(self, name: str) -> str:
         """The name; without a "status" at its end where it has more values than a status has."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
@@ -164,7 +162,7 @@ class Look:
             self._called[name] = plain if many else name
         return self._called[name]
 
-    def unit(self, name: str) -> str:
+    def find_unit(self, name: str) -> str:
         """Return it as the log says, or the end of the name. One that nobody knows is as none."""
         if name not in self._unit:
             c = self.channels[name]
@@ -206,23 +204,23 @@ FILLED = 0.35  # of the size of the steps: what is left of them where the other 
 Flags: TypeAlias = Mapping[tuple[str, int], Sequence[tuple[Channel, float]]]
 
 
-def flags_of(recording: Recording) -> Flags:
+def find_flags(recording: Recording) -> Flags:
     """Return all flags, each with its value that means valid, by what stands before their names and how many entries they have."""
     found: dict[tuple[str, int], list[tuple[Channel, float]]] = {}
     for c in recording:
-        if (v := _valid_value(c)) is not None:
-            found.setdefault((_message(c), len(c)), []).append((c, v))
+        if (v := _find_valid_value(c)) is not None:
+            found.setdefault((_get_message_name(c), len(c)), []).append((c, v))
     return found
 
 
-def flag_of(
+def find_flag(
     recording: Recording, mine: Channel, flags: Flags, taken: frozenset[str] | set[str] = frozenset()
 ) -> tuple[str, float] | None:
     """The flag of a signal's message whose name is alike, and its value where the signal is valid. One that would call a tenth of
     the log invalid is none, nor one that never changes: what its value means nobody said."""
     found = sorted(
-        (_alike(c, mine), c.name, v)
-        for c, v in flags.get((_message(mine), len(mine)), ())
+        (_compare_names(c, mine), c.name, v)
+        for c, v in flags.get((_get_message_name(mine), len(mine)), ())
         if c.name not in taken and c is not mine
     )
     if found and found[-1][0] >= FLAG_ALIKE:
@@ -230,25 +228,27 @@ def flag_of(
     whole = [
         (n, v)
         for _, n, v in found
-        if OF_ALL.search(text_of(recording.channels[n].short)) and not _of_another(recording, n)
+        if OF_ALL.search(join_words(recording.channels[n].short)) and not _is_of_another_signal(recording, n)
     ]
-    return whole[0] if len(whole) == 1 and _message(mine) else None
+    return whole[0] if len(whole) == 1 and _get_message_name(mine) else None
 
 
-def _of_another(recording: Recording, flag: str) -> bool:
+def _is_of_another_signal(recording: Recording, flag: str) -> bool:
     """Return whether a flag is named after one signal of its message, and so does not count for the others."""
     mine = recording.channels[flag]
-    message = _message(mine).replace("/", ".").rpartition(".")[2]
+    message = _get_message_name(mine).replace("/", ".").rpartition(".")[2]
     plain = " ".join(
-        w for w in text_of(mine.short).split() if not FLAG.search(w) and w not in text_of(message).split()
+        w
+        for w in join_words(mine.short).split()
+        if not FLAG.search(w) and w not in join_words(message).split()
     )
     return len(plain) > 3 and any(
-        c is not mine and SequenceMatcher(None, plain, text_of(c.short), autojunk=False).ratio() >= FLAG_ALIKE
-        for c in recording if _message(c) == _message(mine) and not FLAG.search(text_of(c.short))
+        c is not mine and SequenceMatcher(None, plain, join_words(c.short), autojunk=False).ratio() >= FLAG_ALIKE
+        for c in recording if _get_message_name(c) == _get_message_name(mine) and not FLAG.search(join_words(c.short))
     )  # fmt: skip
 
 
-def no_value(value: np.ndarray) -> np.ndarray:
+def mark_no_value(value: np.ndarray) -> np.ndarray:
     """Where a signal has the one number that stands for "no value": far beyond all others, always the same, and seldom."""
     size = np.abs(value)
     there = size[np.isfinite(size)]
@@ -263,41 +263,41 @@ def no_value(value: np.ndarray) -> np.ndarray:
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
     """Flag, counter and rest of each guess, by message, name and values."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
-    flags = flags_of(recording)
+    flags = find_flags(recording)
     for g in guesses:
         mine = recording.find(g.name[0], "")
         beside = [
             c
             for c in recording
-            if c.name not in taken and _message(c) == _message(mine) and len(c) == len(mine)
+            if c.name not in taken and _get_message_name(c) == _get_message_name(mine) and len(c) == len(mine)
         ]
-        if flag := flag_of(recording, mine, flags, taken):
+        if flag := find_flag(recording, mine, flags, taken):
             g.valid = flag
             g.figures.append(f"{flag[0]} is {flag[1]:g} where it is valid: in nearly all rows")
-        elif no_value(mine.value).any():
+        elif mark_no_value(mine.value).any():
             top = float(np.nanmax(np.abs(mine.value)))
             g.figures.append(f"{top:g} stands for no value, and no flag says so: look at its extremes")
             g.unsure.append("a number that stands for no value")
-        counters = [(c.name, n) for c in beside if (n := _counts(c))] if _message(mine) else []
+        counters = [(c.name, n) for c in beside if (n := _count_modulo(c))] if _get_message_name(mine) else []
         if len(counters) == 1:
             g.counter = counters[0]
             g.figures.append(f"its message counts in {counters[0][0]}, modulo {counters[0][1]}")
         if g.channel == "steer_angle":
-            _rest(g, mine, beside)
+            _add_rest(g, mine, beside)
 
 
-def _message(c: Channel) -> str:
+def _get_message_name(c: Channel) -> str:
     """What stands before the signal's own name; "" in a table."""
     return c.name.replace("/", ".").rpartition(".")[0]
 
 
-def _alike(c: Channel, mine: Channel) -> float:
+def _compare_names(c: Channel, mine: Channel) -> float:
     return SequenceMatcher(None, c.short.lower(), mine.short.lower(), autojunk=False).ratio()
 
 
-def _valid_value(c: Channel) -> float | None:
+def _find_valid_value(c: Channel) -> float | None:
     """The value of a flag that means valid; None: no flag, or nobody can tell."""
-    if not FLAG.search(text_of(c.short)) and not FLAG.search(c.short):
+    if not FLAG.search(join_words(c.short)) and not FLAG.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]
     values, count = np.unique(there[:: max(len(there) // 100000, 1)], return_counts=True)
@@ -310,9 +310,9 @@ def _valid_value(c: Channel) -> float | None:
     return float(values[most]) if LEAST_VALID <= count[most] / count.sum() < 1.0 else None
 
 
-def _counts(c: Channel) -> int:
+def _count_modulo(c: Channel) -> int:
     """How far a counter counts; 0: it is none."""
-    if not COUNTER.search(text_of(c.short)) and not COUNTER.search(c.short):
+    if not COUNTER.search(join_words(c.short)) and not COUNTER.search(c.short):
         return 0
     there = c.value[np.isfinite(c.value)][:100000]
     if len(there) < 50 or (there != np.round(there)).any() or there.min() < 0:
@@ -320,14 +320,14 @@ def _counts(c: Channel) -> int:
     return find_modulo(there)
 
 
-def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
+def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
     """A value in coarse steps, and another signal that fills them: the sum is smoother than the first."""
     x = mine.value
-    step = _step(x)
+    step = _find_step(x)
     if not step or (step < COARSE * float(np.nanmax(np.abs(x))) and step < 0.5):
         return
     for c in beside:
-        if not REST.search(text_of(c.short)) and not REST.search(c.short):
+        if not REST.search(join_words(c.short)) and not REST.search(c.short):
             continue
         rough, both = (float(np.nanmean(np.abs(np.diff(y, 2)))) for y in (x, x + c.value))
         if both < FILLED * rough and float(np.nanmax(np.abs(c.value))) <= step:
@@ -340,7 +340,7 @@ def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
     g.figures.append(f"in steps of {step:g} {g.unit}")
 
 
-def _step(x: np.ndarray) -> float:
+def _find_step(x: np.ndarray) -> float:
     """The step of a value that has few; 0: it has none."""
     values = np.unique(x[np.isfinite(x)][:200000])
     if not 3 <= len(values) <= 2000:
@@ -350,11 +350,11 @@ def _step(x: np.ndarray) -> float:
     return least if np.all(np.abs(steps / least - np.round(steps / least)) < 1e-3) else 0.0
 
 
-def counted(recording: Recording) -> list[str]:
+def warn_of_counting_wheels(recording: Recording) -> list[str]:
     """Warnings: wheels that count up."""
     found = [
         c.name for c in recording
-        if TICKS.search(text_of(c.short)) and len(c) > 50 and float(np.mean(np.diff(c.value[:100000]) >= 0)) > 0.95
+        if TICKS.search(join_words(c.short)) and len(c) > 50 and float(np.mean(np.diff(c.value[:100000]) >= 0)) > 0.95
         and float(np.nanmax(c.value) - np.nanmin(c.value)) > 10
     ]  # fmt: skip
     if len(found) < 2:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tse.channels.counters import find_modulo
-from tse.channels.signals import Counter, Flag, Signal, Signals, unit_of
+from tse.channels.signals import Counter, Flag, Signal, Signals, find_unit
 from tse.library.errors import UserError
 from tse.log.clock import straight
 from tse.log.rows import SIDES
@@ -39,7 +39,7 @@ class Clocks:
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
-    def of(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+    def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
         """Increasing time and the values that have one."""
         if id(channel.time) not in self._done:
             time, keep, said = straight(channel.time)
@@ -49,7 +49,7 @@ class Clocks:
         value = channel.value if keep.all() else channel.value[keep]
         return time, value
 
-    def earlier(self, time: np.ndarray, latency: float) -> np.ndarray:
+    def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
         """One of these times less the latency, once for all channels that have both."""
         if not latency:
             return time
@@ -58,7 +58,7 @@ class Clocks:
         return self._earlier[id(time), latency]
 
 
-def series(
+def map_signals(
     recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MOST_LOST
 ) -> dict[str, Series]:
     """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels. `most_lost`:
@@ -70,7 +70,7 @@ def series(
     for channel, signal in signals.signals.items():
         parts = SIDES.get(channel, (channel, channel)) if len(signal.name) == 2 else (channel,)
         made = [
-            _one(recording, signal, n, part, signals, clocks, car, notes, most_lost)
+            _map_part(recording, signal, n, part, signals, clocks, car, notes, most_lost)
             for n, part in zip(signal.name, parts, strict=True)
         ]
         if channel == "steer_angle" and len(made) == 2:  # left and right front wheel
@@ -86,7 +86,7 @@ def series(
     return found
 
 
-def _one(
+def _map_part(
     recording: Recording,
     signal: Signal,
     name: str,
@@ -101,21 +101,25 @@ def _one(
         f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     )
     channel = recording.find(name, source)
-    time, value = clocks.of(channel)
+    time, value = clocks.straighten(channel)
     if signal.add is not None:
-        value = value + _standing(clocks, recording.find(signal.add, source.replace("] name", "] add")), time)
-    per = _factor(signal, channel, part, car, source, notes)
+        value = value + _hold_last(
+            clocks, recording.find(signal.add, source.replace("] name", "] add")), time
+        )
+    per = _find_factor(signal, channel, part, car, source, notes)
     if signal.offset:
         value = value - signal.offset
     if (gain := per * signal.scale * signal.sign) != 1.0:
         value = value * gain
     if signal.sign_bit is not None:
         bit = recording.find(signal.sign_bit, source.replace("] name", "] sign_bit"))
-        value = np.where(_standing(clocks, bit, time) > 0.5, -value, value)
+        value = np.where(_hold_last(clocks, bit, time) > 0.5, -value, value)
     if signal.above is not None:
         value = np.where(np.isfinite(value), 1.0 * (value > signal.above), np.nan)
     if signal.ratio is not None:
-        value = value / (signal.ratio if isinstance(signal.ratio, float) else _ratio_at(signal, value, per))
+        value = value / (
+            signal.ratio if isinstance(signal.ratio, float) else _interpolate_ratio(signal, value, per)
+        )
     value = value.copy()
     if signal.valid is not None:
         _drop_invalid(recording, clocks, signal.valid, time, value, source, part, notes, most_lost)
@@ -123,16 +127,16 @@ def _one(
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
     return Series(
-        part, clocks.earlier(time, signal.latency + signal.clock), value, signal.latency, signal.hold
+        part, clocks.subtract_latency(time, signal.latency + signal.clock), value, signal.latency, signal.hold
     )
 
 
-def _factor(
+def _find_factor(
     signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
 ) -> float:
     if part.startswith("ref_") or signal.above is not None:
         return 1.0
-    wanted = unit_of(part)
+    wanted = find_unit(part)
     unit = signal.unit if signal.unit is not None else channel.unit
     if not unit:
         notes.append(
@@ -158,15 +162,15 @@ def _factor(
     return per
 
 
-def _ratio_at(signal: Signal, value: np.ndarray, per: float) -> np.ndarray:
+def _interpolate_ratio(signal: Signal, value: np.ndarray, per: float) -> np.ndarray:
     """The ratio at every angle; `value`: the steering wheel's angle in rad with its sign, `per`: rad per unit of the table."""
     angles, ratios = np.array(signal.ratio, float).T
     return np.interp(value / abs(per), angles, ratios)
 
 
-def _standing(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
+def _hold_last(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
     """The last value of a channel before each time."""
-    own, value = clocks.of(channel)
+    own, value = clocks.straighten(channel)
     if not len(own):
         return np.full(len(time), np.nan)
     return value[np.clip(np.searchsorted(own, time + 1e-9, side="right") - 1, 0, len(own) - 1)]
@@ -183,7 +187,7 @@ def _drop_invalid(
     notes: list[str],
     most_lost: float,
 ) -> None:
-    state = _standing(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
+    state = _hold_last(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
     bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
     bad |= ~np.isfinite(state)
     if not bad.any():
@@ -210,7 +214,7 @@ def _drop_repeated(
     part: str,
     notes: list[str],
 ) -> None:
-    state = _standing(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
+    state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)
     again = np.append(False, step == 0)

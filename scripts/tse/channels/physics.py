@@ -54,7 +54,7 @@ def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> Fit:
     return Fit(slope, float(b0 - slope * a0), corr, n)
 
 
-def mean_of(parts: Sequence[np.ndarray]) -> np.ndarray:
+def average(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Mean of those that are there, row by row."""
     table = np.array(parts)
     good = np.isfinite(table)
@@ -62,7 +62,7 @@ def mean_of(parts: Sequence[np.ndarray]) -> np.ndarray:
     return np.where(count > 0, np.where(good, table, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
-def derivative(x: np.ndarray) -> np.ndarray:
+def differentiate(x: np.ndarray) -> np.ndarray:
     """Per second."""
     return np.gradient(x) * RATE
 
@@ -82,7 +82,7 @@ class Steering:
 UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012  # s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
 
 
-def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
+def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
     """The steering angle by curvature; v: m/s, r: rad/s. At one speed the understeer does not show, and is that of cars. None: too
     little to tell."""
     moving = v > MOVING
@@ -124,11 +124,11 @@ def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None
     )
 
 
-def lag(
+def find_lag(
     x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()
 ) -> tuple[float, float]:
     """By how much later than x, s, y comes, and its sd: y = a (x - lag x') + what else is given. (0, inf): too little to tell."""
-    slope = derivative(x)
+    slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)
     n = int(rows.sum())
@@ -147,7 +147,7 @@ def lag(
     return float(-b / a), float(np.hypot(sd[1] / a, b * sd[0] / a**2))
 
 
-def haversine(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+def compute_ground_speed(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
     """Speed over ground, m/s, from degrees."""
     north = np.gradient(np.radians(latitude)) * 6371e3 * RATE
     east = (

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from tse.channels.candidates import nearest_candidates
+from tse.channels.candidates import find_nearest_candidates
 from tse.channels.group_clocks import align_clocks
 from tse.channels.guesses import make_guesses
-from tse.channels.look import Guess, Look, Proposal, counted, find_companions
+from tse.channels.look import Guess, Look, Proposal, find_companions, warn_of_counting_wheels
 from tse.channels.mapping import Series
 from tse.channels.raster import find_rate, select_entries
 from tse.channels.scales import find_units
 from tse.channels.velocities import find_velocities
-from tse.channels.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
+from tse.channels.wheels import compute_speed, find_pedals, find_roles, find_sides, find_speed, find_wheels
 from tse.log.clock import straight
 from tse.log.units import is_strange
 from tse.readers.recording import Channel, How, Recording, listed
@@ -37,10 +37,10 @@ class Line:
 def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
     """A line per signal, in the order of the file."""
     used = {n: g.channel for g in proposal.guesses for n in g.name}
-    return [_line(c, used.get(c.name, "")) for c in recording]
+    return [_describe_signal(c, used.get(c.name, "")) for c in recording]
 
 
-def _line(c: Channel, used: str) -> Line:
+def _describe_signal(c: Channel, used: str) -> Line:
     there = np.isfinite(c.value)
     time, keep, _ = straight(c.time)
     rate = find_rate(select_entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
@@ -77,7 +77,7 @@ def format_signals(
     lines += [f"# warning: {w}" for w in proposal.warnings]
     said = {k: v for k, v in vars(how or How()).items() if v and k != "wanted"}
     if "databases" in said:
-        said["databases"] = [_relative(p, folder) for p in said["databases"]]
+        said["databases"] = [_make_relative(p, folder) for p in said["databases"]]
     lines += (
         ["", "[log]", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in said.items())]
         if said
@@ -92,13 +92,13 @@ def format_signals(
             f"name = {name}",
         ]
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
-        more = {"sign": "-1" if g.sign < 0 else "", "add": _quoted(g.add), "sign_bit": _quoted(g.sign_bit),
+        more = {"sign": "-1" if g.sign < 0 else "", "add": _quote(g.add), "sign_bit": _quote(g.sign_bit),
                 "ratio": f"{g.ratio:g}" if g.ratio else "", "latency": f"{g.latency:g}" if g.latency else "",
                 "clock": f"{g.clock:.12g}" if g.clock else "",
                 "above": "" if g.above is None else f"{g.above:g}",
-                "valid": f"{{name = {_quoted(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
-                "counter": f"{{name = {_quoted(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
-                "unsure": f"{_quoted(', '.join(g.unsure))}  # when you have looked, take this line out" if g.unsure else "",
+                "valid": f"{{name = {_quote(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
+                "counter": f"{{name = {_quote(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
+                "unsure": f"{_quote(', '.join(g.unsure))}  # when you have looked, take this line out" if g.unsure else "",
         }  # fmt: skip
         lines += [f"{key} = {value}" for key, value in more.items() if value]
     for channel in proposal.missing:
@@ -107,7 +107,7 @@ def format_signals(
     return "\n".join(lines) + "\n"
 
 
-def _strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
+def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
     """Return a warning for each unit that nobody knows of a signal that is proposed."""
     found: dict[tuple[str, str], list[str]] = {}
     for g in guesses:
@@ -121,12 +121,12 @@ def _strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
     ]
 
 
-def _quoted(text: str | None) -> str:
+def _quote(text: str | None) -> str:
     """A string of TOML, which is one of JSON; none is no text."""
     return json.dumps(text, ensure_ascii=False) if text else ""
 
 
-def _relative(path: Path, folder: Path) -> str:
+def _make_relative(path: Path, folder: Path) -> str:
     path = path.resolve()
     try:
         return path.relative_to(folder.resolve()).as_posix()
@@ -153,7 +153,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
     for _ in range(PASSES):
-        raw, before = speed_of(look, wheels), (chosen, wheels)
+        raw, before = compute_speed(look, wheels), (chosen, wheels)
         chosen, worth = find_roles(look, wheels, raw, chosen)
         if raw is None:
             break
@@ -166,13 +166,13 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         if len(g.name) == 1 and g.name[0] in look.sign_bit:
             g.sign_bit = look.sign_bit[g.name[0]]
             g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
-    raw = speed_of(look, wheels)
+    raw = compute_speed(look, wheels)
     v = None if raw is None else raw * scale.per["wheel"]
     guesses += find_velocities(look, guesses, v, recording.format)
     guesses += find_pedals(recording, look, v)
     find_companions(recording, guesses)
-    warnings += _strange_units(recording, guesses)
-    warnings += counted(recording) if not wheels else []
+    warnings += _warn_of_strange_units(recording, guesses)
+    warnings += warn_of_counting_wheels(recording) if not wheels else []
     for g in guesses:
         g.clock = round(moved.get(g.name[0], 0.0), 2)
     have = {g.channel for g in guesses}
@@ -181,4 +181,4 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
         if c not in have
     ]
-    return Proposal(guesses, warnings, missing, nearest_candidates(recording, look, guesses, missing, v))
+    return Proposal(guesses, warnings, missing, find_nearest_candidates(recording, look, guesses, missing, v))

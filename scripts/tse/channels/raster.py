@@ -73,7 +73,7 @@ def find_rate(time: np.ndarray) -> float:
 def resample_channels(found: Mapping[str, Series], rate: float | None, path: Path | None = None) -> Rows:
     """All channels on rows at `rate`, Hz; None: the fastest channel's, up to FASTEST. A table whose columns share an even, full
     time is left as it is. UserError: more rows than the file at `path` may have."""
-    plain = _as_it_is(found, rate)
+    plain = _keep_table(found, rate)
     if plain is not None:
         if path is not None:
             check_rows(path, "it", len(plain.time), ROW)
@@ -83,8 +83,8 @@ def resample_channels(found: Mapping[str, Series], rate: float | None, path: Pat
         own[name] = select_entries(s)
         rates[name] = find_rate(own[name][0])
     core = [n for n in found if is_core(n)]
-    rate = rate_for([rates[n] for n in core]) if rate is None else rate
-    time = _times(own, rates, core, rate, path)
+    rate = choose_rate([rates[n] for n in core]) if rate is None else rate
+    time = _make_times(own, rates, core, rate, path)
     rows = Rows(time, {}, rate)
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
@@ -101,16 +101,16 @@ def resample_channels(found: Mapping[str, Series], rate: float | None, path: Pat
     if not keep.all():
         rows.time = time[keep]
         rows.value = {name: x[keep] for name, x in rows.value.items()}
-    _say(rows, found, rates)
+    _add_notes(rows, found, rates)
     return rows
 
 
 def is_core(name: str) -> bool:
     """Return whether a channel is one of those that rows are made for: what drives the model, and what is compared with it."""
-    return _axle(name) in (*DRIVES, *MEASURES)
+    return _find_axle(name) in (*DRIVES, *MEASURES)
 
 
-def rate_for(rates: Sequence[float]) -> float:
+def choose_rate(rates: Sequence[float]) -> float:
     """Return the rate of a raster that nobody has asked for, Hz, from those of the channels in is_core()."""
     rate = min(max((r for r in rates if r >= SLOWEST_OWN), default=10.0), FASTEST)
     return round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
@@ -125,18 +125,18 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     usual = (
         float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     ) or 1.0 / rate  # 0: steps lost in the last digit
-    cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > longest_gap(usual)), len(t)))
+    cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > find_longest_gap(usual)), len(t)))
     margin = 0.5 * usual
     for first, last in pairwise(cuts):
         part, value = t[first:last], x[first:last]
         rows = slice(*np.searchsorted(time, [part[0] - margin, part[-1] + margin + 1e-9]))
         if rows.start == rows.stop:
             continue
-        between = _between
+        between = _interpolate_spline
         if len(part) > 3 and 1.0 / usual > 1.2 * rate:
-            part, value = _low_pass(part, value, usual, rate)
+            part, value = _filter_low_pass(part, value, usual, rate)
             if len(part) > 3 and 1.0 / usual > DENSE * rate:
-                between = _of_four
+                between = _interpolate_cubic
         count = max(1, round(PIECE * min(1.0, rate * usual)))  # rows of so many entries
         for begin in range(rows.start, rows.stop, count):
             piece = slice(begin, min(begin + count, rows.stop))
@@ -144,12 +144,12 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     return out
 
 
-def longest_gap(usual: float) -> float:
+def find_longest_gap(usual: float) -> float:
     """Return how far entries that are usually so far apart may be, s, for a value in between."""
     return min(max(GAP_STEPS * usual, SHORTEST_GAP), max(LONGEST_GAP, 2.5 * usual))
 
 
-def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The cubic spline through x at t, (entries,), where it is asked for, (times,), increasing; of few entries straight lines.
     Only entries that it feels there are looked at: its coefficients for ten hours are 300 MB."""
     if len(t) < 4:
@@ -170,7 +170,7 @@ def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
         return np.interp(at, own, value)
 
 
-def _of_four(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+def _interpolate_cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The cubic through the four entries of an even grid around each time: as good as a spline where entries are DENSE."""
     s = (at - t[0]) * ((len(t) - 1) / (t[-1] - t[0]))
     i = np.clip(s.astype(int) - 1, 0, len(t) - 4)
@@ -181,7 +181,9 @@ def _of_four(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     ) * outer / 2.0
 
 
-def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
+def _filter_low_pass(
+    t: np.ndarray, x: np.ndarray, usual: float, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
     """An even grid of the entries' own step, and what the signal is there below PASS of `rate`; no phase."""
     n = max(2, round((t[-1] - t[0]) / usual) + 1)
     even = np.linspace(t[0], t[-1], n)
@@ -225,11 +227,11 @@ def _place_entries(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray
     return out
 
 
-def _axle(name: str) -> str:
+def _find_axle(name: str) -> str:
     return next((axle for axle, pair in SIDES.items() if name in pair), name)
 
 
-def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
+def _keep_table(found: Mapping[str, Series], rate: float | None) -> Rows | None:
     """A table that needs nothing: one time, no latency, few holes, not too fast."""
     first = next(iter(found.values()), None)
     if first is None or len(first.time) < 2 or any(s.hold or s.latency for s in found.values()):
@@ -250,7 +252,7 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
     return Rows(first.time, {n: s.value for n, s in found.items()}, own)
 
 
-def _times(
+def _make_times(
     own: Mapping[str, tuple[np.ndarray, np.ndarray]],
     rates: Mapping[str, float],
     core: list[str],
@@ -262,7 +264,7 @@ def _times(
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     if not spans:
         return np.zeros(0)
-    drives = {n: s for n, s in spans.items() if _axle(n) in DRIVES} or spans
+    drives = {n: s for n, s in spans.items() if _find_axle(n) in DRIVES} or spans
     first, last = max(s[0] for s in drives.values()), min(s[1] for s in drives.values())
     if last <= first:
         first, last = min(s[0] for s in spans.values()), max(s[1] for s in spans.values())
@@ -295,7 +297,7 @@ def start_on_beat(
     return float(phase + np.ceil((first - phase) * rate - 1e-6) / rate)
 
 
-def _say(rows: Rows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
+def _add_notes(rows: Rows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
     parts: dict[int, list[str]] = {}
     for n, r in rates.items():
         parts.setdefault(round(r), []).append(n)

@@ -11,8 +11,8 @@ import numpy as np
 from tse.channels import physics
 from tse.channels.look import KINDS, NAMED, TURNED, Look
 from tse.channels.physics import TRACK, TRACK_SD, fit, smooth
-from tse.channels.vocabulary import score, text_of
-from tse.channels.wheels import is_speed, named_speed, speed_of, turn_of
+from tse.channels.vocabulary import join_words, score_name
+from tse.channels.wheels import compute_speed, find_named_speed, find_turn, is_car_speed
 from tse.log.units import factor, kind
 from tse.readers.recording import RECEIVER
 from tse.readers.table import unit_at_end
@@ -44,7 +44,7 @@ class Scale:
     ]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
 
 
-def _radius(car: Any | None) -> float:
+def _get_radius(car: Any | None) -> float:
     return float(car.values["wheel_radius_front"]) if car is not None else USUAL_RADIUS
 
 
@@ -53,20 +53,22 @@ def find_units(
 ) -> Scale:
     """The set of units that agrees best with physics and with what log and names say."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
-    car_speed = next(iter(wheels.values())) if is_speed(wheels) else "" if wheels else named_speed(look)
+    car_speed = (
+        next(iter(wheels.values())) if is_car_speed(wheels) else "" if wheels else find_named_speed(look)
+    )
     if wheels or car_speed:
         names["wheel"] = car_speed or next(iter(wheels.values()))
-    v0 = speed_of(look, wheels)
-    facts = facts_of(look, wheels, chosen, v0)
+    v0 = compute_speed(look, wheels)
+    facts = measure_slopes(look, wheels, chosen, v0)
     options: dict[str, list[tuple[str, float]]] = {}
     for role, name in names.items():
         said, end = look.channels[name].unit, unit_at_end(look.channels[name].short)
         said = said if kind(said) in KINDS.get(role, KINDS["wheel"]) else ""
         choices = [u for u in UNITS[role] if not (role == "wheel" and car_speed and factor(u, "m/s") is None)]
         if said and factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
-            choices = [said] + [u for u in choices if not same_unit(u, said, role)]
+            choices = [said] + [u for u in choices if not is_same_unit(u, said, role)]
         elif said == "" and end and kind(end) in KINDS.get(role, KINDS["wheel"]):
-            choices = [end] + [u for u in choices if not same_unit(u, end, role)]
+            choices = [end] + [u for u in choices if not is_same_unit(u, end, role)]
         cost = CONTRADICTED if said else SUFFIX if end and choices[0] == end else UNSAID
         options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
     tops = {
@@ -78,8 +80,8 @@ def find_units(
     declared: tuple[float, Scale] | None = None
     for picks in product(*options.values()):
         unit = {role: u for role, (u, _) in zip(options, picks, strict=True)}
-        per = {role: _per(role, u, car) for role, u in unit.items()}
-        cost, figures = _cost(facts, unit, per, car)
+        per = {role: _convert_unit(role, u, car) for role, u in unit.items()}
+        cost, figures = _compute_cost(facts, unit, per, car)
         cost += sum(BEYOND for role, top in tops.items() if role in per and top * per[role] > MOST[role])
         this = cost + sum(c for _, c in picks), Scale(unit, per, figures)
         declared = declared or this
@@ -89,28 +91,28 @@ def find_units(
         return Scale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
-        if was and kind(was) in KINDS.get(role, KINDS["wheel"]) and not same_unit(u, was, role):
+        if was and kind(was) in KINDS.get(role, KINDS["wheel"]) and not is_same_unit(u, was, role):
             warnings.append(
                 f"{names[role]!r} is in {was}, the log says, but its size is that of {u}: {u} is proposed"
             )
     return best[1]
 
 
-def same_unit(a: str, b: str, role: str) -> bool:
+def is_same_unit(a: str, b: str, role: str) -> bool:
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
     x, y = factor(a, wanted, 1.0), factor(b, wanted, 1.0)
     # a rate of rolling and a speed are different units, though both become rates
     return x is not None and y is not None and abs(x / y - 1) < 1e-3 and kind(a) == kind(b)
 
 
-def _per(role: str, unit: str, car: Any | None) -> float:
+def _convert_unit(role: str, unit: str, car: Any | None) -> float:
     """SI per unit; of wheels m/s."""
     if role == "wheel":
-        return float(factor(unit, "m/s") or (factor(unit, "rad/s") or 1.0) * _radius(car))
+        return float(factor(unit, "m/s") or (factor(unit, "rad/s") or 1.0) * _get_radius(car))
     return float(factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
 
 
-def facts_of(
+def measure_slopes(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None
 ) -> dict[str, float]:
     """Slopes between the signals as they are logged; only those that show."""
@@ -124,20 +126,20 @@ def facts_of(
         if abs(found.corr) > TURNED:
             facts["accel_y"] = abs(found.slope)
         facts["accel_y_corr"] = found.corr
-    turn = turn_of(look, wheels)
+    turn = find_turn(look, wheels)
     if r is not None and turn is not None:
         found = fit(r, turn)
         if abs(found.corr) > TURNED:
             facts["track"] = abs(found.slope)
         facts["track_corr"] = found.corr
     if r is not None:
-        facts["course_corr"] = _course(look, r, v)
+        facts["course_corr"] = _correlate_course(look, r, v)
     if "accel_x" in chosen:
-        found = fit(physics.derivative(v), look.x[chosen["accel_x"]])
+        found = fit(physics.differentiate(v), look.x[chosen["accel_x"]])
         if abs(found.corr) > 0.8:
             facts["accel_x"] = abs(found.slope)
         facts["accel_x_corr"] = found.corr
-    ground = _ground(look, wheels)
+    ground = _find_ground_speed(look, wheels)
     if ground is not None:
         found = fit(v, ground)
         if found.corr > 0.98:
@@ -145,15 +147,15 @@ def facts_of(
     return facts
 
 
-def _course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
+def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     """Return how well the yaw rate goes with the course of a receiver of GNSS.
 
     The course counts clockwise from north, in degrees. 1: the yaw rate is positive to the
     left. -1: to the right. 0: there is no course."""
     named = [
         n for n in look.raw
-        if score("heading", n) >= NAMED and kind(look.unit(n)) in ("", "angle")
-        and (look.channels[n].text == RECEIVER or re.search(r"gps|gnss", text_of(n)))
+        if score_name("heading", n) >= NAMED and kind(look.find_unit(n)) in ("", "angle")
+        and (look.channels[n].text == RECEIVER or re.search(r"gps|gnss", join_words(n)))
     ]  # fmt: skip
     if not named:
         return 0.0
@@ -167,28 +169,30 @@ def _course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     return fit(r, rate, np.abs(v) > 0.3 * np.nanmax(np.abs(v))).corr
 
 
-def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Speed over ground that the log has besides, m/s, in a known unit; of a receiver of GNSS before others."""
     named = [
         n
         for n in look.x
-        if kind(look.channels[n].unit) == "speed" and score("speed", n) >= NAMED and n not in wheels.values()
+        if kind(look.channels[n].unit) == "speed"
+        and score_name("speed", n) >= NAMED
+        and n not in wheels.values()
     ]
-    named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", text_of(n))), score("speed", n)))
+    named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", join_words(n))), score_name("speed", n)))
     if named:
         return look.x[named[-1]] * float(factor(look.channels[named[-1]].unit, "m/s") or 1.0)
     at = {
-        role: max(((score(role, n), n) for n in look.x), default=(0.0, ""))
+        role: max(((score_name(role, n), n) for n in look.x), default=(0.0, ""))
         for role in ("latitude", "longitude")
     }
     if all(w >= 2.0 for w, _ in at.values()):
         lat, lon = (look.x[at[role][1]] for role in ("latitude", "longitude"))
         if np.nanmax(np.abs(lat)) <= 90 and np.nanmax(np.abs(lon)) <= 180:
-            return smooth(physics.haversine(lat, lon))
+            return smooth(physics.compute_ground_speed(lat, lon))
     return None
 
 
-def _cost(
+def _compute_cost(
     facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str, float], car: Any | None
 ) -> tuple[float, dict[str, float]]:
     """How far a set of units is from what physics wants, in squared sd, and the figures themselves."""

@@ -115,12 +115,12 @@ def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tup
     return signals, replace(how, databases=(*databases, *how.databases))
 
 
-def known_channels() -> list[str]:
+def list_channels() -> list[str]:
     """Channels that a file may have, without ref_*."""
     return [*(f.name for f in library().channels), *(s for pair in SIDES.values() for s in pair), *OPTIONAL]
 
 
-def unit_of(channel: str) -> str:
+def find_unit(channel: str) -> str:
     """The SI unit in which the library takes a channel."""
     axle = next((a for a, pair in SIDES.items() if channel in pair), channel)
     if axle in OPTIONAL:
@@ -135,7 +135,9 @@ def read_signals(path: Path) -> Signals:
     text = path.read_text(encoding="utf-8-sig")
 
     def refuse(table: str, key: str, message: str) -> UserError:
-        return UserError(f"{path}: {_line(text, table, key)}[{table}]{f' {key}' if key else ''}: {message}")
+        return UserError(
+            f"{path}: {_find_line(text, table, key)}[{table}]{f' {key}' if key else ''}: {message}"
+        )
 
     log, signals = data.pop("log", {}), data.pop("signals", {})
     if data:
@@ -153,8 +155,8 @@ def read_signals(path: Path) -> Signals:
             f"--write {path.name}' "
             f"proposes them"
         )
-    how, rate = _log(path, log, refuse)
-    known = known_channels()
+    how, rate = _check_log(path, log, refuse)
+    known = list_channels()
     found: dict[str, Signal] = {}
     for channel, table in signals.items():
         at = f"signals.{channel}"
@@ -167,10 +169,10 @@ def read_signals(path: Path) -> Signals:
             )
         if not isinstance(table, dict):
             raise UserError(
-                f"{path}: {_line(text, 'signals', channel)}{channel} must be a table: [{at}] with name = "
+                f"{path}: {_find_line(text, 'signals', channel)}{channel} must be a table: [{at}] with name = "
                 '"..."'
             )
-        found[channel] = _signal(channel, at, table, refuse)
+        found[channel] = _check_signal(channel, at, table, refuse)
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
             raise refuse(
@@ -189,7 +191,7 @@ def read_signals(path: Path) -> Signals:
     return Signals(path, found, how, rate)
 
 
-def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | None]:
+def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | None]:
     for key, value in log.items():
         if key not in LOG_KEYS:
             raise refuse(
@@ -197,8 +199,10 @@ def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | Non
             )
         if key in ("time", "time_unit", "separator", "decimal", "encoding") and not isinstance(value, str):
             raise refuse("log", key, f"{value!r} is no text in quotes")
-    rate = _number("log", "rate", log["rate"], SLOWEST, FASTEST, "Hz", refuse) if "rate" in log else None
-    step = _number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
+    rate = (
+        _check_number("log", "rate", log["rate"], SLOWEST, FASTEST, "Hz", refuse) if "rate" in log else None
+    )
+    step = _check_number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
     if "time_unit" in log and factor(log["time_unit"], "s") is None:
         raise refuse("log", "time_unit", f"{log['time_unit']!r} is no unit of time; s, ms, us, ns are")
     if log.get("decimal", ".") not in (".", ","):
@@ -217,7 +221,7 @@ def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | Non
     return how, rate
 
 
-def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
+def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
     for key in table:
         if key not in KEYS:
             raise refuse(at, key, f"is not known{meant(key, KEYS, 1)}; keys: {', '.join(KEYS)}")
@@ -243,7 +247,7 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
     values: dict[str, Any] = {"channel": channel, "name": tuple(names)}
     for key, (low, high, unit, _) in RANGES.items():
         if key in table:
-            values[key] = _number(at, key, table[key], low, high, unit, refuse)
+            values[key] = _check_number(at, key, table[key], low, high, unit, refuse)
     if values.get("scale") == 0.0:
         raise refuse(at, "scale", "0 leaves nothing of the signal")
     if "radius" in table and "wheel_speed" not in channel:
@@ -260,17 +264,17 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
             raise refuse(
                 at,
                 "unit",
-                f"{unit!r} is no unit that is known; for {channel} {_units_for(channel)} are, for instance",
+                f"{unit!r} is no unit that is known; for {channel} {_list_units(channel)} are, for instance",
             )
         if (
             not channel.startswith("ref_")
             and "above" not in table
-            and factor(unit, unit_of(channel), 1.0) is None
+            and factor(unit, find_unit(channel), 1.0) is None
         ):
             raise refuse(
                 at,
                 "unit",
-                f"{unit!r} cannot be turned into {unit_of(channel)}; {_units_for(channel)} can, for instance",
+                f"{unit!r} cannot be turned into {find_unit(channel)}; {_list_units(channel)} can, for instance",
             )
         values["unit"] = unit
     for key, what in (
@@ -292,11 +296,11 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
     if "ratio" in table:
         if channel != "steer_angle":
             raise refuse(at, "ratio", "is the steering ratio, of steer_angle")
-        values["ratio"] = _ratio(at, table["ratio"], refuse)
+        values["ratio"] = _check_ratio(at, table["ratio"], refuse)
     if "valid" in table:
-        values["valid"] = _flag(at, table["valid"], refuse)
+        values["valid"] = _check_flag(at, table["valid"], refuse)
     if "counter" in table:
-        values["counter"] = _counter(at, table["counter"], refuse)
+        values["counter"] = _check_counter(at, table["counter"], refuse)
     if "hold" in table:
         if not isinstance(table["hold"], bool):
             raise refuse(at, "hold", "must be true or false")
@@ -304,9 +308,9 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
     return Signal(**values)
 
 
-def _ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
+def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
     if not isinstance(value, list):
-        return _number(at, "ratio", value, LEAST_RATIO, MOST_RATIO, "", refuse)
+        return _check_number(at, "ratio", value, LEAST_RATIO, MOST_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
         raise refuse(
             at,
@@ -316,9 +320,12 @@ def _ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float
         )
     rows = []
     for i, row in enumerate(value):
-        angle = _number(at, f"ratio, row {i + 1}, angle", row[0], -1e5, 1e5, "", refuse)
+        angle = _check_number(at, f"ratio, row {i + 1}, angle", row[0], -1e5, 1e5, "", refuse)
         rows.append(
-            (angle, _number(at, f"ratio, row {i + 1}, ratio", row[1], LEAST_RATIO, MOST_RATIO, "", refuse))
+            (
+                angle,
+                _check_number(at, f"ratio, row {i + 1}, ratio", row[1], LEAST_RATIO, MOST_RATIO, "", refuse),
+            )
         )
         if i and rows[i][0] <= rows[i - 1][0]:
             raise refuse(
@@ -327,7 +334,7 @@ def _ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float
     return tuple(rows)
 
 
-def _flag(at: str, value: Any, refuse: Any) -> Flag:
+def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
     if isinstance(value, str):
         return Flag(value)
     if isinstance(value, dict) and set(value) <= {"name", "is"} and isinstance(value.get("name"), str):
@@ -342,7 +349,7 @@ def _flag(at: str, value: Any, refuse: Any) -> Flag:
     )
 
 
-def _counter(at: str, value: Any, refuse: Any) -> Counter:
+def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
     if isinstance(value, str):
         return Counter(value)
     if isinstance(value, dict) and set(value) <= {"name", "modulo"} and isinstance(value.get("name"), str):
@@ -354,7 +361,7 @@ def _counter(at: str, value: Any, refuse: Any) -> Counter:
     raise refuse(at, "counter", 'must be the name of the message\'s counter, or {name = "...", modulo = 16}')
 
 
-def _number(at: str, key: str, value: Any, low: float, high: float, unit: str, refuse: Any) -> float:
+def _check_number(at: str, key: str, value: Any, low: float, high: float, unit: str, refuse: Any) -> float:
     allowed = f"allowed: {low:g} .. {high:g}{f' {unit}' if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise refuse(at, key, f"{value!r} is no number; {allowed}")
@@ -363,12 +370,12 @@ def _number(at: str, key: str, value: Any, low: float, high: float, unit: str, r
     return float(value)
 
 
-def _units_for(channel: str) -> str:
+def _list_units(channel: str) -> str:
     return {"rad": "rad, deg", "rad/s": "rad/s, rpm, km/h, m/s, mph" if "wheel" in channel else "rad/s, deg/s", "m/s2": "m/s2, g",
-            "m/s": "m/s, km/h, mph", "Nm": "Nm"}.get(unit_of(channel), "SI units")  # fmt: skip
+            "m/s": "m/s, km/h, mph", "Nm": "Nm"}.get(find_unit(channel), "SI units")  # fmt: skip
 
 
-def _line(text: str, table: str, key: str) -> str:
+def _find_line(text: str, table: str, key: str) -> str:
     """Where a key stands, for people; "" if it is not known."""
     inside, key, found = not table, key.partition(",")[0], ""
     for i, line in enumerate(text.splitlines(), 1):

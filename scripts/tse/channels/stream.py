@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from tse.channels.mapping import Series, series
+from tse.channels.mapping import Series, map_signals
 from tse.channels.raster import (
     CLOSE,
+    choose_rate,
+    find_longest_gap,
     find_rate,
     hold,
     is_core,
-    longest_gap,
-    rate_for,
     resample,
     select_entries,
     start_on_beat,
@@ -117,7 +117,7 @@ class Stream:
             for s in wanted:
                 kept = self._kept.setdefault(f"{message.name}.{s.name}", _Signal(message, s))
                 self._of_key.setdefault(key, []).append(kept)
-        self._check(databases)
+        self._resolve_names(databases)
         self.unknown: dict[int, int] = {}  # identifiers that no database has, and how often they came
         self.known = 0  # frames of messages that the databases have
         self._sets = 0  # how often the clock was set
@@ -134,12 +134,12 @@ class Stream:
         self._looked = -math.inf
         self.last: dict[str, float] = {}  # of each channel the time of its last value, s
 
-    def _check(self, databases: Sequence[Path]) -> None:
+    def _resolve_names(self, databases: Sequence[Path]) -> None:
         """Find every signal that is named in the databases, and put its whole name in place of a part of it."""
         source = str(self._all.path or "the database")
         whole: dict[str, str] = {}
         for s in self._all.signals.values():
-            for name in _names(s):
+            for name in _list_names(s):
                 alike = [n for n in self._kept if n == name or n.endswith(f".{name}")]
                 if len(alike) > 1 and name not in self._kept:
                     raise UserError(f"{source}: [signals.{s.channel}]: {name!r} is in the database {len(alike)} times: say "
@@ -149,7 +149,9 @@ class Stream:
                     raise UserError(f"{source}: [signals.{s.channel}]: there is no {name!r} in "
                                     f"{', '.join(p.name for p in databases)}{meant(name, there)}")  # fmt: skip
                 whole[name] = name if name in self._kept else alike[0]
-        self._all = replace(self._all, signals={c: _renamed(s, whole) for c, s in self._all.signals.items()})
+        self._all = replace(
+            self._all, signals={c: _rename_sources(s, whole) for c, s in self._all.signals.items()}
+        )
         have = set(self._all.signals)
         wheels = {axle for axle, pair in SIDES.items() if axle in have or set(pair) <= have}
         if "steer_angle" not in have:
@@ -239,7 +241,7 @@ class Stream:
         """Of the last frame, s."""
         return self._last
 
-    def _series(self) -> dict[str, Series]:
+    def _build_series(self) -> dict[str, Series]:
         """Return all channels of which there is something, in SI units."""
         times: dict[tuple[str, int, float, float], np.ndarray] = {}
         channels = {}
@@ -250,9 +252,9 @@ class Stream:
                     times[same] = np.array(k.time)
                 channels[n] = Channel(n, times[same], np.array(k.value), k.signal.unit or "", "", {})
         recording = Recording(Path("the bus"), "bus", channels)
-        now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _names(s))}
+        now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _list_names(s))}
         first = not self.last
-        found = series(recording, Signals(self._all.path, now), self._car, notes := [], most_lost=1.0)
+        found = map_signals(recording, Signals(self._all.path, now), self._car, notes := [], most_lost=1.0)
         if first:
             self.notes += [n for n in notes if "neither the log nor the file says the unit" in n]
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
@@ -265,13 +267,13 @@ class Stream:
 
     def rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the rows that can be made at the time `now`, s, of the bus: times, and by channel values, (rows,), NaN missing."""
-        if not self._may_be_ripe(now):
-            return self._empty()
-        found = self._series()
+        if not self._may_have_rows(now):
+            return self._make_empty()
+        found = self._build_series()
         anew = now > self._looked + AGAIN or set(found) != set(self._usual)
         if anew:
             self._looked = now
-        own = {n: self._entries(n, s, anew) for n, s in found.items()}
+        own = {n: self._select_entries(n, s, anew) for n, s in found.items()}
         rates = {n: self._usual[n][0] for n in found}
         for n, s in found.items():
             there = np.isfinite(s.value)
@@ -280,12 +282,12 @@ class Stream:
         core = [n for n in found if is_core(n) and len(own[n][0])]
         heard = _Heard(now, found, own, rates, core)
         if math.isnan(self._start) and not self._begin(heard):
-            return self._empty()
-        until = self._ripe(heard)
+            return self._make_empty()
+        until = self._find_row_limit(heard)
         rate = float(self._rate or 1.0)
         last = math.floor((until - self._start) * rate + 1e-6) if math.isfinite(until) else -1
         if last < self._sent:
-            return self._empty()
+            return self._make_empty()
         first, self._sent = max(self._sent, last + 1 - MOST_ROWS), last + 1
         time = self._start + np.arange(first, last + 1) / rate
         value: dict[str, np.ndarray] = {}
@@ -293,7 +295,7 @@ class Stream:
         for n, s in found.items():
             t, x = own[n]
             if n in VELOCITIES:
-                value[n] = self._given(n, t, x, time)
+                value[n] = self._place_measurements(n, t, x, time)
             elif s.hold or n == "brake":
                 value[n] = hold(t, x, time)
             elif (
@@ -303,11 +305,11 @@ class Stream:
             else:
                 value[n] = resample(t, x, time, rate)
         for names in even.values():
-            value |= self._splines(names, own, time, rate)
+            value |= self._interpolate_together(names, own, time, rate)
         some = np.any([np.isfinite(value[n]) for n in core], axis=0) if core else np.zeros(len(time), bool)
-        return time[some], {n: x[some] for n, x in self._checked(value, len(time)).items()}
+        return time[some], {n: x[some] for n, x in self._finish_columns(value, len(time)).items()}
 
-    def _entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _select_entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return times and values of a channel that are new, as select_entries() does; how it is held is looked at now and then."""
         if not anew:
             rate, plain = self._usual[name]
@@ -319,17 +321,17 @@ class Stream:
         self._usual[name] = find_rate(time), len(time) == int(np.isfinite(s.value).sum())
         return time, value
 
-    def _splines(
+    def _interpolate_together(
         self, names: list[str], own: dict[str, tuple[np.ndarray, np.ndarray]], time: np.ndarray, rate: float
     ) -> dict[str, np.ndarray]:
         """Return channels that share their times at those of the rows, as resample() does; all at once."""
         t = own[names[0]][0][-FELT:]
-        if np.diff(t).max() > longest_gap(1.0 / self._usual[names[0]][0]):
+        if np.diff(t).max() > find_longest_gap(1.0 / self._usual[names[0]][0]):
             return {n: resample(*own[n], time, rate) for n in names}
         values = make_interp_spline(t, np.column_stack([own[n][1][-FELT:] for n in names]))(time)
         return {n: values[:, i] for i, n in enumerate(names)}
 
-    def _empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def _make_empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         return np.zeros(0), {c: np.zeros(0) for c in self.channels()}
 
     def _begin(self, heard: _Heard) -> bool:
@@ -346,13 +348,13 @@ class Stream:
         if (
             self._rate is None
         ):  # of frames that the machine stamps, single steps are long and short: the mean is not
-            self._rate = rate_for([mean_rate(heard.found[n]) for n in heard.core])
+            self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
         first = max(float(heard.own[n][0][0]) for n in drives)
         self._start = start_on_beat({n: heard.own[n][0] for n in heard.core}, heard.rates, self._rate, first)
         return True
 
-    def _may_be_ripe(self, now: float) -> bool:
+    def _may_have_rows(self, now: float) -> bool:
         """Return False where the next row surely waits for a channel: most frames bring no row."""
         if math.isnan(self._start) or now > self._looked + AGAIN:
             return True
@@ -369,7 +371,7 @@ class Stream:
                 return False
         return True
 
-    def _ripe(self, heard: _Heard) -> float:
+    def _find_row_limit(self, heard: _Heard) -> float:
         """Return up to which time rows can be made: every channel has a value behind it, or is silent."""
         until = []
         rate = float(self._rate or 1.0)
@@ -383,7 +385,7 @@ class Stream:
             until.append(max(last - ahead, due - PATIENCE * usual - WAIT))
         return min(until) if until else -math.inf
 
-    def _given(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
+    def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Return each entry of a measurement that was not given yet in the row that is nearest, or the first of these."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
@@ -393,21 +395,21 @@ class Stream:
             self._given_until[name] = float(t[new][-1])
         return out
 
-    def _checked(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
+    def _finish_columns(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
         """Return the columns of rows: means of axles, no value outside its range."""
         nothing = np.full(rows, np.nan)
         for f in library().channels:
             for n in (f.name, *SIDES.get(f.name, ())):
                 if n in value:
-                    value[n] = _inside(value[n], f.low, f.high)
+                    value[n] = _mask_outside(value[n], f.low, f.high)
         yaw = value.get("yaw_rate", nothing)
         columns = {}
         for axle, pair in SIDES.items():
             if axle not in value and any(s in value for s in pair):
-                value[axle] = self._axle(axle, *(value.get(s, nothing) for s in pair), yaw)
+                value[axle] = self._average_axle(axle, *(value.get(s, nothing) for s in pair), yaw)
         for c in self.channels():
             x = value.get(c, nothing)
-            columns[c] = _inside(x, *OPTIONAL[c][1:3]) if c in OPTIONAL else x
+            columns[c] = _mask_outside(x, *OPTIONAL[c][1:3]) if c in OPTIONAL else x
         if self._stand_in:
             other = next(axle for axle in SIDES if axle != self._stand_in)
             front, rear = (self._car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -417,7 +419,7 @@ class Stream:
             columns["accel_x"] = nothing
         return columns
 
-    def _axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    def _average_axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
         """Return the middle of an axle; where a wheel is missing from the other, and what they differed by in turns so far."""
         turn = self._turns.setdefault(axle, [0.0, 0.0])
         both = np.isfinite(left) & np.isfinite(right) & np.isfinite(yaw)
@@ -431,19 +433,19 @@ class Stream:
         return mean
 
 
-def mean_rate(s: Series) -> float:
+def find_mean_rate(s: Series) -> float:
     """Return how many new values a second a channel has on average, Hz."""
     span = float(s.time[-1] - s.time[0]) if len(s.time) > 1 else 0.0
     return (int(fresh(s.value).sum()) - 1) / span if span > 0 else 0.0
 
 
-def _names(s: Signal) -> list[str]:
+def _list_names(s: Signal) -> list[str]:
     """Return the names of all signals that a channel is made of."""
     needed = [*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name]
     return [n for n in needed if n]
 
 
-def _renamed(s: Signal, whole: Mapping[str, str]) -> Signal:
+def _rename_sources(s: Signal, whole: Mapping[str, str]) -> Signal:
     return replace(
         s,
         name=tuple(whole[n] for n in s.name),
@@ -454,5 +456,5 @@ def _renamed(s: Signal, whole: Mapping[str, str]) -> Signal:
     )
 
 
-def _inside(x: np.ndarray, low: float, high: float) -> np.ndarray:
+def _mask_outside(x: np.ndarray, low: float, high: float) -> np.ndarray:
     return np.where((x >= low) & (x <= high), x, np.nan)

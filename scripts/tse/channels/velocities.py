@@ -8,7 +8,7 @@ import numpy as np
 from tse.channels import physics
 from tse.channels.look import Guess, Look
 from tse.channels.physics import MOVING
-from tse.channels.vocabulary import text_of
+from tse.channels.vocabulary import join_words
 from tse.log.units import factor, kind
 
 VELOCITIES = {
@@ -55,21 +55,25 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     for channel, pattern in VELOCITIES.items():
         named = [n for n in look.x if n not in taken and _is_called(look, n, pattern)]
         made = [
-            g for n in named if (g := _guess(look, channel, n, guesses, v, format_ == "VBOX")) is not None
+            g
+            for n in named
+            if (g := _guess_velocity(look, channel, n, guesses, v, format_ == "VBOX")) is not None
         ]
         found += sorted(made, key=lambda g: len(g.unsure))[:1]
     return found
 
 
 def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
-    text = text_of(look.channels[name].short)
-    return bool(pattern.search(text)) and not NO_VELOCITY.search(text) and kind(look.unit(name)) == "speed"
+    text = join_words(look.channels[name].short)
+    return (
+        bool(pattern.search(text)) and not NO_VELOCITY.search(text) and kind(look.find_unit(name)) == "speed"
+    )
 
 
-def _guess(
+def _guess_velocity(
     look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
 ) -> Guess | None:
-    unit = look.unit(name)
+    unit = look.find_unit(name)
     x = look.x[name] * float(factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING)
     if moving.sum() < physics.FEWEST:
@@ -85,7 +89,7 @@ def _guess(
         return guess
     if np.quantile(np.abs(x[moving]) / v[moving], 0.98) > ACROSS:
         return None
-    certainty = _sign(look, guesses, x, v, moving)
+    certainty = _find_sign(look, guesses, x, v, moving)
     if abs(certainty) >= SHOWN:
         guess.sign = float(np.sign(certainty))
         guess.confidence = "sure"
@@ -102,7 +106,9 @@ def _guess(
     return guess
 
 
-def _sign(look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray) -> float:
+def _find_sign(
+    look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray
+) -> float:
     """Return by how many sd the change of the velocity goes with accel_y - v r; 0: not known.
 
     What the roll of the body adds to accel_y is taken out."""
@@ -111,7 +117,7 @@ def _sign(look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, mo
         return 0.0
     y, r = (look.x[(g := known[c]).name[0]] * g.sign * float(factor(g.unit, u) or 1.0)
             for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s")))  # fmt: skip
-    table = np.column_stack([physics.derivative(x), y, np.ones(len(x))])
+    table = np.column_stack([physics.differentiate(x), y, np.ones(len(x))])
     left = y - v * r
     keep = moving & np.isfinite(table).all(axis=1) & np.isfinite(left)
     if keep.sum() < physics.FEWEST or np.std(table[keep, 0]) < 1e-3:

@@ -123,16 +123,16 @@ NO_WHEEL = re.compile(r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|br
 
 
 @functools.lru_cache(maxsize=4096)
-def text_of(name: str) -> str:
+def join_words(name: str) -> str:
     """The words of a name with blanks between: topic, message and all."""
     return " ".join(words(name))
 
 
 @functools.lru_cache(maxsize=65536)
-def score(role: str, name: str) -> float:
+def score_name(role: str, name: str) -> float:
     """How much a name sounds like a role; the last part of a path counts more than the whole."""
     last = last_part(name)
-    text, end = text_of(name), text_of(last)
+    text, end = join_words(name), join_words(last)
     best = max((s for p, s in ROLES[role] if re.search(p, end)), default=0.0)
     if best < 3.0:
         best = max([best, *(s - 0.2 for p, s in ROLES[role] if re.search(p, text))])
@@ -144,9 +144,9 @@ def score(role: str, name: str) -> float:
 @functools.lru_cache(maxsize=65536)
 def is_another_thing(role: str, name: str) -> bool:
     """Return whether a name says that a signal is something else than a role: a gear is no angle, a speed no acceleration."""
-    if score(role, name) >= 1.0:
+    if score_name(role, name) >= 1.0:
         return False
-    text = text_of(name)
+    text = join_words(name)
     return bool(OTHER.search(text) or (role != "speed" and OTHER_SPEED.search(text)))
 
 
@@ -154,12 +154,12 @@ def is_another_thing(role: str, name: str) -> bool:
 def find_place(name: str) -> tuple[str, float]:
     """Which wheel's or axle's speed a name sounds like, and how much; "" where none."""
     last = last_part(name)
-    text, end = text_of(name), text_of(last)
+    text, end = join_words(name), join_words(last)
     if NO_WHEEL.search(end):
         return "", 0.0
     wheel = bool(WHEEL.search(text))
     for part in (end, text):
-        found = _place(part, wheel)
+        found = _match_place(part, wheel)
         if found[0]:
             return found
     return "", 0.0
@@ -175,7 +175,7 @@ CORNERS = {
 }
 
 
-def _corner(joined: str) -> str:
+def _match_corner(joined: str) -> str:
     """Return the corner that begins a word, or stands between two words of a wheel; "" where none does."""
     for place, pattern in CORNERS.items():
         if re.match(rf"({pattern})({OF_A_WHEEL})", joined) or re.search(
@@ -185,9 +185,9 @@ def _corner(joined: str) -> str:
     return ""
 
 
-def _place(end: str, wheel: bool) -> tuple[str, float]:
+def _match_place(end: str, wheel: bool) -> tuple[str, float]:
     joined = end.replace(" ", "")
-    corner = _corner(joined)
+    corner = _match_corner(joined)
     for place, pattern in PLACES.items():
         if corner and place in AXLES:
             return corner, 2.7

@@ -10,9 +10,9 @@ import numpy as np
 
 from tse.channels import physics
 from tse.channels.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
-from tse.channels.physics import fit, mean_of
+from tse.channels.physics import average, fit
 from tse.channels.raster import resample
-from tse.channels.vocabulary import NO_WHEEL, find_place, is_another_thing, score, text_of
+from tse.channels.vocabulary import NO_WHEEL, find_place, is_another_thing, join_words, score_name
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording, last_part
 
@@ -27,15 +27,15 @@ def find_wheels(look: Look) -> dict[str, str]:
         if (
             not place
             or worth <= 0
-            or kind(look.unit(name)) not in ("", *KINDS["wheel"])
-            or not rolls(look.x[name])
+            or kind(look.find_unit(name)) not in ("", *KINDS["wheel"])
+            or not is_rolling(look.x[name])
         ):
             continue
-        worth += kind(look.unit(name)) in KINDS["wheel"]
+        worth += kind(look.find_unit(name)) in KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
         for key in (
-            f"{len(text_of(name).split())} {look.unit(name)} {_stem(name)}",
-            f"message {stem} {look.unit(name)}",
+            f"{len(join_words(name).split())} {look.find_unit(name)} {_strip_place(name)}",
+            f"message {stem} {look.find_unit(name)}",
         ):
             best = groups.setdefault(key, {}).get(place)
             if best is None or worth > best[0]:
@@ -51,7 +51,7 @@ def find_wheels(look: Look) -> dict[str, str]:
                 len(mine) * 2.0
                 + sum(w for w, _ in mine.values()) / max(len(mine), 1)
                 + 3.0 * (len(mine) == 4)
-                + _alike(look, [n for _, n in mine.values()])
+                + _compare_motion(look, [n for _, n in mine.values()])
             )
             if pairs and len({n for _, n in mine.values()}) == len(mine) and value > best:
                 found, best = {p: n for p, (_, n) in mine.items()}, value
@@ -59,12 +59,12 @@ def find_wheels(look: Look) -> dict[str, str]:
         for axle in AXLES:  # one wheel of an axle is none
             if sum(f"{axle}_{s}" in found for s in ("left", "right")) == 1:
                 found = {p: n for p, n in found.items() if not p.startswith(axle)}
-    return found or _nameless_wheels(look)
+    return found or _find_nameless_wheels(look)
 
 
-def _stem(name: str) -> str:
+def _strip_place(name: str) -> str:
     """A name without what says where."""
-    text = text_of(last_part(name))
+    text = join_words(last_part(name))
     return re.sub(
         r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b",
         "*",
@@ -72,7 +72,7 @@ def _stem(name: str) -> str:
     ).replace("* *", "*")
 
 
-def rolls(x: np.ndarray) -> bool:
+def is_rolling(x: np.ndarray) -> bool:
     """Hardly ever below 0, and moves."""
     good = x[np.isfinite(x)]
     return (
@@ -82,7 +82,7 @@ def rolls(x: np.ndarray) -> bool:
     )
 
 
-def _alike(look: Look, names: list[str]) -> float:
+def _compare_motion(look: Look, names: list[str]) -> float:
     """2: all go alike, as wheels do; less otherwise."""
     if len(names) < 2:
         return 0.0
@@ -90,18 +90,20 @@ def _alike(look: Look, names: list[str]) -> float:
     return 2.0 * min(max(fit(first, look.x[n]).corr, 0.0) for n in names[1:])
 
 
-def _nameless_wheels(look: Look) -> dict[str, str]:
+def _find_nameless_wheels(look: Look) -> dict[str, str]:
     """Four signals that are the same but for some percent, of one unit: wheels, in the order of the file."""
     rolling = [
         n
         for n in look.x
-        if rolls(look.x[n])
-        and kind(look.unit(n)) in ("", *KINDS["wheel"])
-        and not NO_WHEEL.search(text_of(n))
+        if is_rolling(look.x[n])
+        and kind(look.find_unit(n)) in ("", *KINDS["wheel"])
+        and not NO_WHEEL.search(join_words(n))
     ]
     for first in rolling:
         same = [
-            n for n in rolling if look.unit(n) == look.unit(first) and _same_size(look.x[first], look.x[n])
+            n
+            for n in rolling
+            if look.find_unit(n) == look.find_unit(first) and _is_same_size(look.x[first], look.x[n])
         ]
         distinct: list[str] = []
         for n in same:
@@ -115,7 +117,7 @@ def _nameless_wheels(look: Look) -> dict[str, str]:
     return {}
 
 
-def _same_size(a: np.ndarray, b: np.ndarray) -> bool:
+def _is_same_size(a: np.ndarray, b: np.ndarray) -> bool:
     keep = np.isfinite(a) & np.isfinite(b) & (np.abs(a) > 0.3 * np.nanmax(np.abs(a)))
     if keep.sum() < physics.FEWEST:
         return False
@@ -123,45 +125,45 @@ def _same_size(a: np.ndarray, b: np.ndarray) -> bool:
     return bool(abs(np.median(part) - 1) < 0.05 and np.std(part) < 0.03)
 
 
-def speed_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """The speed in whatever unit: of the wheels, or what is called one."""
     if wheels:
-        return mean_of([look.x[n] for n in wheels.values()]) if len(look.time) else None
-    name = named_speed(look)
+        return average([look.x[n] for n in wheels.values()]) if len(look.time) else None
+    name = find_named_speed(look)
     return look.x[name] if name else None
 
 
 def find_speed(look: Look) -> dict[str, str]:
     """Without wheels: the car's speed in place of the rear axle, which drives or brakes less. The reader has it stand in for the
     front one as well, as for any axle that is not logged, and knows then that slip is not known."""
-    name = named_speed(look, SLOWEST)
+    name = find_named_speed(look, SLOWEST)
     return {"rear": name} if name else {}
 
 
-def is_speed(wheels: Mapping[str, str]) -> bool:
+def is_car_speed(wheels: Mapping[str, str]) -> bool:
     """Are these wheels the car's speed?"""
     return len(wheels) == 1
 
 
-def named_speed(look: Look, slowest: float = 0.0) -> str:
+def find_named_speed(look: Look, slowest: float = 0.0) -> str:
     """What is called the speed of the car, and has at least so many values a second, Hz; "" where nothing is."""
     named = sorted(
-        (score("speed", look.called(n)) + (kind(look.unit(n)) == "speed"), n)
+        (score_name("speed", look.clean_name(n)) + (kind(look.find_unit(n)) == "speed"), n)
         for n in look.x
-        if look.rate[n] >= slowest and kind(look.unit(n)) in ("", "speed") and rolls(look.x[n])
+        if look.rate[n] >= slowest and kind(look.find_unit(n)) in ("", "speed") and is_rolling(look.x[n])
     )
     return named[-1][1] if named and named[-1][0] >= NAMED else ""
 
 
-def sided(wheels: Mapping[str, str]) -> bool:
+def is_sided(wheels: Mapping[str, str]) -> bool:
     """Do the names say which wheel is left?"""
     return bool(wheels) and bool(find_place(next(iter(wheels.values())))[0])
 
 
-def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Right less left, of the axle behind if it is there: the yaw rate but for a factor. None: no pair, or no name says which is
     left."""
-    if not sided(wheels):
+    if not is_sided(wheels):
         return None
     for axle in ("rear", "front"):
         left, right = wheels.get(f"{axle}_left"), wheels.get(f"{axle}_right")
@@ -172,9 +174,9 @@ def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
     """Nameless wheels: those that are slower in a left turn are left; the first of each side is front."""
-    if not wheels or sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
+    if not wheels or is_sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
         return wheels
-    r, mean = look.x[chosen["yaw_rate"]], mean_of([look.x[n] for n in wheels.values()])
+    r, mean = look.x[chosen["yaw_rate"]], average([look.x[n] for n in wheels.values()])
     order = sorted(wheels.values(), key=lambda n: fit(r, look.x[n] - mean).corr)
     left = [n for n in wheels.values() if n in order[:2]]
     right = [n for n in wheels.values() if n in order[2:]]
@@ -194,8 +196,8 @@ def find_roles(
     look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
     """Role -> name, and what every candidate was worth: by name and unit, and by physics."""
-    taken = set(wheels.values()) | quaternions(look)
-    said = {role: {n: _said(look, role, n) for n in look.x if n not in taken} for role in LATERAL}
+    taken = set(wheels.values()) | find_quaternions(look)
+    said = {role: {n: _score_by_name(look, role, n) for n in look.x if n not in taken} for role in LATERAL}
     ref = dict(before)
     if not ref:
         for role in LATERAL:
@@ -203,18 +205,20 @@ def find_roles(
             if best[1] >= NAMED:
                 ref[role] = best[0]
         if v is not None and ("yaw_rate" not in ref or "accel_y" not in ref):
-            ref |= _pair(look, v, taken, said, ref)
+            ref |= _find_pair(look, v, taken, said, ref)
     total: dict[str, dict[str, float]] = {}
     shown: dict[str, dict[str, float]] = {}
-    turn = turn_of(look, wheels)
+    turn = find_turn(look, wheels)
     top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
     usual = (
         None if v is None else v * (25.0 / top if top else 1.0)
     )  # as fast as cars drive: its unit is not known yet
-    change = None if v is None else physics.derivative(v)
+    change = None if v is None else physics.differentiate(v)
     for role in LATERAL:  # of what cannot become it whatever physics says nothing is computed
         shown[role] = {
-            n: _shown(look, role, n, v, usual, change, turn, ref) if w + MOST_SHOWN >= NAMED else 0.0
+            n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
+            if w + MOST_SHOWN >= NAMED
+            else 0.0
             for n, w in said[role].items()
         }
         total[role] = {n: said[role][n] + shown[role][n] for n in said[role]}
@@ -225,8 +229,10 @@ def find_roles(
             role not in found
             and n not in found.values()
             and w >= NAMED
-            and (score(role, look.called(n)) >= 0.8 or shown[role][n] >= 2.5)  # a unit alone is no name
-            and not is_another_thing(role, look.called(n))
+            and (
+                score_name(role, look.clean_name(n)) >= 0.8 or shown[role][n] >= 2.5
+            )  # a unit alone is no name
+            and not is_another_thing(role, look.clean_name(n))
         ):
             found[role] = n
     return found, {
@@ -234,21 +240,21 @@ def find_roles(
     }
 
 
-def quaternions(look: Look) -> set[str]:
+def find_quaternions(look: Look) -> set[str]:
     """Parts of attitudes: x, y, z beside a w are no rates, though rotation.z sounds like one."""
     known = set(look.channels)
     stems = {n[:-1] for n in known if n[-2:] in (".w", "_w") and n[:-1] + "z" in known}
     return {n for n in known if n[:-1] in stems and n[-1] in "wxyz"}
 
 
-def _said(look: Look, role: str, name: str) -> float:
-    unit = kind(look.unit(name))
+def _score_by_name(look: Look, role: str, name: str) -> float:
+    unit = kind(look.find_unit(name))
     of_kind = 1.0 if unit in KINDS[role] else (0.0 if unit == "" else -3.0)
-    of_kind -= 3.0 * is_another_thing(role, look.called(name))
-    return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
+    of_kind -= 3.0 * is_another_thing(role, look.clean_name(name))
+    return score_name(role, look.clean_name(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
 
-def _shown(
+def _score_by_physics(
     look: Look,
     role: str,
     name: str,
@@ -276,7 +282,7 @@ def _shown(
     elif role == "steer_angle" and usual is not None:
         r = look.x[ref["yaw_rate"]] if "yaw_rate" in ref and ref["yaw_rate"] != name else turn
         if r is not None:
-            found = physics.steering(x, usual, r)
+            found = physics.fit_steering(x, usual, r)
             said.append(np.sqrt(max(found.share, 0.0)) if found else 0.0)
     said = [s for s in said if s > 0]
     return (
@@ -286,7 +292,7 @@ def _shown(
     )
 
 
-def _pair(
+def _find_pair(
     look: Look,
     v: np.ndarray,
     taken: set[str],
@@ -294,7 +300,7 @@ def _pair(
     ref: Mapping[str, str],
 ) -> dict[str, str]:
     """Yaw rate and lateral acceleration without a name that says so: the two for which a_y = v r holds best."""
-    free = [n for n in look.x if n not in taken and not rolls(look.x[n])]
+    free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
     best, found = TURNED, {}
@@ -329,14 +335,14 @@ FROM, TOP = 0.03, 0.995  # a pressure is one from this share of its largest valu
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
     """Return the guesses. v: speed on the raster of `look`, m/s; None: not known."""
-    found = [g for c in recording if (g := _brake(c, look, v)) is not None]
+    found = [g for c in recording if (g := _guess_brake(c, look, v)) is not None]
     best = sorted(found, key=lambda g: (len(g.unsure), g.above is not None))[:1]
-    return [*best, *(g for a in AXLE if (g := _torque(recording, a)) is not None)]
+    return [*best, *(g for a in AXLE if (g := _guess_torque(recording, a)) is not None)]
 
 
-def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
+def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     """Return the guess that a signal is the brake's; None where its name is another, or the car does not slow by it."""
-    name, x = text_of(c.short), c.value[np.isfinite(c.value)]
+    name, x = join_words(c.short), c.value[np.isfinite(c.value)]
     if not BRAKE.search(name) or NO_BRAKE.search(name) or len(x) < physics.FEWEST or np.ptp(x) == 0:
         return None
     switch = set(np.unique(x)) <= {0.0, 1.0}
@@ -360,7 +366,7 @@ def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     if v is None or min((moving & on).sum(), (moving & ~on).sum()) < physics.FEWEST:
         guess.unsure = ["the signal, by its name alone"]
         return guess
-    rate = physics.derivative(v)
+    rate = physics.differentiate(v)
     gains = [float(np.nanmean(rate[moving & rows])) for rows in (on, ~on)]
     if gains[0] > gains[1] - SLOWS:
         return None
@@ -371,10 +377,10 @@ def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     return guess
 
 
-def _torque(recording: Recording, axle: str) -> Guess | None:
+def _guess_torque(recording: Recording, axle: str) -> Guess | None:
     """Return the guess of an axle's wheel torque, by name and unit; the run compares it with mass times accel_x."""
     for c in recording:
-        name = text_of(c.short)
+        name = join_words(c.short)
         named = TORQUE.search(name) and AXLE[axle].search(name) and not OTHER_TORQUE.search(name)
         if named and kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "the log says so")
