@@ -360,7 +360,7 @@ def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
     """At 25 m/s an understeer of -0.0016 s2/m2, which is among those tried, would need no steering in any bend."""
     v = np.full(4000, 25.0)
-    r = 0.1 * np.sin(np.arange(4000) / physics.RATE)
+    r = 0.1 * np.sin(np.arange(4000) / physics.COMPARISON_RATE)
     seen = physics.steering(16.0 * 2.75 * r / v * (1 + 0.002 * v**2), v, r)
     assert seen is not None and seen.per_curvature == pytest.approx(16.0 * 2.75, rel=0.05)
 

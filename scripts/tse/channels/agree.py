@@ -21,40 +21,40 @@ from tse.log.rows import TORQUES, Log, Reading, liveliest
 # sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
 # cars of
 # tests/cars and the real logs); a_x pitch and grade; the steering compliance and a ratio that is not quite known
-SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
+FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m: passenger cars, when the vehicle file does not say
-PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: right logs are the rule
-WRONG_SIGN = 60.0  # squared sd of a sign that is wrong
-VANISHED = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
-ENOUGH = {
+CAUSE_PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: right logs are the rule
+SIGN_PRICE = 60.0  # squared sd of a sign that is wrong
+LOST_FIGURE_PRICE = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
+MIN_FIT = {
     "accel_y": 0.9,
     "accel_x": 0.8,
     "steer_angle": 0.85,
 }  # correlation, or its square, from which a figure counts
 # below ENOUGH a figure counts, too, where another speed that is tried shows it: there other rows are those of a car that moves.
 # A real log had 0.898 of accel_y at its own speed and 0.913 at 0.85 of it, and was said to be in km/h
-SLACK = 0.05
-ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
-WELL = 0.10  # what a cause leaves, to be said to explain
-FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
+FIT_SLACK = 0.05
+FREE_FACTOR_PRICE = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
+EXPLAINED = 0.10  # what a cause leaves, to be said to explain
+MAX_UNEXPLAINED = 0.35  # of a logarithm: what is further off is said even when nothing explains it
 # of a logarithm, of the steering angle's figure: up to it a car that is braked in every bend may oversteer (0.48 of a neutral van),
 # so that it is said and the log is read
-HANDLING = 1.0
-G = 9.80665
+MAX_HANDLING = 1.0
+STANDARD_GRAVITY = 9.80665
 PERHAPS = "perhaps "  # before a cause that leaves more than WELL
-USUAL_RATIO = 15.0  # of a steering, when nobody says
+USUAL_STEERING_RATIO = 15.0  # of a steering, when nobody says
 
 
-DEG = 180 / np.pi
+DEG_PER_RAD = 180 / np.pi
 # Units that are mixed up, of a channel: how many times too large it is then, to be multiplied by that power of the steering
 # ratio; the unit, "" for a sign; in words. The page has these tables, too (docs/page/check.js).
 CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
-    ("yaw_rate", DEG, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
-    ("steer_angle", DEG, 0, "deg", "steer_angle is in degrees (multiply by pi/180)"),
+    ("yaw_rate", DEG_PER_RAD, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
+    ("steer_angle", DEG_PER_RAD, 0, "deg", "steer_angle is in degrees (multiply by pi/180)"),
     ("steer_angle", 1.0, 1, "rad", "steer_angle is the steering-wheel angle (divide by the steering ratio)"),
-    ("steer_angle", DEG, 1, "deg", "steer_angle is the steering-wheel angle in degrees"),
-    ("accel_y", 1 / G, 0, "g", "accel_y is in g (multiply by 9.81)"),
-    ("accel_x", 1 / G, 0, "g", "accel_x is in g (multiply by 9.81)"),
+    ("steer_angle", DEG_PER_RAD, 1, "deg", "steer_angle is the steering-wheel angle in degrees"),
+    ("accel_y", 1 / STANDARD_GRAVITY, 0, "g", "accel_y is in g (multiply by 9.81)"),
+    ("accel_x", 1 / STANDARD_GRAVITY, 0, "g", "accel_x is in g (multiply by 9.81)"),
     ("steer_angle", -1.0, 0, "", "steer_angle is positive to the right (change its sign; left is positive)"),
     ("accel_y", -1.0, 0, "", "accel_y is positive to the right (change its sign; left is positive)"),
     ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
@@ -78,27 +78,34 @@ FIGURES = {
 }
 
 
-LEAST_STOOD, FALL = (
+MIN_FALSE_STOP, MIN_FALSE_STEP = (
     0.5,
     10.0,
 )  # s; m/s, in the rows before and after: a stop from 5 m/s in a row and a start to it
-OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows that count; s
-GAINS, SLOWS = 0.7, -2.0  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
-OFF_TORQUE, TORQUE_CORR = (
+MAX_SPEED_RATIO, MIN_VELOCITY, CHANGE_TIME = (
+    1.25,
+    5.0,
+    0.5,
+)  # of a measured velocity: 1; m/s: rows that count; s
+DRIVING_GAIN, COASTING_LOSS = (
+    0.7,
+    -2.0,
+)  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
+MAX_FORCE_RATIO, MIN_TORQUE_CORR = (
     1.6,
     0.7,
 )  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
-LEAST_SHARE = 0.25  # of the force, by one axle of two
-TURNED = 0.2  # of the other axis, that both accelerometers read: sine of 12 degrees; 0.13 of right cars, and of one of the two
+MIN_AXLE_SHARE = 0.25  # of the force, by one axle of two
+MIN_IMU_TURN = 0.2  # of the other axis, that both accelerometers read: sine of 12 degrees; 0.13 of right cars, and of one of the two
 # m, by yaw rate, that front wheels roll faster than rear ones: no axle does, left and right do; share of it without what slip does
-ASIDE, ASIDE_SHARE = (0.5, 2.0), 0.5
-LATE_ACROSS = 0.1  # s; cars and logs whose IMU is where it should be have -0.06 .. 0.1
-ROWS_SLOW, OFF_TIME = (
+SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
+MAX_LATE_ACROSS = 0.1  # s; cars and logs whose IMU is where it should be have -0.06 .. 0.1
+SLOW_ROWS, MAX_TIME_RATIO = (
     20,
     3.0,
 )  # rows further apart than the raster; factor of the change of speed over so many
-ODD_PIECES = 0.2  # of the pieces of a log may contradict a mistake that is in all of it
-PIECE = 20.0  # s: bends and changes of speed in it show a unit
+MAX_ODD_SHARE = 0.2  # of the pieces of a log may contradict a mistake that is in all of it
+PIECE_TIME = 20.0  # s: bends and changes of speed in it show a unit
 MAX_CHECKED_ROWS = (
     1 << 19
 )  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
@@ -163,7 +170,7 @@ def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:
 def late_across(log: Log, config: Config) -> list[str]:
     """Return that accel_y does not come when the car turns, but much later or earlier than the vehicle file says; [] if it does.
 
-    It is speed times yaw rate and the change of the sideslip. Body roll, which comes later, is within LATE_ACROSS."""
+    It is speed times yaw rate and the change of the sideslip. Body roll, which comes later, is within MAX_LATE_ACROSS."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -175,9 +182,9 @@ def late_across(log: Log, config: Config) -> list[str]:
     across = v * d["yaw_rate"] + physics.differentiate(
         (config.lr - slip + config.imu_lever_arm_x) * d["yaw_rate"]
     )
-    late, sd = physics.find_lag(across, d["accel_y"], np.abs(v) > physics.MOVING)
+    late, sd = physics.find_lag(across, d["accel_y"], np.abs(v) > physics.MOVING_SPEED)
     late -= config.accel_y_latency
-    if not abs(late) - 3.0 * sd > LATE_ACROSS:
+    if not abs(late) - 3.0 * sd > MAX_LATE_ACROSS:
         return []
     return [
         f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms "
@@ -228,9 +235,9 @@ def check_units(
     tried = [(wheels, f.select(shown)) for wheels, f in tried]
     most = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
-        for causes in _combine_causes(ratio or USUAL_RATIO):
-            lost = VANISHED * (most - len(figures.value))
-            cost = _compute_cost(figures, causes) + lost + PRICE * (len(causes) + (wheels is not None))
+        for causes in _combine_causes(ratio or USUAL_STEERING_RATIO):
+            lost = LOST_FIGURE_PRICE * (most - len(figures.value))
+            cost = _compute_cost(figures, causes) + lost + CAUSE_PRICE * (len(causes) + (wheels is not None))
             if not causes and wheels is None:
                 plain = cost, figures
             elif plain and len(figures.value) < len(plain[1].value):
@@ -252,7 +259,7 @@ def check_units(
         "often mixed up explains "
         f"it{_list_alternatives(name, x)}"
         for name, x in plain[1].value.items()
-        if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
+        if abs(np.log(abs(x))) > MAX_UNEXPLAINED + 2 * plain[1].sd[name]
     ]
 
 
@@ -265,7 +272,7 @@ def _holds_throughout(
     A wrong unit or sign is so in all of them; a car that slides, or drives on ice, in some."""
     per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
     others = tuple(c for c in causes if c.channel != "wheel_speed")
-    count = round(PIECE * physics.RATE)
+    count = round(PIECE_TIME * physics.COMPARISON_RATE)
     with_it = without = 0.0
     for first in range(0, len(v) - count // 2, count):
         part = {name: x[first : first + count] for name, x in d.items()}
@@ -277,10 +284,10 @@ def _holds_throughout(
         if not shared:
             continue
         costs = _compute_cost(plain.select(shared), ()), _compute_cost(other.select(shared), others)
-        if abs(costs[0] - costs[1]) > PRICE:
+        if abs(costs[0] - costs[1]) > CAUSE_PRICE:
             with_it += costs[1] < costs[0]
             without += costs[0] < costs[1]
-    return without <= ODD_PIECES * (with_it + without)
+    return without <= MAX_ODD_SHARE * (with_it + without)
 
 
 def _list_alternatives(name: str, x: float) -> str:
@@ -289,7 +296,7 @@ def _list_alternatives(name: str, x: float) -> str:
         return f": time, if its steps are {x:.3g} times the true ones"
     if name != "steer_angle":
         return ""
-    braking = f", or {PERHAPS}braking in bends" if abs(np.log(abs(x))) < HANDLING else ""
+    braking = f", or {PERHAPS}braking in bends" if abs(np.log(abs(x))) < MAX_HANDLING else ""
     return f", a wrong steering ratio or wheelbase does{braking}"
 
 
@@ -310,12 +317,12 @@ def _cost_free_factor(figures: Figures) -> float:
             costs += [
                 _compute_cost(figures, (Cause(channel, sign * float(np.exp(best)), ""),)) for sign in (1, -1)
             ]
-    return ODD + min(costs, default=np.inf)
+    return FREE_FACTOR_PRICE + min(costs, default=np.inf)
 
 
 def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
     """Return when the wheels of both axles read as good as 0 while the car drove: from one row to the next they stop, and they turn
-    again as suddenly. Two such steps that together are more than FALL are nothing that brakes and engines do."""
+    again as suddenly. Two such steps that together are more than MIN_FALSE_STEP are nothing that brakes and engines do."""
     speed = np.maximum(
         np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
         np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
@@ -327,7 +334,7 @@ def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_spe
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         start, end = float(log.time[rows[first]]), float(log.time[rows[after - 1]])
         before, then = (float(speed[rows[i]]) if 0 <= i < len(rows) else 0.0 for i in (first - 1, after))
-        if end - start >= LEAST_STOOD and before + then > FALL:
+        if end - start >= MIN_FALSE_STOP and before + then > MIN_FALSE_STEP:
             found.append((start, end, before, then))
     if not found:
         return []
@@ -343,18 +350,18 @@ def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_spe
 def _check_velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
     """Return in what a measured velocity contradicts the wheels, and its change the lateral acceleration; [] where it does not.
 
-    Speed along is that of the wheels within OFF_SPEED, since slip and radii are a few percent. Speed across changes by
-    accel_y - v r, but for the road's bank: over HALF a second the two go together, and where they go against each other the sign
+    Speed along is that of the wheels within MAX_SPEED_RATIO, since slip and radii are a few percent. Speed across changes by
+    accel_y - v r, but for the road's bank: over CHANGE_TIME the two go together, and where they go against each other the sign
     is wrong."""
     wheels = 0.5 * (radius_front * log.data["wheel_speed_front"] + radius_rear * log.data["wheel_speed_rear"])
     v = wheels.to_numpy(float)
     found = []
     for name in (n for n in ("ins_vel_x", "gnss_speed") if n in log.extra):
         x = log.extra[name].to_numpy(float)
-        fast = np.isfinite(x) & (v > FAST)
+        fast = np.isfinite(x) & (v > MIN_VELOCITY)
         if (
             fast.sum() >= 50
-            and not 1 / OFF_SPEED < (ratio := float(np.median(x[fast] / v[fast]))) < OFF_SPEED
+            and not 1 / MAX_SPEED_RATIO < (ratio := float(np.median(x[fast] / v[fast]))) < MAX_SPEED_RATIO
         ):
             found.append(
                 f"check the units: {name} is {ratio:.3g} times the speed of the wheels, about 1 is expected"
@@ -362,13 +369,13 @@ def _check_velocity(log: Log, radius_front: float, radius_rear: float) -> list[s
     if "gnss_course" in log.extra:
         course, turned = log.extra["gnss_course"].to_numpy(float), log.data["yaw_rate"].to_numpy(float)
         heading = np.cumsum(np.nan_to_num(turned) * np.diff(log.time, prepend=log.time[0]))
-        rows = np.flatnonzero(np.isfinite(course) & (v > FAST))
-        n = max(1, round(HALF / float(np.median(np.diff(log.time[rows]))))) if len(rows) > 1 else 1
+        rows = np.flatnonzero(np.isfinite(course) & (v > MIN_VELOCITY))
+        n = max(1, round(CHANGE_TIME / float(np.median(np.diff(log.time[rows]))))) if len(rows) > 1 else 1
         first, last = rows[:-n], rows[n:]
         changes = np.column_stack(
             [np.angle(np.exp(1j * (course[last] - course[first]))), heading[last] - heading[first]]
         )
-        changes = changes[log.time[last] - log.time[first] < 2 * HALF]
+        changes = changes[log.time[last] - log.time[first] < 2 * CHANGE_TIME]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
                 "check the units: gnss_course turns against yaw_rate: a compass counts clockwise, it counts "
@@ -378,9 +385,9 @@ def _check_velocity(log: Log, radius_front: float, radius_rear: float) -> list[s
         y = log.extra["ins_vel_y"].to_numpy(float)
         rate = log.data["accel_y"].to_numpy(float) - v * log.data["yaw_rate"].to_numpy(float)
         step = np.diff(log.time, prepend=log.time[0])
-        n = max(1, round(HALF / float(log.sample_time or HALF)))
+        n = max(1, round(CHANGE_TIME / float(log.sample_time or CHANGE_TIME)))
         gained = np.cumsum(np.nan_to_num(rate) * step)
-        changes = np.column_stack([y[n:] - y[:-n], gained[n:] - gained[:-n]])[v[n:] > FAST]
+        changes = np.column_stack([y[n:] - y[:-n], gained[n:] - gained[:-n]])[v[n:] > MIN_VELOCITY]
         changes = changes[np.isfinite(changes).all(axis=1)]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
@@ -396,12 +403,12 @@ def _check_pedals(
     """Return in what a brake switch contradicts the change of the speed, and wheel torques mass times accel_x; [] if in nothing.
 
     Both feel the slope of the road and drag in one way. Of one axle's torque only rows that drive count: brakes are on both."""
-    found, moving, rate = [], np.abs(v) > FAST, physics.differentiate(v)
+    found, moving, rate = [], np.abs(v) > MIN_VELOCITY, physics.differentiate(v)
     if "brake" in d:
-        loses = f"off in {{:.0f}} % of the rows in which it loses more than {-SLOWS:g} m/s2"
+        loses = f"off in {{:.0f}} % of the rows in which it loses more than {-COASTING_LOSS:g} m/s2"
         for rows, on, words in (
-            (rate > GAINS, True, "on in {:.0f} % of the rows in which the car gains speed"),
-            (rate < SLOWS, False, loses),
+            (rate > DRIVING_GAIN, True, "on in {:.0f} % of the rows in which the car gains speed"),
+            (rate < COASTING_LOSS, False, loses),
         ):
             brake = d["brake"][moving & rows & np.isfinite(d["brake"])]
             share = float(np.mean((brake > 0.5) == on)) if len(brake) >= 50 else 0.0
@@ -413,8 +420,8 @@ def _check_pedals(
         force = sum(d[c] / radius[c.rpartition("_")[2]] for c in axles) / mass
         both = len(axles) == 2
         f = physics.fit(d["accel_x"], force, moving & (both | (d["accel_x"] > 0.3)))
-        least = 1 / OFF_TORQUE if both else LEAST_SHARE
-        if abs(f.corr) > TORQUE_CORR and not least < f.slope < OFF_TORQUE:
+        least = 1 / MAX_FORCE_RATIO if both else MIN_AXLE_SHARE
+        if abs(f.corr) > MIN_TORQUE_CORR and not least < f.slope < MAX_FORCE_RATIO:
             found.append(
                 f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x "
                 "accel_x (correlation "
@@ -426,7 +433,7 @@ def _check_pedals(
 
 def _smooth_channels(log: Log) -> dict[str, np.ndarray]:
     """The channels and GNSS on the raster of physics.py."""
-    time = np.arange(log.time[0], log.time[-1], 1.0 / physics.RATE)
+    time = np.arange(log.time[0], log.time[-1], 1.0 / physics.COMPARISON_RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
         c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUES) if c in log.extra
@@ -435,14 +442,16 @@ def _smooth_channels(log: Log) -> dict[str, np.ndarray]:
     found = {}
     for name, x in columns.items():
         good = np.isfinite(x)
-        found[name] = physics.smooth(resample(log.time[good], x[good], time, min(physics.RATE, rate)))
+        found[name] = physics.smooth(
+            resample(log.time[good], x[good], time, min(physics.COMPARISON_RATE, rate))
+        )
     return found
 
 
 def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
     a, b = (
-        float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING])))
-        if (np.abs(x) > physics.MOVING).any()
+        float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING_SPEED])))
+        if (np.abs(x) > physics.MOVING_SPEED).any()
         else 0.0
         for x in (front, rear)
     )
@@ -456,12 +465,12 @@ def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
 
 def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     """accel_x goes with v r, and accel_y does not."""
-    moving = np.abs(v) > physics.MOVING
+    moving = np.abs(v) > physics.MOVING_SPEED
     turn = v * d["yaw_rate"]
     x, y = (physics.fit(turn, d[c], moving) for c in ("accel_x", "accel_y"))
     along = physics.fit(physics.differentiate(v), d["accel_y"], moving)
     if (
-        abs(x.corr) > ENOUGH["accel_y"]
+        abs(x.corr) > MIN_FIT["accel_y"]
         and abs(y.corr) < 0.5
         and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2)
     ):
@@ -476,12 +485,12 @@ def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]
 def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     """Each accelerometer reads what belongs to the other, in opposite ways."""
     turn, rate = v * d["yaw_rate"], physics.differentiate(v)
-    rows = (np.abs(v) > physics.MOVING) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
-    if rows.sum() < physics.FEWEST:
+    rows = (np.abs(v) > physics.MOVING_SPEED) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
+    if rows.sum() < physics.MIN_ROWS:
         return []
     parts = np.column_stack([rate[rows], turn[rows], np.ones(rows.sum())])
     (_, x, _), (y, _, _) = (np.linalg.lstsq(parts, d[c][rows], rcond=None)[0] for c in ("accel_x", "accel_y"))
-    if min(abs(x), abs(y)) < TURNED or x * y > 0:
+    if min(abs(x), abs(y)) < MIN_IMU_TURN or x * y > 0:
         return []
     return [
         f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change "
@@ -493,8 +502,8 @@ def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
 def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
     """Wheels of one side roll faster in a bend to the other; those of one axle in any bend."""
     y, turn, slip = front - rear, d["yaw_rate"], rear * physics.differentiate(rear)
-    rows = (np.abs(front) > physics.MOVING) & np.isfinite(y + turn + slip)
-    if rows.sum() < physics.FEWEST:
+    rows = (np.abs(front) > physics.MOVING_SPEED) & np.isfinite(y + turn + slip)
+    if rows.sum() < physics.MIN_ROWS:
         return []
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
@@ -504,7 +513,7 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
         by = found[0] * float(np.std(turn[rows]))
         share = by**2 / (by**2 + float(np.var(y[rows] - parts @ found)) + 1e-12)
-        if share < ASIDE_SHARE or not ASIDE[0] < abs(found[0]) < ASIDE[1]:
+        if share < MIN_SIDE_SHARE or not SIDE_LEVER[0] < abs(found[0]) < SIDE_LEVER[1]:
             return []
     return [
         f"check the wheels: front less rear wheel speed is {found[0]:.2g} m times yaw_rate, as left less "
@@ -514,13 +523,13 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
 
 def _check_time(log: Log, radius: float) -> list[str]:
     """Rows that are far apart, by a time that may count them: what accel_x adds up to is the change of the speed."""
-    step, n = float(log.sample_time or 0.0), ROWS_SLOW
-    if step <= 1.0 / physics.RATE or len(log) < 10 * n:
+    step, n = float(log.sample_time or 0.0), SLOW_ROWS
+    if step <= 1.0 / physics.COMPARISON_RATE or len(log) < 10 * n:
         return []
     v = radius * log.data["wheel_speed_rear"].to_numpy(float)
     gained = np.cumsum(np.nan_to_num(log.data["accel_x"].to_numpy(float))) * step
-    f = physics.fit(v[n:] - v[:-n], gained[n:] - gained[:-n], v[n:] > physics.MOVING)
-    if f.corr < ENOUGH["accel_x"] or 1 / OFF_TIME < f.slope < OFF_TIME:
+    f = physics.fit(v[n:] - v[:-n], gained[n:] - gained[:-n], v[n:] > physics.MOVING_SPEED)
+    if f.corr < MIN_FIT["accel_x"] or 1 / MAX_TIME_RATIO < f.slope < MAX_TIME_RATIO:
         return []
     return [
         f"check the units: accel_x over {n} rows, {step:.3g} s apart, adds up to {f.slope:.3g} times the "
@@ -552,29 +561,32 @@ def _compute_figures(
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
-    moving = np.abs(v) > physics.MOVING
+    moving = np.abs(v) > physics.MOVING_SPEED
     for name, kinematic in (("accel_y", v * d["yaw_rate"]), ("accel_x", physics.differentiate(v))):
         f = physics.fit(kinematic, d[name], moving)
-        if abs(f.corr) > ENOUGH[name] - SLACK and np.nanstd(d[name][moving]) > 0.02:
-            value[name], sd[name] = f.slope, float(np.hypot(SD[name], 1 - abs(f.corr)))
-            nearly |= {name} if abs(f.corr) <= ENOUGH[name] else set()
+        if abs(f.corr) > MIN_FIT[name] - FIT_SLACK and np.nanstd(d[name][moving]) > 0.02:
+            value[name], sd[name] = f.slope, float(np.hypot(FIGURE_SD[name], 1 - abs(f.corr)))
+            nearly |= {name} if abs(f.corr) <= MIN_FIT[name] else set()
     s = physics.fit_steering(d["steer_angle"], v, d["yaw_rate"])
-    if s is not None and s.share > ENOUGH["steer_angle"] - SLACK and s.per_curvature != 0:
-        nearly |= {"steer_angle"} if s.share <= ENOUGH["steer_angle"] else set()
+    if s is not None and s.share > MIN_FIT["steer_angle"] - FIT_SLACK and s.per_curvature != 0:
+        nearly |= {"steer_angle"} if s.share <= MIN_FIT["steer_angle"] else set()
         value["steer_angle"], sd["steer_angle"] = (
             s.per_curvature / wheelbase,
-            float(np.hypot(SD["steer_angle"], s.sd)),
+            float(np.hypot(FIGURE_SD["steer_angle"], s.sd)),
         )
     for axle, radius in zip(("front", "rear"), radii, strict=True):
         per_turn = log.turn.get(f"wheel_speed_{axle}")
         if per_turn:
             given = (tracks or {}).get(axle)
             value[f"track_{axle}"] = per_turn * radius / wheels / (given or UNKNOWN_TRACK)
-            sd[f"track_{axle}"] = SD["track"] if given else UNKNOWN_TRACK_SD
+            sd[f"track_{axle}"] = FIGURE_SD["track"] if given else UNKNOWN_TRACK_SD
     if "vehicle_speed" in d:
-        both = moving & (d["vehicle_speed"] > physics.MOVING)
-        if both.sum() > physics.FEWEST:
-            value["speed"], sd["speed"] = float(np.nanmedian((v / d["vehicle_speed"])[both])), SD["speed"]
+        both = moving & (d["vehicle_speed"] > physics.MOVING_SPEED)
+        if both.sum() > physics.MIN_ROWS:
+            value["speed"], sd["speed"] = (
+                float(np.nanmedian((v / d["vehicle_speed"])[both])),
+                FIGURE_SD["speed"],
+            )
     return Figures(value, sd, frozenset(value) - nearly)
 
 
@@ -597,7 +609,7 @@ def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, floa
 def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
     left = _apply_causes(figures, causes)
     return sum(
-        float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + WRONG_SIGN * (x < 0) for n, x in left.items()
+        float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + SIGN_PRICE * (x < 0) for n, x in left.items()
     )
 
 
@@ -610,7 +622,7 @@ def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[
         or before.value[n] * after.get(n, 1) < 0
     ]
     parts = [f"{FIGURES[n]} is {before.value[n]:.3g}, {after[n]:.3g} after" for n in moved if n in after]
-    fits = all(abs(np.log(abs(after[n]))) < WELL + 0.05 for n in moved if n in after)
+    fits = all(abs(np.log(abs(after[n]))) < EXPLAINED + 0.05 for n in moved if n in after)
     text = " and ".join(c.text for c in causes)
     if not fits and "steer_angle" in before.value:
         text += f", or the steering ratio or the wheelbase is wrong by the factor {before.value['steer_angle']:.3g}"

@@ -5,18 +5,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import KINDS, NAMED, Guess, Look
+from tse.channels.look import MIN_NAME_SCORE, ROLE_KINDS, Guess, Look
 from tse.channels.physics import fit
-from tse.channels.vocabulary import ROLES, find_place, is_another_thing, score_name
-from tse.channels.wheels import SLOWEST, find_quaternions, is_rolling
+from tse.channels.vocabulary import ROLE_WORDS, find_place, is_another_thing, score_name
+from tse.channels.wheels import MIN_WHEEL_RATE, find_quaternions, is_rolling
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording
 
-MOST_CANDIDATES = 3  # of one channel
-FEWEST_VALUES = 4  # of a signal that is looked at
+MAX_CANDIDATES = 3  # of one channel
+MIN_VALUES = 4  # of a signal that is looked at
 KIND_WORDS = {"angle": "an angle", "rate": "a rate", "speed": "a speed", "acceleration": "an acceleration", "torque": "a torque",
               "time": "a time", "": "none"}  # fmt: skip
-WANTED = {"yaw_rate": "a rate", "accel_x": "an acceleration", "accel_y": "an acceleration", "steer_angle": "an angle",
+WANTED_KIND = {"yaw_rate": "a rate", "accel_x": "an acceleration", "accel_y": "an acceleration", "steer_angle": "an angle",
           "wheel": "a speed or a rate"}  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def find_nearest_candidates(
         axle = channel.rpartition("_")[2] if role == "wheel" else ""
         worth = sorted(
             ((w, c.name) for c in recording if (w := _score_candidate(role, axle, c)) > 0), reverse=True
-        )[:MOST_CANDIDATES]
+        )[:MAX_CANDIDATES]
         said = [
             f"{name}: {_explain_rejection(recording.channels[name], role, look, used, guesses, v)}"
             for _, name in worth
@@ -61,7 +61,7 @@ def find_nearest_candidates(
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
     """Return how near a signal comes by name and unit; 0: not at all."""
-    of_kind = kind(c.unit) in KINDS[role] and kind(c.unit) != ""
+    of_kind = kind(c.unit) in ROLE_KINDS[role] and kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
         if place and not place.startswith(axle):
@@ -76,7 +76,7 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 def _compare_sounds(role: str, c: Channel) -> list[bool]:
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
-        for _, worth in ROLES[role]
+        for _, worth in ROLE_WORDS[role]
     ]
 
 
@@ -87,7 +87,7 @@ def _explain_rejection(
     if c.name in used:
         return f"is proposed as {used[c.name]}"
     there = c.value[np.isfinite(c.value)]
-    if len(there) < FEWEST_VALUES:
+    if len(there) < MIN_VALUES:
         return f"has {len(there)} values"
     if np.ptp(there) == 0:
         return f"is {there[0]:g} all the time"
@@ -98,7 +98,7 @@ def _explain_rejection(
             else "has no time"
         )
     x = look.x[c.name]
-    if np.isfinite(x).sum() < physics.FEWEST:
+    if np.isfinite(x).sum() < physics.MIN_ROWS:
         times = c.time[np.isfinite(c.time)]
         if not len(times):
             return "has no time"
@@ -106,12 +106,12 @@ def _explain_rejection(
         others = f"{look.time[0]:.1f} .. {look.time[-1]:.1f} s"
         return f"its times ({begin:.1f} .. {end:.1f} s) are not those of the other signals ({others})"
     unit = look.find_unit(c.name)
-    if kind(unit) not in ("", *KINDS[role]):
-        return f"its unit {unit} is not that of {WANTED[role]}"
+    if kind(unit) not in ("", *ROLE_KINDS[role]):
+        return f"its unit {unit} is not that of {WANTED_KIND[role]}"
     if role == "wheel":
         if not is_rolling(x):
             return "goes below 0, which a wheel seldom does"
-        if look.rate[c.name] < SLOWEST:
+        if look.rate[c.name] < MIN_WHEEL_RATE:
             return f"comes {look.rate[c.name]:.2g} times a second: too seldom for a wheel"
         return "the other wheel of its axle, or the other axle, was not found beside it"
     if c.name in find_quaternions(look):
@@ -128,9 +128,9 @@ def _explain_by_physics(
 ) -> str:
     """Return with what a signal does not go."""
     if v is None:
-        return "there is no speed to test it with" if named < NAMED else "another signal was nearer"
+        return "there is no speed to test it with" if named < MIN_NAME_SCORE else "another signal was nearer"
     by = {g.channel: look.x[g.name[0]] for g in guesses if len(g.name) == 1}
-    moving = np.where(np.abs(v) > physics.MOVING, v, np.nan)
+    moving = np.where(np.abs(v) > physics.MOVING_SPEED, v, np.nan)
     pairs = {
         "yaw_rate": ("accel_y", "accel_y over speed", lambda o: o / moving),
         "accel_y": ("yaw_rate", "speed times yaw rate", lambda o: v * o),

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-COUNTED = 0.8  # share of the entries in which a counter goes on by one
-POWERS = (4, 8, 16, 32, 64, 256, 65536)  # values that most counters have
+MIN_COUNTING_SHARE = 0.8  # share of the entries in which a counter goes on by one
+USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)  # values that most counters have
 
 
 def find_modulo(counter: np.ndarray) -> int:
@@ -29,8 +29,8 @@ def find_modulo(counter: np.ndarray) -> int:
         return 0
     own = int(there.max() - there.min()) + 1
     step = np.diff(there)
-    best, share = 0, COUNTED
-    for modulo in (*POWERS, own):
+    best, share = 0, MIN_COUNTING_SHARE
+    for modulo in (*USUAL_MODULI, own):
         if modulo < max(own, 2) or (own < 3 and modulo == own):
             continue
         on = float(np.mean(np.mod(step, modulo) == 1))

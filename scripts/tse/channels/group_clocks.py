@@ -17,18 +17,18 @@ ONE_CLOCK = (
     "Parquet",
     "Feather",
 )  # formats whose signals share a clock
-RATE = 10.0  # Hz of the comparison
-SMOOTH = 0.5  # s
-LEAST_SHIFT = 0.5  # s: less is latency, which is found otherwise
-LEAST_SHARED = 0.6  # of the shorter of two signals, that is compared at any shift
-LEAST_CORR, BETTER = (
+CORRELATION_RATE = 10.0  # Hz of the comparison
+CORRELATION_MEAN = 0.5  # s
+MIN_SHIFT = 0.5  # s: less is latency, which is found otherwise
+MIN_SHARED = 0.6  # of the shorter of two signals, that is compared at any shift
+MIN_SHIFT_CORR, MIN_CORR_GAIN = (
     0.8,
     0.15,
 )  # a shift is found by such a correlation, and it is so much better than without
 MAX_CORRELATED_ROWS = 1 << 16  # of a signal that are compared: 1.8 h
-FEWEST = 100  # samples of a group
-LONGEST, LATEST = 1e6, 1e11  # s: of a signal, and of its times, that are compared
-MOST_GROUPS = 64  # that are compared
+MIN_GROUP_SAMPLES = 100  # samples of a group
+MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11  # s: of a signal, and of its times, that are compared
+MAX_GROUPS = 64  # that are compared
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
         By name of each signal that was shifted, s that were taken off its times.
     """
     groups = _group_channels(recording)
-    if recording.format in ONE_CLOCK or not 2 <= len(groups) <= MOST_GROUPS:
+    if recording.format in ONE_CLOCK or not 2 <= len(groups) <= MAX_GROUPS:
         return recording, {}
     base = max(
         groups,
@@ -115,7 +115,7 @@ def _group_channels(recording: Recording) -> list[Group]:
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)
-    large = [part for part in found.values() if np.isfinite(part[0].time).sum() >= FEWEST]
+    large = [part for part in found.values() if np.isfinite(part[0].time).sum() >= MIN_GROUP_SAMPLES]
     return [Group(i, part) for i, part in enumerate(large, 1)]
 
 
@@ -159,20 +159,24 @@ def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple
     """Return a signal at RATE without its mean, and when it begins; None: it does not move."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
-    if len(time) < FEWEST:
+    if len(time) < MIN_GROUP_SAMPLES:
         return None
     order = np.argsort(time, kind="stable")
     time, value = time[order], value[order]
-    if not 0 < time[-1] - time[0] < LONGEST or abs(time[0]) > LATEST:
+    if not 0 < time[-1] - time[0] < MAX_SIGNAL_SPAN or abs(time[0]) > MAX_SIGNAL_TIME:
         return None
-    at = time[0] + np.arange(min(MAX_CORRELATED_ROWS, int((time[-1] - time[0]) * RATE) + 1)) / RATE
+    at = (
+        time[0]
+        + np.arange(min(MAX_CORRELATED_ROWS, int((time[-1] - time[0]) * CORRELATION_RATE) + 1))
+        / CORRELATION_RATE
+    )
     x = np.interp(at, time, value)
-    n = max(1, round(SMOOTH * RATE))
+    n = max(1, round(CORRELATION_MEAN * CORRELATION_RATE))
     x = np.convolve(x, np.ones(n) / n, "same") if len(x) > n else x
-    x = np.gradient(x) * RATE if derive and len(x) > 2 else x
+    x = np.gradient(x) * CORRELATION_RATE if derive and len(x) > 2 else x
     x = x[n:-n] if len(x) > 4 * n else x
     x = x - x.mean()
-    return (float(at[0]) + n / RATE, x) if len(x) > FEWEST and x.std() > 1e-9 else None
+    return (float(at[0]) + n / CORRELATION_RATE, x) if len(x) > MIN_GROUP_SAMPLES and x.std() > 1e-9 else None
 
 
 def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
@@ -190,8 +194,8 @@ def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
         if one is None or two is None:
             continue
         lag, corr, at_zero = _correlate(one, two)
-        if corr < LEAST_CORR or corr < at_zero + BETTER or abs(lag) < LEAST_SHIFT:
-            if at_zero >= LEAST_CORR and not _describe_gap(a, b):
+        if corr < MIN_SHIFT_CORR or corr < at_zero + MIN_CORR_GAIN or abs(lag) < MIN_SHIFT:
+            if at_zero >= MIN_SHIFT_CORR and not _describe_gap(a, b):
                 return None  # the clocks are one
             continue
         if best is None or corr > best[1]:
@@ -212,7 +216,7 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     power = np.sqrt(
         np.maximum(correlate_all(a**2, ones_b), 0.0) * np.maximum(correlate_all(ones_a, b**2), 0.0)
     )
-    enough = shared >= LEAST_SHARED * min(len(a), len(b))
+    enough = shared >= MIN_SHARED * min(len(a), len(b))
     corr = np.where(enough & (power > 0), np.abs(correlate_all(a, b)) / np.maximum(power, 1e-30), 0.0)
     k = int(corr.argmax())
     steps = np.arange(size)
@@ -222,7 +226,9 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     between = (
         0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
     )  # of a parabola through the three
-    lag = (float(steps[k]) + float(between)) / RATE + b0 - a0  # entry i of a goes with entry i + k of b
-    zero = round((a0 - b0) * RATE)
+    lag = (
+        (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0
+    )  # entry i of a goes with entry i + k of b
+    zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0
     return lag, float(corr[k]), at_zero

@@ -6,25 +6,25 @@ from typing import Any
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import AXLES, NAMED, Guess, Look
-from tse.channels.physics import MOVING, average
-from tse.channels.scales import UNITS, USUAL_WHEELBASE, Scale, is_same_unit, measure_slopes
+from tse.channels.look import AXLES, MIN_NAME_SCORE, Guess, Look
+from tse.channels.physics import MOVING_SPEED, average
+from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, Scale, is_same_unit, measure_slopes
 from tse.channels.vocabulary import find_place, score_name
 from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import factor, kind
 from tse.readers.table import unit_at_end
 
-SIZE = "its size says so"
-MOUNTED = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
+BY_SIZE = "its size says so"
+MIN_MOUNTING = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
 # A steering angle that nobody names the unit of, on a log that does not turn enough to test it: by the size of its larger values
 # (97 % quantile; sd 1 of the logarithm) and by how common each is among logs
-SIZES = {
+STEERING_SIZES = {
     ("deg", True): (45.0, 0.6),
     ("rad", False): (0.05, 0.25),
     ("rad", True): (0.8, 0.1),
     ("deg", False): (3.0, 0.05),
 }
-USUAL_RATIO, USUAL_RATIO_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
+RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
 
 
 def make_guesses(
@@ -97,13 +97,13 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
     if c.unit and is_same_unit(c.unit, unit, role):
         return "the log says so"
     end = unit_at_end(c.short)
-    return "the name ends so" if end and is_same_unit(end, unit, role) else SIZE
+    return "the name ends so" if end and is_same_unit(end, unit, role) else BY_SIZE
 
 
 def _rate_confidence(said: float, shown: float) -> str:
     """Sure: name and physics agree. Likely: physics is clear alone, or the name, and physics does not contradict it. What was
     neither tested nor is called so and has a unit is unsure."""
-    if said >= NAMED and shown >= 2.5:
+    if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
 
@@ -155,12 +155,12 @@ def _guess_motion(
     origin = _describe_origin(look, name, unit, role)
     unsure = []
     if worth["shown"] == 0.0:  # nothing to compare with, or the log moves too little
-        figures.append("not tested: by its name alone" if worth["said"] >= NAMED else "not tested")
-        unsure = ["the signal", "its sign"] if worth["said"] < NAMED else ["its sign"]
-        if origin == SIZE:
+        figures.append("not tested: by its name alone" if worth["said"] >= MIN_NAME_SCORE else "not tested")
+        unsure = ["the signal", "its sign"] if worth["said"] < MIN_NAME_SCORE else ["its sign"]
+        if origin == BY_SIZE:
             unsure.append("its unit")
             confidence = "unsure"
-    elif worth["said"] < NAMED:
+    elif worth["said"] < MIN_NAME_SCORE:
         unsure = [
             "the signal, by its behaviour alone",
             *(["its sign"] if role != "accel_x" and not is_sided else []),
@@ -206,20 +206,22 @@ def _guess_steering(
         )  # fmt: skip
         guess.unit, wheel = _guess_by_size(look.x[name], unit)
         guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
-        guess.ratio = (given or USUAL_RATIO) if wheel else None
+        guess.ratio = (given or RATIO_PRIOR) if wheel else None
         guess.confidence = "unsure"
         guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
         guess.figures.append(why)
         return guess
     guess.sign = float(np.sign(found.per_curvature))
     raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
-    options = [(u, raw * float(factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNITS["steer_angle"])]
+    options = [
+        (u, raw * float(factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNIT_OPTIONS["steer_angle"])
+    ]
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
     likely = [
         (
             min(
                 abs(np.log(q)) / spread,
-                abs(np.log(q / (given or USUAL_RATIO))) / np.hypot(spread, 0.02 if given else 0.15),
+                abs(np.log(q / (given or RATIO_PRIOR))) / np.hypot(spread, 0.02 if given else 0.15),
             ),
             u,
             q,
@@ -231,12 +233,12 @@ def _guess_steering(
     if unit and off > 3.0:  # the unit that is said makes no sense
         other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(factor(other, "rad") or 1.0)
-        if min(abs(np.log(q)), abs(np.log(q / (given or USUAL_RATIO)))) / spread < 1.5:
+        if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
             warnings.append(
                 f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
             )
             guess.unit, ratio, guess.unit_from = other, q, "its size says so"
-    guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / USUAL_RATIO)) else ratio
+    guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / RATIO_PRIOR)) else ratio
     if guess.ratio is None:
         guess.figures.append(
             f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of "
@@ -249,8 +251,8 @@ def _guess_steering(
             f"{100 * found.share:.0f} % of its variance"
         )
         if given is None:  # what cars have counts as much as it is sure
-            weight = USUAL_RATIO_SD**-2 / (USUAL_RATIO_SD**-2 + spread**-2)
-            guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(USUAL_RATIO)))
+            weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
+            guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
         guess.ratio = round(guess.ratio, 2)
         if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
             guess.figures.append(f"the vehicle file says {given:g}, which is taken")
@@ -272,7 +274,9 @@ def _guess_steering(
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
     """Unit, and whether it is the steering wheel's: the likeliest of SIZES."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
-    options = {k: s for k, s in SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")} or SIZES
+    options = {
+        k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")
+    } or STEERING_SIZES
     best = max(options, key=lambda k: np.log(options[k][1]) - 0.5 * np.log(large / options[k][0]) ** 2)
     return unit or best[0], best[1]
 
@@ -309,7 +313,7 @@ def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, s
     unsure = [] if named else ["which wheel is which"]
     unsure += (
         ["its unit"]
-        if origin == SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures))
+        if origin == BY_SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures))
         else []
     )
     if unsure and confidence == "sure":
@@ -340,8 +344,8 @@ def _check_turned_imu(
     r = look.x[found["yaw_rate"].name[0]] * scale.per["yaw_rate"] * sign["yaw_rate"]
     y = look.x[found["accel_y"].name[0]] * scale.per["accel_y"] * sign["accel_y"]
     a = np.column_stack([v * r, physics.differentiate(v), np.ones(len(v))])
-    keep = np.isfinite(a).all(axis=1) & np.isfinite(y) & (np.abs(v) > physics.MOVING)
-    if keep.sum() < physics.FEWEST:
+    keep = np.isfinite(a).all(axis=1) & np.isfinite(y) & (np.abs(v) > physics.MOVING_SPEED)
+    if keep.sum() < physics.MIN_ROWS:
         return
     a, y = a[keep], y[keep]
     information = a.T @ a
@@ -349,13 +353,13 @@ def _check_turned_imu(
         return
     slope = np.linalg.solve(information, a.T @ y)
     left = y - a @ slope
-    independent = max(len(y) / (2.0 * physics.SMOOTH * physics.RATE), 4.0)
+    independent = max(len(y) / (2.0 * physics.MEAN_TIME * physics.COMPARISON_RATE), 4.0)
     covariance = np.linalg.inv(information) * len(y) / independent * float(np.mean(left**2))
     if slope[0] <= 0:
         return
     angle = float(np.arctan2(slope[1], slope[0]))
     sd = float(np.sqrt(covariance[1, 1]) / np.hypot(slope[0], slope[1]))
-    if abs(angle) < MOUNTED or abs(angle) < 4.0 * sd:
+    if abs(angle) < MIN_MOUNTING or abs(angle) < 4.0 * sd:
         return
     warnings.append(
         f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the "
@@ -425,13 +429,13 @@ def _check_offsets(
 # ---- How late each channel is behind the gyro.
 
 
-LEAST_LATENCY = 0.004  # s
+MIN_LATENCY = 0.004  # s
 # s, by which a car turns behind its wheels in slow steering: single-track models of understeering passenger cars
 # with relaxation, drawn, at 10 .. 35 m/s
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-STEER_SURE = 2.0  # sd from which a latency of the steering is proposed
-LATEST = 0.4  # s
-FOUND = 4.0  # sd by which a latency is not 0
+MIN_STEERING_SDS = 2.0  # sd from which a latency of the steering is proposed
+MAX_STEERING_LATENCY = 0.4  # s
+MIN_LATENCY_SDS = 4.0  # sd by which a latency is not 0
 
 
 def find_latencies(
@@ -447,7 +451,7 @@ def find_latencies(
     if "rear_left" in wheels:
         difference = (look.x[wheels["rear_right"]] - look.x[wheels["rear_left"]]) * scale.per["wheel"]
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        late, sd = physics.find_lag(r, difference, keep & (v > MOVING))
+        late, sd = physics.find_lag(r, difference, keep & (v > MOVING_SPEED))
         for axle in AXLES:
             _set_latency(
                 look,
@@ -459,7 +463,7 @@ def find_latencies(
             )
     if "steer_angle" in found and wheels:
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        _set_steering_latency(look, found["steer_angle"], v, r, keep & (v > MOVING), warnings)
+        _set_steering_latency(look, found["steer_angle"], v, r, keep & (v > MOVING_SPEED), warnings)
     if "accel_y" in found and wheels:
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
         slope = physics.differentiate(r)
@@ -478,7 +482,7 @@ def _set_steering_latency(
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
-    if not np.isfinite(sd) or sd > 2 * YAW_LAG_SD or not STEER_SURE * sd < late < LATEST:
+    if not np.isfinite(sd) or sd > 2 * YAW_LAG_SD or not MIN_STEERING_SDS * sd < late < MAX_STEERING_LATENCY:
         return
     guess.latency = round(late, 3)
     guess.figures.append(f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate is {1e3 * follows:.0f} ms behind it, usual "
@@ -498,14 +502,14 @@ def _find_accel_lag(
     keep: np.ndarray,
 ) -> tuple[float, float]:
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
-    return physics.find_lag(v * r, y, keep & (v > MOVING), (slope, v**2 * slope))
+    return physics.find_lag(v * r, y, keep & (v > MOVING_SPEED), (slope, v**2 * slope))
 
 
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time
-    if abs(late) > max(LEAST_LATENCY, FOUND * sd) and abs(late) < 0.3 and sd < 0.02:
+    if abs(late) > max(MIN_LATENCY, MIN_LATENCY_SDS * sd) and abs(late) < 0.3 and sd < 0.02:
         guess.figures.append(f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) behind the yaw rate: {how}")
-        if not together or abs(late) > 2 * LEAST_LATENCY:
+        if not together or abs(late) > 2 * MIN_LATENCY:
             guess.latency = round(late, 4)

@@ -14,7 +14,7 @@ import pandas as pd
 from tse.car.vehicle import Vehicle
 from tse.channels.mapping import Series, map_signals
 from tse.channels.raster import resample_channels
-from tse.channels.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, list_channels
+from tse.channels.signals import MAX_RATE, MIN_RATE, Signal, Signals, find_signals, list_channels
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
@@ -347,8 +347,10 @@ def _describe_range(name: str) -> str:
 
 def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     """A log of any format. UserError: what is missing, and what helps."""
-    if reading.rate is not None and not SLOWEST <= reading.rate <= FASTEST:
-        raise UserError(f"option --rate: {reading.rate:g} is outside its range {SLOWEST:g} .. {FASTEST:g} Hz")
+    if reading.rate is not None and not MIN_RATE <= reading.rate <= MAX_RATE:
+        raise UserError(
+            f"option --rate: {reading.rate:g} is outside its range {MIN_RATE:g} .. {MAX_RATE:g} Hz"
+        )
     signals, how = find_signals(path, reading.signals, reading.databases)
     recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):

@@ -12,28 +12,28 @@ import numpy as np
 
 from tse.channels.counters import find_modulo
 from tse.channels.mapping import Clocks, Series
-from tse.channels.physics import RATE, smooth
+from tse.channels.physics import COMPARISON_RATE, smooth
 from tse.channels.raster import find_rate, resample, select_entries
 from tse.channels.vocabulary import join_words
 from tse.log.units import is_strange, kind
 from tse.readers.recording import Channel, Recording
 from tse.readers.table import unit_at_end
 
-KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("acceleration",), "steer_angle": ("angle",),
+ROLE_KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("acceleration",), "steer_angle": ("angle",),
     "wheel": ("speed", "rate"),
          "speed": ("speed",)}  # fmt: skip
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+WHEEL_PLACES = ("front_left", "front_right", "rear_left", "rear_right")
 AXLES = ("front", "rear")
-LONGEST = 1500.0  # s of a log that are looked at
-SIGN_ALIKE = 0.6  # of names of a magnitude and its sign: difflib's ratio
-FEWEST_TURNS = 4  # of a sign, to be compared with where the magnitude is 0
-LEAST_SET = (
+MAX_LOOK_TIME = 1500.0  # s of a log that are looked at
+MIN_SIGN_ALIKE = 0.6  # of names of a magnitude and its sign: difflib's ratio
+MIN_SIGN_CHANGES = 4  # of a sign, to be compared with where the magnitude is 0
+MIN_SIGN_SHARE = (
     0.02  # share of the rows in which a sign is set beside a magnitude of half the usual: bends to that side
 )
-AT_ZERO = 0.2  # of the usual magnitude: the lesser one beside a turn of the sign, median
-MOST_STATES = 32  # values that a status has at most; a measured quantity that is called one has more
+MAX_AT_ZERO = 0.2  # of the usual magnitude: the lesser one beside a turn of the sign, median
+MAX_STATES = 32  # values that a status has at most; a measured quantity that is called one has more
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
-NAMED, TURNED = 1.0, 0.9  # a name that says something; a correlation that proves something
+MIN_NAME_SCORE, MIN_PROOF_CORR = 1.0, 0.9  # a name that says something; a correlation that proves something
 
 
 @dataclass
@@ -90,15 +90,15 @@ def _find_sign_bit(
     best: tuple[float, str] | None = None
     for short, (bit, own, flag) in bits.items():
         alike = SequenceMatcher(None, name.lower(), short.lower(), autojunk=False).ratio()
-        if alike < SIGN_ALIKE or not set(np.unique(flag[np.isfinite(flag)])) <= {0.0, 1.0}:
+        if alike < MIN_SIGN_ALIKE or not set(np.unique(flag[np.isfinite(flag)])) <= {0.0, 1.0}:
             continue
         sign = _hold_last(time, own, flag)
         turns = np.flatnonzero(np.diff(sign))
         set_there = np.mean((sign == 1) & (value > 0.5 * usual))
-        if len(turns) < FEWEST_TURNS or set_there < LEAST_SET:
+        if len(turns) < MIN_SIGN_CHANGES or set_there < MIN_SIGN_SHARE:
             continue
         at = np.minimum(value[turns], value[turns + 1])
-        if np.nanmedian(at) < AT_ZERO * usual and (best is None or alike > best[0]):
+        if np.nanmedian(at) < MAX_AT_ZERO * usual and (best is None or alike > best[0]):
             best = alike, bit
     return best[1] if best else None
 
@@ -124,7 +124,7 @@ class Look:
         for c in recording:
             time, value = clocks.straighten(c)
             rows = (
-                int(np.searchsorted(time, time[0] + 1.1 * LONGEST)) if len(time) else 0
+                int(np.searchsorted(time, time[0] + 1.1 * MAX_LOOK_TIME)) if len(time) else 0
             )  # of ten hours no more is copied
             # where all of them have a time
             value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
@@ -149,16 +149,16 @@ class Look:
             self.x, self.time = {}, np.zeros(0)
             return
         first = float(np.median([t[0] for t, _ in own.values()]))
-        last = min(float(np.median([t[-1] for t, _ in own.values()])), first + LONGEST)
-        self.time = np.arange(first, max(last, first + 1.0), 1.0 / RATE)
-        self.fine = {n: resample(t, v, self.time, RATE) for n, (t, v) in own.items()}
+        last = min(float(np.median([t[-1] for t, _ in own.values()])), first + MAX_LOOK_TIME)
+        self.time = np.arange(first, max(last, first + 1.0), 1.0 / COMPARISON_RATE)
+        self.fine = {n: resample(t, v, self.time, COMPARISON_RATE) for n, (t, v) in own.items()}
         self.x = {n: smooth(v) for n, v in self.fine.items()}
 
     def clean_name(self, name: str) -> str:
         """The name; without a "status" at its end where it has more values than a status has."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
-            many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MOST_STATES
+            many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MAX_STATES
             self._called[name] = plain if many else name
         return self._called[name]
 
@@ -176,29 +176,29 @@ class Look:
 # value that is sent in coarse steps; and wheels that count instead of telling a speed.
 
 
-FLAG = re.compile(
+FLAG_NAME = re.compile(
     r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|invalid|ungueltig|\berr|error|fehler|fault|\bfail|"
     r"status|\bsts\b|\bstat\b|\bstate\b|avail|plaus",
     re.IGNORECASE,
 )
-OF_ALL = re.compile(
+MESSAGE_FLAG_NAME = re.compile(
     r"qual|valid|gueltig|g\u00fcltig|\bqf\b|qbit|\bvld\b", re.IGNORECASE
 )  # of a flag of the whole message
-BAD_STATE = re.compile(
+BAD_STATE_NAME = re.compile(
     r"inval|\bnot|\bno\b|err|fault|fail|fehl|ung(ue|ü)lt|init|sna|unavail|undef|reserv|nicht|implaus|unplaus|degrad",
     re.IGNORECASE,
 )
-COUNTER = re.compile(
+COUNTER_NAME = re.compile(
     r"\bbz\b|count|\bcntr?\b|rolling|zaehler|z\u00e4hler|alive|\bmc\b|sequence", re.IGNORECASE
 )
-REST = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re.IGNORECASE)
-TICKS = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
-MOST_FLAGS = 8  # values of a flag
-LEAST_VALID = 0.9  # share of the rows that hold the one value which means valid
-FLAG_ALIKE = 0.5  # of a flag's and its signal's name: difflib's ratio
-FAR_BEYOND = 1.5  # times the largest other value
-COARSE = 0.02  # a value in steps of so much of its range is coarse
-FILLED = 0.35  # of the size of the steps: what is left of them where the other signal is the rest
+REST_NAME = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re.IGNORECASE)
+TICK_NAME = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
+MAX_FLAG_VALUES = 8  # values of a flag
+MIN_VALID_SHARE = 0.9  # share of the rows that hold the one value which means valid
+MIN_FLAG_ALIKE = 0.5  # of a flag's and its signal's name: difflib's ratio
+CODE_RATIO = 1.5  # times the largest other value
+COARSE_STEP = 0.02  # a value in steps of so much of its range is coarse
+MAX_FILLED = 0.35  # of the size of the steps: what is left of them where the other signal is the rest
 
 
 Flags: TypeAlias = Mapping[tuple[str, int], Sequence[tuple[Channel, float]]]
@@ -223,12 +223,13 @@ def find_flag(
         for c, v in flags.get((_get_message_name(mine), len(mine)), ())
         if c.name not in taken and c is not mine
     )
-    if found and found[-1][0] >= FLAG_ALIKE:
+    if found and found[-1][0] >= MIN_FLAG_ALIKE:
         return found[-1][1], found[-1][2]
     whole = [
         (n, v)
         for _, n, v in found
-        if OF_ALL.search(join_words(recording.channels[n].short)) and not _is_of_another_signal(recording, n)
+        if MESSAGE_FLAG_NAME.search(join_words(recording.channels[n].short))
+        and not _is_of_another_signal(recording, n)
     ]
     return whole[0] if len(whole) == 1 and _get_message_name(mine) else None
 
@@ -240,11 +241,11 @@ def _is_of_another_signal(recording: Recording, flag: str) -> bool:
     plain = " ".join(
         w
         for w in join_words(mine.short).split()
-        if not FLAG.search(w) and w not in join_words(message).split()
+        if not FLAG_NAME.search(w) and w not in join_words(message).split()
     )
     return len(plain) > 3 and any(
-        c is not mine and SequenceMatcher(None, plain, join_words(c.short), autojunk=False).ratio() >= FLAG_ALIKE
-        for c in recording if _get_message_name(c) == _get_message_name(mine) and not FLAG.search(join_words(c.short))
+        c is not mine and SequenceMatcher(None, plain, join_words(c.short), autojunk=False).ratio() >= MIN_FLAG_ALIKE
+        for c in recording if _get_message_name(c) == _get_message_name(mine) and not FLAG_NAME.search(join_words(c.short))
     )  # fmt: skip
 
 
@@ -255,9 +256,9 @@ def mark_no_value(value: np.ndarray) -> np.ndarray:
     top = float(there.max()) if len(there) else 0.0
     is_top = size == top
     others = there[there < top]
-    if top == 0 or not len(others) or is_top.sum() < 2 or is_top.mean() > 1.0 - LEAST_VALID:
+    if top == 0 or not len(others) or is_top.sum() < 2 or is_top.mean() > 1.0 - MIN_VALID_SHARE:
         return np.zeros(len(value), bool)
-    return is_top if top > FAR_BEYOND * float(others.max()) else np.zeros(len(value), bool)
+    return is_top if top > CODE_RATIO * float(others.max()) else np.zeros(len(value), bool)
 
 
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
@@ -297,22 +298,22 @@ def _compare_names(c: Channel, mine: Channel) -> float:
 
 def _find_valid_value(c: Channel) -> float | None:
     """The value of a flag that means valid; None: no flag, or nobody can tell."""
-    if not FLAG.search(join_words(c.short)) and not FLAG.search(c.short):
+    if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]
     values, count = np.unique(there[:: max(len(there) // 100000, 1)], return_counts=True)
-    if not 2 <= len(values) <= MOST_FLAGS or (values != np.round(values)).any():
+    if not 2 <= len(values) <= MAX_FLAG_VALUES or (values != np.round(values)).any():
         return None
     most = int(count.argmax())
-    if c.states and any(BAD_STATE.search(t.replace("_", " ")) for t in c.states.values()):
-        good = [v for v in values if not BAD_STATE.search(c.states.get(float(v), "").replace("_", " "))]
+    if c.states and any(BAD_STATE_NAME.search(t.replace("_", " ")) for t in c.states.values()):
+        good = [v for v in values if not BAD_STATE_NAME.search(c.states.get(float(v), "").replace("_", " "))]
         return float(good[0]) if len(good) == 1 else None  # the database says which
-    return float(values[most]) if LEAST_VALID <= count[most] / count.sum() < 1.0 else None
+    return float(values[most]) if MIN_VALID_SHARE <= count[most] / count.sum() < 1.0 else None
 
 
 def _count_modulo(c: Channel) -> int:
     """How far a counter counts; 0: it is none."""
-    if not COUNTER.search(join_words(c.short)) and not COUNTER.search(c.short):
+    if not COUNTER_NAME.search(join_words(c.short)) and not COUNTER_NAME.search(c.short):
         return 0
     there = c.value[np.isfinite(c.value)][:100000]
     if len(there) < 50 or (there != np.round(there)).any() or there.min() < 0:
@@ -324,13 +325,13 @@ def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
     """A value in coarse steps, and another signal that fills them: the sum is smoother than the first."""
     x = mine.value
     step = _find_step(x)
-    if not step or (step < COARSE * float(np.nanmax(np.abs(x))) and step < 0.5):
+    if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):
         return
     for c in beside:
-        if not REST.search(join_words(c.short)) and not REST.search(c.short):
+        if not REST_NAME.search(join_words(c.short)) and not REST_NAME.search(c.short):
             continue
         rough, both = (float(np.nanmean(np.abs(np.diff(y, 2)))) for y in (x, x + c.value))
-        if both < FILLED * rough and float(np.nanmax(np.abs(c.value))) <= step:
+        if both < MAX_FILLED * rough and float(np.nanmax(np.abs(c.value))) <= step:
             g.add = c.name
             smoother = rough / max(both, 1e-12)
             g.figures.append(
@@ -354,7 +355,7 @@ def warn_of_counting_wheels(recording: Recording) -> list[str]:
     """Warnings: wheels that count up."""
     found = [
         c.name for c in recording
-        if TICKS.search(join_words(c.short)) and len(c) > 50 and float(np.mean(np.diff(c.value[:100000]) >= 0)) > 0.95
+        if TICK_NAME.search(join_words(c.short)) and len(c) > 50 and float(np.mean(np.diff(c.value[:100000]) >= 0)) > 0.95
         and float(np.nanmax(c.value) - np.nanmin(c.value)) > 10
     ]  # fmt: skip
     if len(found) < 2:

@@ -15,7 +15,7 @@ from tse.log.units import factor
 from tse.readers.recording import Channel, Recording
 
 USUAL_MODULO = 16  # of a counter of 4 bits
-MOST_LOST = (
+MAX_LOST = (
     0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
 )
 
@@ -59,7 +59,7 @@ class Clocks:
 
 
 def map_signals(
-    recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MOST_LOST
+    recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MAX_LOST
 ) -> dict[str, Series]:
     """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels. `most_lost`:
     share of a channel's values that its flag may call invalid; 1: of a piece of a drive all.
@@ -218,7 +218,7 @@ def _drop_repeated(
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)
     again = np.append(False, step == 0)
-    if again.mean() > MOST_LOST:
+    if again.mean() > MAX_LOST:
         notes.append(
             f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: "
             "not used"

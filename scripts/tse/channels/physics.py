@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-RATE = 20.0  # Hz of the raster on which channels are compared
-SMOOTH = 0.4  # s: means over that are compared
-MOVING = 5.0  # m/s
-FEWEST = 200  # rows that have both, to say anything
-TRACK = 1.53  # m, usual; cars have 1.3 .. 1.7
-TRACK_SD = 0.08  # of its logarithm
+COMPARISON_RATE = 20.0  # Hz of the raster on which channels are compared
+MEAN_TIME = 0.4  # s: means over that are compared
+MOVING_SPEED = 5.0  # m/s
+MIN_ROWS = 200  # rows that have both, to say anything
+USUAL_TRACK = 1.53  # m, usual; cars have 1.3 .. 1.7
+USUAL_TRACK_SD = 0.08  # of its logarithm
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Fit:
 
 def smooth(x: np.ndarray) -> np.ndarray:
     """Means over SMOOTH, NaN where more than half is missing."""
-    n = max(1, round(SMOOTH * RATE))
+    n = max(1, round(MEAN_TIME * COMPARISON_RATE))
     good = np.isfinite(x)
     kernel = np.ones(n)
     count = np.convolve(good, kernel, "same")
@@ -42,7 +42,7 @@ def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> Fit:
     if keep is not None:
         both &= keep
     n = int(both.sum())
-    if n < FEWEST:
+    if n < MIN_ROWS:
         return Fit(rows=n)
     a, b = x[both], y[both]
     a0, b0 = a.mean(), b.mean()
@@ -64,7 +64,7 @@ def average(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 def differentiate(x: np.ndarray) -> np.ndarray:
     """Per second."""
-    return np.gradient(x) * RATE
+    return np.gradient(x) * COMPARISON_RATE
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,13 @@ UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012  # s2/m2, 1/(characteristic speed)^2: 
 def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
     """The steering angle by curvature; v: m/s, r: rad/s. At one speed the understeer does not show, and is that of cars. None: too
     little to tell."""
-    moving = v > MOVING
+    moving = v > MOVING_SPEED
     curvature = r / np.where(moving, v, np.nan)
     keep = moving & np.isfinite(angle) & np.isfinite(curvature)
-    if keep.sum() < FEWEST or np.std(curvature[keep]) < 1e-5 or np.std(angle[keep]) < 1e-9:
+    if keep.sum() < MIN_ROWS or np.std(curvature[keep]) < 1e-5 or np.std(angle[keep]) < 1e-9:
         return None
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
-    independent = max(len(y) / (2.0 * SMOOTH * RATE), 1.0)
+    independent = max(len(y) / (2.0 * MEAN_TIME * COMPARISON_RATE), 1.0)
     grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
     # all of x = c + k (c v2) at once, by what c and c v2 have in common with each other and with y
     parts = np.array([c, c * v2])
@@ -132,13 +132,13 @@ def find_lag(
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)
     n = int(rows.sum())
-    if n < FEWEST or np.std(x[rows]) < 1e-9:
+    if n < MIN_ROWS or np.std(x[rows]) < 1e-9:
         return 0.0, np.inf
     t, target = table[rows], y[rows]
     scale = np.maximum(np.sqrt(np.mean(t**2, axis=0)), 1e-12)
     found, *_ = np.linalg.lstsq(t / scale, target, rcond=None)
     left = target - (t / scale) @ found
-    independent = max(n / (2.0 * SMOOTH * RATE), 1.0)
+    independent = max(n / (2.0 * MEAN_TIME * COMPARISON_RATE), 1.0)
     inverse = np.linalg.pinv((t / scale).T @ (t / scale) / n)
     sd = np.sqrt(np.mean(left**2) * np.diag(inverse) / independent) / scale
     a, b = (found / scale)[:2]
@@ -149,11 +149,11 @@ def find_lag(
 
 def compute_ground_speed(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
     """Speed over ground, m/s, from degrees."""
-    north = np.gradient(np.radians(latitude)) * 6371e3 * RATE
+    north = np.gradient(np.radians(latitude)) * 6371e3 * COMPARISON_RATE
     east = (
         np.gradient(np.unwrap(np.radians(longitude)))
         * 6371e3
-        * RATE
+        * COMPARISON_RATE
         * np.cos(np.radians(np.nanmean(latitude)))
     )
     return np.hypot(north, east)

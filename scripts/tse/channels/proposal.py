@@ -141,7 +141,7 @@ def _make_relative(path: Path, folder: Path) -> str:
 # over.
 
 __all__ = ["Guess", "Proposal", "propose"]
-PASSES = 3
+ROLE_PASSES = 3
 
 
 def propose(recording: Recording, car: Any | None = None) -> Proposal:
@@ -152,7 +152,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     wheels = find_wheels(look) or find_speed(look)
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
-    for _ in range(PASSES):
+    for _ in range(ROLE_PASSES):
         raw, before = compute_speed(look, wheels), (chosen, wheels)
         chosen, worth = find_roles(look, wheels, raw, chosen)
         if raw is None:

@@ -12,24 +12,26 @@ from tse.log.noise import fresh
 from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 from tse.readers.recording import PIECE, ROW, check_rows
 
-FASTEST = 100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
-SLOWEST_OWN = 5.0  # Hz: a slower channel asks for no raster
-GAP_STEPS, SHORTEST_GAP, LONGEST_GAP = (
+MAX_DEFAULT_RATE = 100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
+MIN_OWN_RATE = 5.0  # Hz: a slower channel asks for no raster
+GAP_STEPS, MIN_GAP, MAX_GAP = (
     6.0,
     0.25,
     1.0,
 )  # a gap is so many usual steps of its channel, s at least, s at most
-CLOSE = 0.25  # of a usual step: entries that are nearer than that are one, a burst of the bus
-STEADY = 0.01  # of a step: times that are off an even beat by less are even
-PASS, TAPS = (
+BURST_STEP = 0.25  # of a usual step: entries that are nearer than that are one, a burst of the bus
+EVEN_STEP = 0.01  # of a step: times that are off an even beat by less are even
+PASS_BAND, PASS_STEPS = (
     0.45,
     6,
 )  # the low pass ends at so much of the new rate, and is so many new steps long on either side
-DENSE = 4.0  # times the rate that is asked for: of entries that are low-passed and as near to each other
-SPARSE = (
+DENSE_RATIO = (
+    4.0  # times the rate that is asked for: of entries that are low-passed and as near to each other
+)
+MIN_FILLED = (
     0.8  # share of rows with a value below which a column of a table is of another rate, or an outer join's
 )
-REACH = 600  # entries over which a cubic spline feels another: 0.27 ** 600 is less than the smallest number beside 0
+SPLINE_REACH = 600  # entries over which a cubic spline feels another: 0.27 ** 600 is less than the smallest number beside 0
 SAME = 1e-3  # of a step: a raster that meets the entries takes them as they are
 
 
@@ -55,8 +57,8 @@ def select_entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
     new = fresh(value)
     time, value = (time, value) if new.all() else (time[new], value[new])
     step = np.diff(time)
-    if len(step) and (step < CLOSE * np.median(step)).any():
-        first = np.append(True, step >= CLOSE * np.median(step))
+    if len(step) and (step < BURST_STEP * np.median(step)).any():
+        first = np.append(True, step >= BURST_STEP * np.median(step))
         starts = np.flatnonzero(first)
         count = np.diff(np.append(starts, len(time)))
         time, value = (np.add.reduceat(x, starts) / count for x in (time, value))
@@ -112,7 +114,7 @@ def is_core(name: str) -> bool:
 
 def choose_rate(rates: Sequence[float]) -> float:
     """Return the rate of a raster that nobody has asked for, Hz, from those of the channels in is_core()."""
-    rate = min(max((r for r in rates if r >= SLOWEST_OWN), default=10.0), FASTEST)
+    rate = min(max((r for r in rates if r >= MIN_OWN_RATE), default=10.0), MAX_DEFAULT_RATE)
     return round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
 
 
@@ -135,7 +137,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
         between = _interpolate_spline
         if len(part) > 3 and 1.0 / usual > 1.2 * rate:
             part, value = _filter_low_pass(part, value, usual, rate)
-            if len(part) > 3 and 1.0 / usual > DENSE * rate:
+            if len(part) > 3 and 1.0 / usual > DENSE_RATIO * rate:
                 between = _interpolate_cubic
         count = max(1, round(PIECE * min(1.0, rate * usual)))  # rows of so many entries
         for begin in range(rows.start, rows.stop, count):
@@ -146,7 +148,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
 
 def find_longest_gap(usual: float) -> float:
     """Return how far entries that are usually so far apart may be, s, for a value in between."""
-    return min(max(GAP_STEPS * usual, SHORTEST_GAP), max(LONGEST_GAP, 2.5 * usual))
+    return min(max(GAP_STEPS * usual, MIN_GAP), max(MAX_GAP, 2.5 * usual))
 
 
 def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -155,7 +157,7 @@ def _interpolate_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndar
     if len(t) < 4:
         return np.interp(at, t, x)
     first, last = np.searchsorted(t, at[[0, -1]])
-    part = slice(max(0, min(int(first) - REACH, len(t) - 4)), int(last) + REACH)
+    part = slice(max(0, min(int(first) - SPLINE_REACH, len(t) - 4)), int(last) + SPLINE_REACH)
     own, value = t[part], x[part]
     if not (np.diff(own) > 0).all():  # times so large that their steps are lost in their last digit
         new = np.append(True, np.diff(np.maximum.accumulate(own)) > 0)
@@ -187,9 +189,9 @@ def _filter_low_pass(
     """An even grid of the entries' own step, and what the signal is there below PASS of `rate`; no phase."""
     n = max(2, round((t[-1] - t[0]) / usual) + 1)
     even = np.linspace(t[0], t[-1], n)
-    value = x if n == len(t) and np.max(np.abs(t - even)) < STEADY * usual else np.interp(even, t, x)
-    half = min(max(1, round(TAPS / (rate * usual))), max(1, (n - 1) // 2))
-    kernel = np.sinc(2.0 * PASS * rate * usual * np.arange(-half, half + 1)) * np.hamming(2 * half + 1)
+    value = x if n == len(t) and np.max(np.abs(t - even)) < EVEN_STEP * usual else np.interp(even, t, x)
+    half = min(max(1, round(PASS_STEPS / (rate * usual))), max(1, (n - 1) // 2))
+    kernel = np.sinc(2.0 * PASS_BAND * rate * usual * np.arange(-half, half + 1)) * np.hamming(2 * half + 1)
     kernel /= kernel.sum()
     of_kernel = np.zeros(0)
     # ends go on as they are mirrored about their last value: a straight line stays one
@@ -239,10 +241,10 @@ def _keep_table(found: Mapping[str, Series], rate: float | None) -> Rows | None:
     if not all(s.time is first.time or np.array_equal(s.time, first.time) for s in found.values()):
         return None
     own = find_rate(first.time)
-    if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * FASTEST and rate is None):
+    if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * MAX_DEFAULT_RATE and rate is None):
         return None
     full = [s for n, s in found.items() if n not in VELOCITIES]
-    sparse = [s for s in full if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < SPARSE]
+    sparse = [s for s in full if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < MIN_FILLED]
     if any(
         np.median(np.diff(np.flatnonzero(np.isfinite(s.value)))) > 1
         for s in sparse

@@ -9,28 +9,33 @@ from typing import Any
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import KINDS, NAMED, TURNED, Look
-from tse.channels.physics import TRACK, TRACK_SD, fit, smooth
+from tse.channels.look import MIN_NAME_SCORE, MIN_PROOF_CORR, ROLE_KINDS, Look
+from tse.channels.physics import USUAL_TRACK, USUAL_TRACK_SD, fit, smooth
 from tse.channels.vocabulary import join_words, score_name
 from tse.channels.wheels import compute_speed, find_named_speed, find_turn, is_car_speed
 from tse.log.units import factor, kind
 from tse.readers.recording import RECEIVER
 from tse.readers.table import unit_at_end
 
-UNITS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"),
+UNIT_OPTIONS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"),
     "accel_x": ("m/s2", "g"),
          "steer_angle": ("deg", "rad")}  # fmt: skip
-USUAL_RADIUS, RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars, when no vehicle file says
+USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars, when no vehicle file says
 USUAL_WHEELBASE = 2.7  # m, likewise
-CONTRADICTED, SUFFIX, UNSAID = (
+LOG_UNIT_COST, NAME_UNIT_COST, OTHER_UNIT_COST = (
     6.0,
     3.0,
     0.5,
 )  # cost, in squared sd, of a unit that is not the log's, not the name's, and of any other than SI
-CLIP = 16.0  # most that one equation says against a set of units,
-MOST = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}  # what road cars do, SI, wheels m/s
-BEYOND = 25.0  # cost of a unit with which a car would do more
-FAR = 0.1  # but of two sets that are both far off the nearer one is better: per sd
+MAX_EQUATION_COST = 16.0  # most that one equation says against a set of units,
+MAX_MOTION = {
+    "yaw_rate": 3.0,
+    "accel_y": 20.0,
+    "accel_x": 20.0,
+    "wheel": 80.0,
+}  # what road cars do, SI, wheels m/s
+MOTION_COST = 25.0  # cost of a unit with which a car would do more
+FAR_COST = 0.1  # but of two sets that are both far off the nearer one is better: per sd
 
 
 @dataclass(frozen=True)
@@ -63,13 +68,15 @@ def find_units(
     options: dict[str, list[tuple[str, float]]] = {}
     for role, name in names.items():
         said, end = look.channels[name].unit, unit_at_end(look.channels[name].short)
-        said = said if kind(said) in KINDS.get(role, KINDS["wheel"]) else ""
-        choices = [u for u in UNITS[role] if not (role == "wheel" and car_speed and factor(u, "m/s") is None)]
+        said = said if kind(said) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]) else ""
+        choices = [
+            u for u in UNIT_OPTIONS[role] if not (role == "wheel" and car_speed and factor(u, "m/s") is None)
+        ]
         if said and factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
             choices = [said] + [u for u in choices if not is_same_unit(u, said, role)]
-        elif said == "" and end and kind(end) in KINDS.get(role, KINDS["wheel"]):
+        elif said == "" and end and kind(end) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]):
             choices = [end] + [u for u in choices if not is_same_unit(u, end, role)]
-        cost = CONTRADICTED if said else SUFFIX if end and choices[0] == end else UNSAID
+        cost = LOG_UNIT_COST if said else NAME_UNIT_COST if end and choices[0] == end else OTHER_UNIT_COST
         options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
     tops = {
         r: float(np.nanquantile(np.abs(look.x[n]), 0.999))
@@ -82,7 +89,9 @@ def find_units(
         unit = {role: u for role, (u, _) in zip(options, picks, strict=True)}
         per = {role: _convert_unit(role, u, car) for role, u in unit.items()}
         cost, figures = _compute_cost(facts, unit, per, car)
-        cost += sum(BEYOND for role, top in tops.items() if role in per and top * per[role] > MOST[role])
+        cost += sum(
+            MOTION_COST for role, top in tops.items() if role in per and top * per[role] > MAX_MOTION[role]
+        )
         this = cost + sum(c for _, c in picks), Scale(unit, per, figures)
         declared = declared or this
         if best is None or this[0] < best[0]:
@@ -91,7 +100,7 @@ def find_units(
         return Scale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
-        if was and kind(was) in KINDS.get(role, KINDS["wheel"]) and not is_same_unit(u, was, role):
+        if was and kind(was) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]) and not is_same_unit(u, was, role):
             warnings.append(
                 f"{names[role]!r} is in {was}, the log says, but its size is that of {u}: {u} is proposed"
             )
@@ -123,13 +132,13 @@ def measure_slopes(
     r = look.x[chosen["yaw_rate"]] if "yaw_rate" in chosen else None
     if r is not None and "accel_y" in chosen:
         found = fit(v * r, look.x[chosen["accel_y"]])
-        if abs(found.corr) > TURNED:
+        if abs(found.corr) > MIN_PROOF_CORR:
             facts["accel_y"] = abs(found.slope)
         facts["accel_y_corr"] = found.corr
     turn = find_turn(look, wheels)
     if r is not None and turn is not None:
         found = fit(r, turn)
-        if abs(found.corr) > TURNED:
+        if abs(found.corr) > MIN_PROOF_CORR:
             facts["track"] = abs(found.slope)
         facts["track_corr"] = found.corr
     if r is not None:
@@ -154,7 +163,7 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     left. -1: to the right. 0: there is no course."""
     named = [
         n for n in look.raw
-        if score_name("heading", n) >= NAMED and kind(look.find_unit(n)) in ("", "angle")
+        if score_name("heading", n) >= MIN_NAME_SCORE and kind(look.find_unit(n)) in ("", "angle")
         and (look.channels[n].text == RECEIVER or re.search(r"gps|gnss", join_words(n)))
     ]  # fmt: skip
     if not named:
@@ -165,7 +174,9 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     if len(course) < 10 or np.ptp(course) < 1.0 or course.min() < -181.0 or course.max() > 361.0:
         return 0.0
     turned = -np.unwrap(np.radians(course))
-    rate = smooth(np.gradient(smooth(np.interp(look.time, time, turned, np.nan, np.nan))) * physics.RATE)
+    rate = smooth(
+        np.gradient(smooth(np.interp(look.time, time, turned, np.nan, np.nan))) * physics.COMPARISON_RATE
+    )
     return fit(r, rate, np.abs(v) > 0.3 * np.nanmax(np.abs(v))).corr
 
 
@@ -175,7 +186,7 @@ def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | No
         n
         for n in look.x
         if kind(look.channels[n].unit) == "speed"
-        and score_name("speed", n) >= NAMED
+        and score_name("speed", n) >= MIN_NAME_SCORE
         and n not in wheels.values()
     ]
     named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", join_words(n))), score_name("speed", n)))
@@ -198,19 +209,19 @@ def _compute_cost(
     """How far a set of units is from what physics wants, in squared sd, and the figures themselves."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and factor(unit["wheel"], "m/s") is None
-    loose = RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0
+    loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0
     figures = {}
     cost = 0.0
     for name, factor_, sd, wanted in (
         ("accel_y", ay / (v * r), 0.07, 1.0),
         ("accel_x", ax / v, 0.12, 1.0),
-        ("track", v / r, TRACK_SD, TRACK),
+        ("track", v / r, USUAL_TRACK_SD, USUAL_TRACK),
         ("speed", 1.0 / v, 0.03, 1.0),
     ):
         if name in facts:
             figures[name] = facts[name] * factor_
             off = np.log(figures[name] / wanted) / np.hypot(sd, loose)
-            cost += float(min(off**2, CLIP + FAR * abs(off)))
+            cost += float(min(off**2, MAX_EQUATION_COST + FAR_COST * abs(off)))
     top = facts.get("top", 20.0 / v) * v
     cost += 4.0 * (top > 75.0) + 4.0 * (top < 3.0)
     return cost, figures

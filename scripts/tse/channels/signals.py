@@ -13,34 +13,24 @@ from tse.log.rows import OPTIONAL, SIDES, beside_of
 from tse.log.units import factor, quantity
 from tse.readers.recording import How
 
-SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
-LONGEST_LATENCY = 1.0  # s
-LONGEST_CLOCK = 4e9  # s: an epoch
+MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz: of a raster
+MAX_LATENCY = 1.0  # s
+MAX_CLOCK = 4e9  # s: an epoch
 LOG_KEYS = {f.name for f in fields(How)} - {"wanted"} | {"rate"}
-KEYS = (
+SIGNAL_KEYS = (
     "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "clock", "valid", "counter",
     "hold", "above",
     "unsure",
 )  # fmt: skip
-RANGES = {  # key -> low, high, unit, what it is
+NUMBER_RANGES = {  # key -> low, high, unit, what it is
     "scale": (-1e9, 1e9, "", "a factor after the unit, 1 if left out"),
     "offset": (-1e6, 1e6, "", "taken off in the unit of the signal, 0 if left out"),
     "radius": (0.05, 5.0, "m", "of the wheel, for speeds; the vehicle file's if left out"),
     "above": (-1e6, 1e6, "", "of a pressure: the brakes are on above it, in the unit of the signal"),
-    "latency": (
-        -LONGEST_LATENCY,
-        LONGEST_LATENCY,
-        "s",
-        "by how much later than it was true a value is logged",
-    ),
-    "clock": (
-        -LONGEST_CLOCK,
-        LONGEST_CLOCK,
-        "s",
-        "by how much the clock of its group is ahead of the others",
-    ),
+    "latency": (-MAX_LATENCY, MAX_LATENCY, "s", "by how much later than it was true a value is logged"),
+    "clock": (-MAX_CLOCK, MAX_CLOCK, "s", "by how much the clock of its group is ahead of the others"),
 }
-LEAST_RATIO, MOST_RATIO = 0.5, 100.0
+MIN_RATIO, MAX_RATIO = 0.5, 100.0
 
 
 @dataclass(frozen=True)
@@ -200,7 +190,7 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float
         if key in ("time", "time_unit", "separator", "decimal", "encoding") and not isinstance(value, str):
             raise refuse("log", key, f"{value!r} is no text in quotes")
     rate = (
-        _check_number("log", "rate", log["rate"], SLOWEST, FASTEST, "Hz", refuse) if "rate" in log else None
+        _check_number("log", "rate", log["rate"], MIN_RATE, MAX_RATE, "Hz", refuse) if "rate" in log else None
     )
     step = _check_number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
     if "time_unit" in log and factor(log["time_unit"], "s") is None:
@@ -223,8 +213,8 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float
 
 def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
     for key in table:
-        if key not in KEYS:
-            raise refuse(at, key, f"is not known{meant(key, KEYS, 1)}; keys: {', '.join(KEYS)}")
+        if key not in SIGNAL_KEYS:
+            raise refuse(at, key, f"is not known{meant(key, SIGNAL_KEYS, 1)}; keys: {', '.join(SIGNAL_KEYS)}")
     name = table.get("name")
     names = [name] if isinstance(name, str) else name
     axle = channel in SIDES
@@ -245,7 +235,7 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
     if len(set(names)) < len(names):
         raise refuse(at, "name", f"{names[0]!r} cannot be both wheels")
     values: dict[str, Any] = {"channel": channel, "name": tuple(names)}
-    for key, (low, high, unit, _) in RANGES.items():
+    for key, (low, high, unit, _) in NUMBER_RANGES.items():
         if key in table:
             values[key] = _check_number(at, key, table[key], low, high, unit, refuse)
     if values.get("scale") == 0.0:
@@ -310,7 +300,7 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
 
 def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
     if not isinstance(value, list):
-        return _check_number(at, "ratio", value, LEAST_RATIO, MOST_RATIO, "", refuse)
+        return _check_number(at, "ratio", value, MIN_RATIO, MAX_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
         raise refuse(
             at,
@@ -322,10 +312,7 @@ def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float,
     for i, row in enumerate(value):
         angle = _check_number(at, f"ratio, row {i + 1}, angle", row[0], -1e5, 1e5, "", refuse)
         rows.append(
-            (
-                angle,
-                _check_number(at, f"ratio, row {i + 1}, ratio", row[1], LEAST_RATIO, MOST_RATIO, "", refuse),
-            )
+            (angle, _check_number(at, f"ratio, row {i + 1}, ratio", row[1], MIN_RATIO, MAX_RATIO, "", refuse))
         )
         if i and rows[i][0] <= rows[i - 1][0]:
             raise refuse(

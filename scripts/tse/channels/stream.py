@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 
 from tse.channels.mapping import Series, map_signals
 from tse.channels.raster import (
-    CLOSE,
+    BURST_STEP,
     choose_rate,
     find_longest_gap,
     find_rate,
@@ -33,25 +33,28 @@ from tse.readers.bus_text import Frame
 from tse.readers.read_can import key_of, messages_of, states_of, values_of, without_codes
 from tse.readers.recording import Channel, Recording
 
-KEPT, LEAST_KEPT = (
+KEPT_TIME, MIN_KEPT = (
     2.0,
     64,
 )  # s and entries of a signal that are kept: a counter, a held value and a spline need no more
-LISTENED, LONGEST_LISTENED = (
+LISTEN_TIME, MAX_LISTEN_TIME = (
     1.0,
     3.0,
 )  # s of frames until the rates are known; s, where a channel that drives the model is late
-PATIENCE = 1.5  # usual steps of a channel, and WAIT s, that a row waits for it
-WAIT = 0.02
-SILENT, LEAST_SILENT = 6.0, 0.25  # usual steps, and s, after which a channel is silent: no row waits for it
-FELT = 48  # entries before a row that its spline is made of: those before are felt less than the smallest number beside 0
-AGAIN = 1.0  # s between two looks at how often a channel comes, and whether it is held
-SMOOTHED, AHEAD = (
+WAIT_STEPS = 1.5  # usual steps of a channel, and WAIT s, that a row waits for it
+WAIT_TIME = 0.02
+SILENT_STEPS, MIN_SILENCE = (
+    6.0,
+    0.25,
+)  # usual steps, and s, after which a channel is silent: no row waits for it
+SPLINE_ENTRIES = 48  # entries before a row that its spline is made of: those before are felt less than the smallest number beside 0
+CHECK_INTERVAL = 1.0  # s between two looks at how often a channel comes, and whether it is held
+LOW_PASS_RATIO, LOW_PASS_ROWS = (
     1.2,
     2.0,
 )  # times the rate of the rows, above which a channel is low-passed; rows that are waited for then
-BACK = 0.5  # s that a stamp may go back: a buffer's; further, and the clock was set
-MOST_ROWS = 1000  # at a time
+MAX_STEP_BACK = 0.5  # s that a stamp may go back: a buffer's; further, and the clock was set
+MAX_NEW_ROWS = 1000  # at a time
 
 
 @dataclass
@@ -66,7 +69,7 @@ class _Signal:
     def trim(self) -> None:
         """Keep the last of it."""
         count = len(self.time)
-        if count > 2 * LEAST_KEPT and self.time[count // 2] < self.time[-1] - KEPT:
+        if count > 2 * MIN_KEPT and self.time[count // 2] < self.time[-1] - KEPT_TIME:
             del self.time[: count // 2], self.value[: count // 2]
 
 
@@ -204,7 +207,7 @@ class Stream:
         groups: dict[int, tuple[list[float], list[bytes]]] = {}
         for f in frames:
             time = f.time + self._shift
-            if time < self._last - BACK:
+            if time < self._last - MAX_STEP_BACK:
                 said.append(
                     f"the clock of the bus was set back by {self._last - time:.3g} s: it goes on from before"
                 )
@@ -270,7 +273,7 @@ class Stream:
         if not self._may_have_rows(now):
             return self._make_empty()
         found = self._build_series()
-        anew = now > self._looked + AGAIN or set(found) != set(self._usual)
+        anew = now > self._looked + CHECK_INTERVAL or set(found) != set(self._usual)
         if anew:
             self._looked = now
         own = {n: self._select_entries(n, s, anew) for n, s in found.items()}
@@ -288,7 +291,7 @@ class Stream:
         last = math.floor((until - self._start) * rate + 1e-6) if math.isfinite(until) else -1
         if last < self._sent:
             return self._make_empty()
-        first, self._sent = max(self._sent, last + 1 - MOST_ROWS), last + 1
+        first, self._sent = max(self._sent, last + 1 - MAX_NEW_ROWS), last + 1
         time = self._start + np.arange(first, last + 1) / rate
         value: dict[str, np.ndarray] = {}
         even: dict[int, list[str]] = {}  # channels that share their times, by the array of these
@@ -299,7 +302,10 @@ class Stream:
             elif s.hold or n == "brake":
                 value[n] = hold(t, x, time)
             elif (
-                len(t) > FELT and 0 < rates[n] <= SMOOTHED * rate and t[-FELT] < time[0] and time[-1] <= t[-1]
+                len(t) > SPLINE_ENTRIES
+                and 0 < rates[n] <= LOW_PASS_RATIO * rate
+                and t[-SPLINE_ENTRIES] < time[0]
+                and time[-1] <= t[-1]
             ):
                 even.setdefault(id(t), []).append(n)
             else:
@@ -313,7 +319,7 @@ class Stream:
         """Return times and values of a channel that are new, as select_entries() does; how it is held is looked at now and then."""
         if not anew:
             rate, plain = self._usual[name]
-            if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= CLOSE / rate):
+            if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
                 there = np.isfinite(s.value)
                 return (s.time, s.value) if there.all() else (s.time[there], s.value[there])
             return select_entries(s)
@@ -325,10 +331,10 @@ class Stream:
         self, names: list[str], own: dict[str, tuple[np.ndarray, np.ndarray]], time: np.ndarray, rate: float
     ) -> dict[str, np.ndarray]:
         """Return channels that share their times at those of the rows, as resample() does; all at once."""
-        t = own[names[0]][0][-FELT:]
+        t = own[names[0]][0][-SPLINE_ENTRIES:]
         if np.diff(t).max() > find_longest_gap(1.0 / self._usual[names[0]][0]):
             return {n: resample(*own[n], time, rate) for n in names}
-        values = make_interp_spline(t, np.column_stack([own[n][1][-FELT:] for n in names]))(time)
+        values = make_interp_spline(t, np.column_stack([own[n][1][-SPLINE_ENTRIES:] for n in names]))(time)
         return {n: values[:, i] for i, n in enumerate(names)}
 
     def _make_empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -343,7 +349,7 @@ class Stream:
             if is_core(c)
         ]
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
-        if not heard.core or heard.now < self._first + (LISTENED if whole else LONGEST_LISTENED):
+        if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
         if (
             self._rate is None
@@ -356,7 +362,7 @@ class Stream:
 
     def _may_have_rows(self, now: float) -> bool:
         """Return False where the next row surely waits for a channel: most frames bring no row."""
-        if math.isnan(self._start) or now > self._looked + AGAIN:
+        if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
         due = self._start + self._sent / rate
@@ -366,8 +372,12 @@ class Stream:
             if not is_core(c) or not usual:
                 continue
             last = min(self._kept[n].time[-1] for n in s.name) - s.latency - s.clock
-            silent = last < now - s.latency - max(SILENT * usual, LEAST_SILENT)
-            if last < due - 0.01 / rate and now - s.latency - PATIENCE * usual - WAIT < due and not silent:
+            silent = last < now - s.latency - max(SILENT_STEPS * usual, MIN_SILENCE)
+            if (
+                last < due - 0.01 / rate
+                and now - s.latency - WAIT_STEPS * usual - WAIT_TIME < due
+                and not silent
+            ):
                 return False
         return True
 
@@ -379,10 +389,10 @@ class Stream:
             usual = 1.0 / heard.rates[n] if heard.rates[n] > 0 else 1.0
             last = float(heard.own[n][0][-1])
             due = heard.now - heard.found[n].latency
-            if last < due - max(SILENT * usual, LEAST_SILENT):
+            if last < due - max(SILENT_STEPS * usual, MIN_SILENCE):
                 continue
-            ahead = AHEAD / rate if heard.rates[n] > SMOOTHED * rate else 0.0
-            until.append(max(last - ahead, due - PATIENCE * usual - WAIT))
+            ahead = LOW_PASS_ROWS / rate if heard.rates[n] > LOW_PASS_RATIO * rate else 0.0
+            until.append(max(last - ahead, due - WAIT_STEPS * usual - WAIT_TIME))
         return min(until) if until else -math.inf
 
     def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -7,11 +7,11 @@ import numpy as np
 
 from tse.channels import physics
 from tse.channels.look import Guess, Look
-from tse.channels.physics import MOVING
+from tse.channels.physics import MOVING_SPEED
 from tse.channels.vocabulary import join_words
 from tse.log.units import factor, kind
 
-VELOCITIES = {
+VELOCITY_NAMES = {
     "ins_vel_x": re.compile(
         r"\b(lo?n?g\w* ?(vel\w*|speed)|(vel\w*|speed) ?lo?n?g\w*|l(ä|ae)ngs ?geschw\w*)\b"
     ),
@@ -19,13 +19,13 @@ VELOCITIES = {
         r"\b(lat\w* ?(vel\w*|speed)|(vel\w*|speed) ?lat\w*|quer ?geschw\w*|vy|v y|vel\w* ?y)\b"
     ),
 }
-NO_VELOCITY = re.compile(
+NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-SHOWN = (
+MIN_SIGN_SDS = (
     6.0  # sd by which the change of the velocity across the car goes with accel_y - v r, to prove its sign
 )
-ACROSS = 0.35  # of the speed: the car does not go more across than that, 98 % of the time
+MAX_ACROSS = 0.35  # of the speed: the car does not go more across than that, 98 % of the time
 
 
 def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, format_: str) -> list[Guess]:
@@ -52,7 +52,7 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     found: list[Guess] = []
     if v is None:
         return found
-    for channel, pattern in VELOCITIES.items():
+    for channel, pattern in VELOCITY_NAMES.items():
         named = [n for n in look.x if n not in taken and _is_called(look, n, pattern)]
         made = [
             g
@@ -66,7 +66,9 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
 def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
     text = join_words(look.channels[name].short)
     return (
-        bool(pattern.search(text)) and not NO_VELOCITY.search(text) and kind(look.find_unit(name)) == "speed"
+        bool(pattern.search(text))
+        and not NO_VELOCITY_NAME.search(text)
+        and kind(look.find_unit(name)) == "speed"
     )
 
 
@@ -75,8 +77,8 @@ def _guess_velocity(
 ) -> Guess | None:
     unit = look.find_unit(name)
     x = look.x[name] * float(factor(unit, "m/s") or 1.0)
-    moving = np.isfinite(x) & (v > MOVING)
-    if moving.sum() < physics.FEWEST:
+    moving = np.isfinite(x) & (v > MOVING_SPEED)
+    if moving.sum() < physics.MIN_ROWS:
         return None
     origin = "the log says so" if look.channels[name].unit else "the name ends so"
     guess = Guess(channel, (name,), unit, origin)
@@ -87,10 +89,10 @@ def _guess_velocity(
         guess.confidence = "sure"
         guess.figures.append(f"over the speed of the wheels: {share:.3f}")
         return guess
-    if np.quantile(np.abs(x[moving]) / v[moving], 0.98) > ACROSS:
+    if np.quantile(np.abs(x[moving]) / v[moving], 0.98) > MAX_ACROSS:
         return None
     certainty = _find_sign(look, guesses, x, v, moving)
-    if abs(certainty) >= SHOWN:
+    if abs(certainty) >= MIN_SIGN_SDS:
         guess.sign = float(np.sign(certainty))
         guess.confidence = "sure"
         guess.figures.append(
@@ -120,10 +122,10 @@ def _find_sign(
     table = np.column_stack([physics.differentiate(x), y, np.ones(len(x))])
     left = y - v * r
     keep = moving & np.isfinite(table).all(axis=1) & np.isfinite(left)
-    if keep.sum() < physics.FEWEST or np.std(table[keep, 0]) < 1e-3:
+    if keep.sum() < physics.MIN_ROWS or np.std(table[keep, 0]) < 1e-3:
         return 0.0
     a, b = table[keep], left[keep]
     slope, *_ = np.linalg.lstsq(a, b, rcond=None)
-    independent = max(len(b) / (2.0 * physics.SMOOTH * physics.RATE), 4.0)
+    independent = max(len(b) / (2.0 * physics.MEAN_TIME * physics.COMPARISON_RATE), 4.0)
     variance = float(np.mean((b - a @ slope) ** 2)) * np.linalg.pinv(a.T @ a / len(b))[0, 0] / independent
     return float(slope[0] / np.sqrt(variance)) if variance > 0 else 0.0

@@ -8,7 +8,7 @@ from tse.readers.recording import last_part
 from tse.readers.table import words
 
 # role -> (pattern over the words joined by blanks, score). The best one counts; NOT below takes off.
-ROLES: dict[str, tuple[tuple[str, float], ...]] = {
+ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
     "yaw_rate": (
         (r"yaw w\b|"
          r"yaw ?rate|yaw ?rt|yaw ?vel|yaw ?speed|gier ?rate|gier ?geschw|giergeschwindigkeit|psi ?(p|dot|d)\b|d ?psi|vitesse lacet|"
@@ -59,7 +59,7 @@ ROLES: dict[str, tuple[tuple[str, float], ...]] = {
     "longitude": ((r"\blongitude\b|\bgps lon\w?\b|\bgnss lon\w?\b|\blon deg\b", 3.0), (r"\blon\b|\blng\b|l(ä|ae)ngengrad", 2.0)),
     "heading": ((r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),),
 }  # fmt: skip
-NOT = {  # what sounds like a role and is another thing
+NOT_ROLE_WORDS = {  # what sounds like a role and is another thing
     "yaw_rate": r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|conf\w*|std|sd\b|var\b|"
                 r"cov\w*|temp\w*|raw off\w*|"
                 r"model|limit|torque|moment|counter|\bbz\b|qbit|gps|gnss|display|calc|est\b",
@@ -87,14 +87,14 @@ NOT = {  # what sounds like a role and is another thing
 }  # fmt: skip
 # What is no motion of the car: such a signal is none of the roles, however well it goes with the others by chance. A speed
 # is no acceleration and no angle.
-OTHER = re.compile(
+OTHER_WORDS = re.compile(
     r"\b(gears?|gang|ganganzeige|rpm|drehzahl|nmot|throttle|pedal|accelerator|gas|aps|clutch|kupplung|temp\w*|press\w*|druck|laps?|runde|"
     r"fuel|tank|batt\w*|volt\w*|satellites?|sats|[hpv]dop|altitude|height|hoehe|dist\w*|odo\w*|mileage|counter|crc|checksum|lambda|"
     r"afr|boost|oil|coolant|pitch|roll|engine|latitude|longitude|date|fragment|session|index|accuracy|humidity|wiper|door|fan|ignition|"
     r"spark|camber|gradient|slope|azimuth)\b"
 )
-OTHER_SPEED = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
-PLACES = {  # where a wheel is, as a word or the end of one
+SPEED_WORDS = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
+PLACE_WORDS = {  # where a wheel is, as a word or the end of one
     "front_left": r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|"
                    r"f ?l|l ?f|fr ?lt|delantera "
                   r"izquierda|anteriore sinistra|di",
@@ -112,10 +112,10 @@ PLACES = {  # where a wheel is, as a word or the end of one
     "rear": r"rear|hinten|ha|arriere|ra|trasero|posteriore",
 }  # fmt: skip
 AXLES = ("front", "rear")
-WHEEL = re.compile(r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bws(?=[fvrhl][lr]\b)|\bnrad|roue|rueda|"
+WHEEL_WORDS = re.compile(r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bws(?=[fvrhl][lr]\b)|\bnrad|roue|rueda|"
                    r"ruota|omega|\bwheels?\b|abs|\bn\b|\bv\b|drehzahl|"
                    r"\bspeed\b|\bspd\b|\brw\b|\bvrad|wspd|whlspd|wheelspeed|\bvel")  # fmt: skip
-NO_WHEEL = re.compile(r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|brems|slip|schlupf|accel|beschl|qual\w*|valid|status|"
+NO_WHEEL_WORDS = re.compile(r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|brems|slip|schlupf|accel|beschl|qual\w*|valid|status|"
                       r"stat\b|counter|puls\w*|impuls\w*|"
                       r"ticks?|dir\w*|richtung|height|susp\w*|tpms|tire|tyre|reifen|susp|damper|\bfx\b|\bfy\b|\bfz\b|force|target|"
                       r"soll|qbit|seat|door|window|mirror|"
@@ -133,10 +133,10 @@ def score_name(role: str, name: str) -> float:
     """How much a name sounds like a role; the last part of a path counts more than the whole."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
-    best = max((s for p, s in ROLES[role] if re.search(p, end)), default=0.0)
+    best = max((s for p, s in ROLE_WORDS[role] if re.search(p, end)), default=0.0)
     if best < 3.0:
-        best = max([best, *(s - 0.2 for p, s in ROLES[role] if re.search(p, text))])
-    if best and re.search(rf"\b({NOT[role]})", end):
+        best = max([best, *(s - 0.2 for p, s in ROLE_WORDS[role] if re.search(p, text))])
+    if best and re.search(rf"\b({NOT_ROLE_WORDS[role]})", end):
         best -= 4.0
     return best
 
@@ -147,7 +147,7 @@ def is_another_thing(role: str, name: str) -> bool:
     if score_name(role, name) >= 1.0:
         return False
     text = join_words(name)
-    return bool(OTHER.search(text) or (role != "speed" and OTHER_SPEED.search(text)))
+    return bool(OTHER_WORDS.search(text) or (role != "speed" and SPEED_WORDS.search(text)))
 
 
 @functools.lru_cache(maxsize=65536)
@@ -155,9 +155,9 @@ def find_place(name: str) -> tuple[str, float]:
     """Which wheel's or axle's speed a name sounds like, and how much; "" where none."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
-    if NO_WHEEL.search(end):
+    if NO_WHEEL_WORDS.search(end):
         return "", 0.0
-    wheel = bool(WHEEL.search(text))
+    wheel = bool(WHEEL_WORDS.search(text))
     for part in (end, text):
         found = _match_place(part, wheel)
         if found[0]:
@@ -188,7 +188,7 @@ def _match_corner(joined: str) -> str:
 def _match_place(end: str, wheel: bool) -> tuple[str, float]:
     joined = end.replace(" ", "")
     corner = _match_corner(joined)
-    for place, pattern in PLACES.items():
+    for place, pattern in PLACE_WORDS.items():
         if corner and place in AXLES:
             return corner, 2.7
         worth = 3.0 if wheel else 1.0

@@ -9,14 +9,14 @@ from itertools import product
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
+from tse.channels.look import AXLES, MIN_NAME_SCORE, MIN_PROOF_CORR, ROLE_KINDS, WHEEL_PLACES, Guess, Look
 from tse.channels.physics import average, fit
 from tse.channels.raster import resample
-from tse.channels.vocabulary import NO_WHEEL, find_place, is_another_thing, join_words, score_name
+from tse.channels.vocabulary import NO_WHEEL_WORDS, find_place, is_another_thing, join_words, score_name
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording, last_part
 
-SLOWEST = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
+MIN_WHEEL_RATE = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
 
 
 def find_wheels(look: Look) -> dict[str, str]:
@@ -27,11 +27,11 @@ def find_wheels(look: Look) -> dict[str, str]:
         if (
             not place
             or worth <= 0
-            or kind(look.find_unit(name)) not in ("", *KINDS["wheel"])
+            or kind(look.find_unit(name)) not in ("", *ROLE_KINDS["wheel"])
             or not is_rolling(look.x[name])
         ):
             continue
-        worth += kind(look.find_unit(name)) in KINDS["wheel"]
+        worth += kind(look.find_unit(name)) in ROLE_KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
         for key in (
             f"{len(join_words(name).split())} {look.find_unit(name)} {_strip_place(name)}",
@@ -42,7 +42,7 @@ def find_wheels(look: Look) -> dict[str, str]:
                 groups[key][place] = worth, name
     found, best = {}, 0.0
     for group in groups.values():
-        for places in (WHEELS, AXLES):
+        for places in (WHEEL_PLACES, AXLES):
             mine = {p: group[p] for p in places if p in group}
             pairs = len(mine) == len(places) or any(
                 all(f"{a}_{s}" in mine for s in ("left", "right")) for a in AXLES
@@ -96,8 +96,8 @@ def _find_nameless_wheels(look: Look) -> dict[str, str]:
         n
         for n in look.x
         if is_rolling(look.x[n])
-        and kind(look.find_unit(n)) in ("", *KINDS["wheel"])
-        and not NO_WHEEL.search(join_words(n))
+        and kind(look.find_unit(n)) in ("", *ROLE_KINDS["wheel"])
+        and not NO_WHEEL_WORDS.search(join_words(n))
     ]
     for first in rolling:
         same = [
@@ -113,13 +113,13 @@ def _find_nameless_wheels(look: Look) -> dict[str, str]:
             ):
                 distinct.append(n)
         if len(distinct) == 4:
-            return dict(zip(WHEELS, distinct, strict=True))
+            return dict(zip(WHEEL_PLACES, distinct, strict=True))
     return {}
 
 
 def _is_same_size(a: np.ndarray, b: np.ndarray) -> bool:
     keep = np.isfinite(a) & np.isfinite(b) & (np.abs(a) > 0.3 * np.nanmax(np.abs(a)))
-    if keep.sum() < physics.FEWEST:
+    if keep.sum() < physics.MIN_ROWS:
         return False
     part = b[keep] / a[keep]
     return bool(abs(np.median(part) - 1) < 0.05 and np.std(part) < 0.03)
@@ -136,7 +136,7 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 def find_speed(look: Look) -> dict[str, str]:
     """Without wheels: the car's speed in place of the rear axle, which drives or brakes less. The reader has it stand in for the
     front one as well, as for any axle that is not logged, and knows then that slip is not known."""
-    name = find_named_speed(look, SLOWEST)
+    name = find_named_speed(look, MIN_WHEEL_RATE)
     return {"rear": name} if name else {}
 
 
@@ -152,7 +152,7 @@ def find_named_speed(look: Look, slowest: float = 0.0) -> str:
         for n in look.x
         if look.rate[n] >= slowest and kind(look.find_unit(n)) in ("", "speed") and is_rolling(look.x[n])
     )
-    return named[-1][1] if named and named[-1][0] >= NAMED else ""
+    return named[-1][1] if named and named[-1][0] >= MIN_NAME_SCORE else ""
 
 
 def is_sided(wheels: Mapping[str, str]) -> bool:
@@ -187,9 +187,9 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
 
 
 # Correlation that speaks neither for nor against a role; the change of the wheels' speed is a noisy reference, and slopes add to it
-HALFWAY = {"accel_x": 0.68}
-MOST_SHOWN = 4.0  # that physics may speak for or against a role
-LATERAL = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
+NEUTRAL_CORR = {"accel_x": 0.68}
+MAX_PHYSICS_SCORE = 4.0  # that physics may speak for or against a role
+MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
 
 
 def find_roles(
@@ -197,12 +197,14 @@ def find_roles(
 ) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
     """Role -> name, and what every candidate was worth: by name and unit, and by physics."""
     taken = set(wheels.values()) | find_quaternions(look)
-    said = {role: {n: _score_by_name(look, role, n) for n in look.x if n not in taken} for role in LATERAL}
+    said = {
+        role: {n: _score_by_name(look, role, n) for n in look.x if n not in taken} for role in MOTION_ROLES
+    }
     ref = dict(before)
     if not ref:
-        for role in LATERAL:
+        for role in MOTION_ROLES:
             best = max(said[role].items(), key=lambda i: i[1], default=("", 0.0))
-            if best[1] >= NAMED:
+            if best[1] >= MIN_NAME_SCORE:
                 ref[role] = best[0]
         if v is not None and ("yaw_rate" not in ref or "accel_y" not in ref):
             ref |= _find_pair(look, v, taken, said, ref)
@@ -214,21 +216,21 @@ def find_roles(
         None if v is None else v * (25.0 / top if top else 1.0)
     )  # as fast as cars drive: its unit is not known yet
     change = None if v is None else physics.differentiate(v)
-    for role in LATERAL:  # of what cannot become it whatever physics says nothing is computed
+    for role in MOTION_ROLES:  # of what cannot become it whatever physics says nothing is computed
         shown[role] = {
             n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
-            if w + MOST_SHOWN >= NAMED
+            if w + MAX_PHYSICS_SCORE >= MIN_NAME_SCORE
             else 0.0
             for n, w in said[role].items()
         }
         total[role] = {n: said[role][n] + shown[role][n] for n in said[role]}
     found: dict[str, str] = {}
-    pairs = sorted(((w, role, n) for role in LATERAL for n, w in total[role].items()), reverse=True)
+    pairs = sorted(((w, role, n) for role in MOTION_ROLES for n, w in total[role].items()), reverse=True)
     for w, role, n in pairs:  # the best first; one signal has one role
         if (
             role not in found
             and n not in found.values()
-            and w >= NAMED
+            and w >= MIN_NAME_SCORE
             and (
                 score_name(role, look.clean_name(n)) >= 0.8 or shown[role][n] >= 2.5
             )  # a unit alone is no name
@@ -249,7 +251,7 @@ def find_quaternions(look: Look) -> set[str]:
 
 def _score_by_name(look: Look, role: str, name: str) -> float:
     unit = kind(look.find_unit(name))
-    of_kind = 1.0 if unit in KINDS[role] else (0.0 if unit == "" else -3.0)
+    of_kind = 1.0 if unit in ROLE_KINDS[role] else (0.0 if unit == "" else -3.0)
     of_kind -= 3.0 * is_another_thing(role, look.clean_name(name))
     return score_name(role, look.clean_name(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
@@ -286,7 +288,11 @@ def _score_by_physics(
             said.append(np.sqrt(max(found.share, 0.0)) if found else 0.0)
     said = [s for s in said if s > 0]
     return (
-        float(np.clip(16.0 * (np.mean(said) - HALFWAY.get(role, 0.75)), -MOST_SHOWN, MOST_SHOWN))
+        float(
+            np.clip(
+                16.0 * (np.mean(said) - NEUTRAL_CORR.get(role, 0.75)), -MAX_PHYSICS_SCORE, MAX_PHYSICS_SCORE
+            )
+        )
         if said
         else 0.0
     )
@@ -303,7 +309,7 @@ def _find_pair(
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
-    best, found = TURNED, {}
+    best, found = MIN_PROOF_CORR, {}
     for r, a in product(rates[:80], accels[:80]):
         if r == a:
             continue
@@ -318,35 +324,43 @@ def _find_pair(
 # ---- Brake switch or pressure, and wheel torques: by name and unit, and by what the speed does meanwhile.
 
 
-BRAKE = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
-NO_BRAKE = re.compile(
+BRAKE_NAME = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
+NO_BRAKE_NAME = re.compile(
     r"\b(park|hand|epb|fest|fault|fail|fehler|temp|wear|req|soll|target|aeb|valid|qual|count|torque|trq|moment|assist)"
 )
-WHEEL, MOMENT = r"\b(wheel|whl|axle|achs\w*|rad|roue|ruota|rueda)\b", r"\b(torque|trq|tq|moment)"
-TORQUE = re.compile(f"{WHEEL}.*{MOMENT}|{MOMENT}.*{WHEEL}")
-OTHER_TORQUE = re.compile(r"left|right|links|rechts|soll|req|target")
-AXLE = {
+WHEEL_WORD, MOMENT_WORD = r"\b(wheel|whl|axle|achs\w*|rad|roue|ruota|rueda)\b", r"\b(torque|trq|tq|moment)"
+TORQUE_NAME = re.compile(f"{WHEEL_WORD}.*{MOMENT_WORD}|{MOMENT_WORD}.*{WHEEL_WORD}")
+OTHER_TORQUE_NAME = re.compile(r"left|right|links|rechts|soll|req|target")
+AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-SLOWS = 0.7  # m/s2 that the car must lose more while it brakes than while it does not
-FROM, TOP = 0.03, 0.995  # a pressure is one from this share of its largest values (quantile)
+MIN_BRAKING_LOSS = 0.7  # m/s2 that the car must lose more while it brakes than while it does not
+PEDAL_SHARE, PEDAL_QUANTILE = (
+    0.03,
+    0.995,
+)  # a pressure is one from this share of its largest values (quantile)
 
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
     """Return the guesses. v: speed on the raster of `look`, m/s; None: not known."""
     found = [g for c in recording if (g := _guess_brake(c, look, v)) is not None]
     best = sorted(found, key=lambda g: (len(g.unsure), g.above is not None))[:1]
-    return [*best, *(g for a in AXLE if (g := _guess_torque(recording, a)) is not None)]
+    return [*best, *(g for a in AXLE_NAME if (g := _guess_torque(recording, a)) is not None)]
 
 
 def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     """Return the guess that a signal is the brake's; None where its name is another, or the car does not slow by it."""
     name, x = join_words(c.short), c.value[np.isfinite(c.value)]
-    if not BRAKE.search(name) or NO_BRAKE.search(name) or len(x) < physics.FEWEST or np.ptp(x) == 0:
+    if (
+        not BRAKE_NAME.search(name)
+        or NO_BRAKE_NAME.search(name)
+        or len(x) < physics.MIN_ROWS
+        or np.ptp(x) == 0
+    ):
         return None
     switch = set(np.unique(x)) <= {0.0, 1.0}
-    above = None if switch else float(f"{FROM * np.quantile(x, TOP):.2g}")
+    above = None if switch else float(f"{PEDAL_SHARE * np.quantile(x, PEDAL_QUANTILE):.2g}")
     if above is not None and (above <= 0 or (not c.unit and not re.search(r"press|druck|pedal", name))):
         return None
     guess = Guess(
@@ -358,17 +372,20 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     )
     if above is not None:
         guess.figures.append(
-            f"a pressure or a pedal: the car brakes above {100 * FROM:g} % of its large values"
+            f"a pressure or a pedal: the car brakes above {100 * PEDAL_SHARE:g} % of its large values"
         )
     good = np.isfinite(c.value)
-    on = resample(c.time[good], 1.0 * (c.value[good] > (above or 0.5)), look.time, physics.RATE) > 0.5
-    moving = np.abs(v) > physics.MOVING if v is not None else np.zeros(len(on), bool)
-    if v is None or min((moving & on).sum(), (moving & ~on).sum()) < physics.FEWEST:
+    on = (
+        resample(c.time[good], 1.0 * (c.value[good] > (above or 0.5)), look.time, physics.COMPARISON_RATE)
+        > 0.5
+    )
+    moving = np.abs(v) > physics.MOVING_SPEED if v is not None else np.zeros(len(on), bool)
+    if v is None or min((moving & on).sum(), (moving & ~on).sum()) < physics.MIN_ROWS:
         guess.unsure = ["the signal, by its name alone"]
         return guess
     rate = physics.differentiate(v)
     gains = [float(np.nanmean(rate[moving & rows])) for rows in (on, ~on)]
-    if gains[0] > gains[1] - SLOWS:
+    if gains[0] > gains[1] - MIN_BRAKING_LOSS:
         return None
     guess.confidence = "sure"
     guess.figures.append(
@@ -381,7 +398,9 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
     """Return the guess of an axle's wheel torque, by name and unit; the run compares it with mass times accel_x."""
     for c in recording:
         name = join_words(c.short)
-        named = TORQUE.search(name) and AXLE[axle].search(name) and not OTHER_TORQUE.search(name)
+        named = (
+            TORQUE_NAME.search(name) and AXLE_NAME[axle].search(name) and not OTHER_TORQUE_NAME.search(name)
+        )
         if named and kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "the log says so")
             guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")
