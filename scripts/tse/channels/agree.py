@@ -1,5 +1,11 @@
-"""Do the channels of a log agree with each other? What physics wants of them, under every unit that may have been taken for
-another: where a wrong unit, sign or axis explains the log better than none, the run says so, with the factor."""
+"""Check whether the channels of a log agree with each other.
+
+Physics relates the channels of a car: a_y = v r, a_x = dv/dt and the like. Each relation
+is a figure, measured over expected, and about 1 if all units are right. check_units()
+compares the figures under every unit, sign and axis that is often mixed up. Where such a
+mistake explains the log better than the channels as they are, it returns a warning with
+the factor.
+"""
 
 from __future__ import annotations
 
@@ -18,36 +24,39 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import TORQUES, Log, Reading, liveliest
 
-# sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
-# cars of
-# tests/cars and the real logs); a_x pitch and grade; the steering compliance and a ratio that is not quite known
+# sd of the logarithm of each figure in logs whose units are right. accel_y: roll and bank
+# of the road (0.91 .. 1.10 for the cars of tests/cars and the real logs). accel_x: pitch
+# and grade. steer_angle: compliance of the steering, and a steering ratio that is not
+# exactly known.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
-UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m: passenger cars, when the vehicle file does not say
-CAUSE_PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: right logs are the rule
-SIGN_PRICE = 60.0  # squared sd of a sign that is wrong
-LOST_FIGURE_PRICE = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
-MIN_FIT = {
-    "accel_y": 0.9,
-    "accel_x": 0.8,
-    "steer_angle": 0.85,
-}  # correlation, or its square, from which a figure counts
-# below ENOUGH a figure counts, too, where another speed that is tried shows it: there other rows are those of a car that moves.
-# A real log had 0.898 of accel_y at its own speed and 0.913 at 0.85 of it, and was said to be in km/h
+UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m; of its logarithm: passenger cars
+CAUSE_PRICE = 6.0  # squared sd that a cause must explain to be reported: most logs are right
+SIGN_PRICE = 60.0  # squared sd of a wrong sign
+# Squared sd for a figure that is missing under one unit and present under another. At the
+# other speed, the car would not move in the rows that show the figure.
+LOST_FIGURE_PRICE = 30.0
+MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # min correlation (steering: share)
+# A figure below MIN_FIT by less than this counts if another tried speed lifts it above
+# MIN_FIT. Without it, each speed counts figures of other rows: a real log with 0.898 of
+# accel_y at its own speed, and 0.913 at 0.85 of it, was reported as km/h.
 FIT_SLACK = 0.05
-FREE_FACTOR_PRICE = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
-EXPLAINED = 0.10  # what a cause leaves, to be said to explain
-MAX_UNEXPLAINED = 0.35  # of a logarithm: what is further off is said even when nothing explains it
-# of a logarithm, of the steering angle's figure: up to it a car that is braked in every bend may oversteer (0.48 of a neutral van),
-# so that it is said and the log is read
+# Squared sd that a factor of no known unit must explain: CAUSE_PRICE, plus the choice of
+# a factor among all from 1/20 to 20 with the accuracy of FIGURE_SD
+FREE_FACTOR_PRICE = 12.0
+EXPLAINED = 0.10  # max logarithm of a figure after correction, for the cause to explain it
+MAX_UNEXPLAINED = 0.35  # max logarithm of a figure without a warning, if no cause explains it
+# Max logarithm of the figure of the steering angle that handling can cause. A car that
+# brakes in every bend may oversteer (0.48 for a neutral van). Up to here a warning is a
+# guess.
 MAX_HANDLING = 1.0
 STANDARD_GRAVITY = 9.80665
-PERHAPS = "perhaps "  # before a cause that leaves more than WELL
-USUAL_STEERING_RATIO = 15.0  # of a steering, when nobody says
-
+PERHAPS = "perhaps "  # marks a cause that leaves more than EXPLAINED
+USUAL_STEERING_RATIO = 15.0  # if the vehicle file states none
 
 DEG_PER_RAD = 180 / np.pi
-# Units that are mixed up, of a channel: how many times too large it is then, to be multiplied by that power of the steering
-# ratio; the unit, "" for a sign; in words. The page has these tables, too (docs/page/check.js).
+# Mistakes of one channel: channel; factor by which it is too large; power of the steering
+# ratio that multiplies the factor; unit, "" for a sign; text. docs/page/check.js uses
+# these tables, too.
 CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", DEG_PER_RAD, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
     ("steer_angle", DEG_PER_RAD, 0, "deg", "steer_angle is in degrees (multiply by pi/180)"),
@@ -60,7 +69,8 @@ CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
     ("accel_x", -1.0, 0, "", "accel_x is positive to the rear (change its sign; forward is positive)"),
 )
-# The same of the wheel speeds, all four: a power of the wheels' radius. A diameter in its place doubles the speed.
+# Mistakes of all four wheel speeds: factor; power of the wheel radius that multiplies it;
+# unit; text. A diameter in place of a radius doubles the speed.
 WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (3.6, 1, "km/h", "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
     (1.0, 1, "m/s", "the wheel speeds are in m/s (divide by the wheel radius)"),
@@ -77,43 +87,35 @@ FIGURES = {
     "track_rear": "right less left rear wheel over yaw_rate x track",
 }
 
-
-MIN_FALSE_STOP, MIN_FALSE_STEP = (
-    0.5,
-    10.0,
-)  # s; m/s, in the rows before and after: a stop from 5 m/s in a row and a start to it
-MAX_SPEED_RATIO, MIN_VELOCITY, CHANGE_TIME = (
-    1.25,
-    5.0,
-    0.5,
-)  # of a measured velocity: 1; m/s: rows that count; s
-DRIVING_GAIN, COASTING_LOSS = (
-    0.7,
-    -2.0,
-)  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
-MAX_FORCE_RATIO, MIN_TORQUE_CORR = (
-    1.6,
-    0.7,
-)  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
-MIN_AXLE_SHARE = 0.25  # of the force, by one axle of two
-MIN_IMU_TURN = 0.2  # of the other axis, that both accelerometers read: sine of 12 degrees; 0.13 of right cars, and of one of the two
-# m, by yaw rate, that front wheels roll faster than rear ones: no axle does, left and right do; share of it without what slip does
+MIN_FALSE_STOP = 0.5  # s: min duration of wheel speeds of 0
+MIN_FALSE_STEP = 10.0  # m/s: min sum of the steps to 0 and from 0; a stop from 5 m/s and a start to 5 m/s
+MAX_SPEED_RATIO = 1.25  # max ratio of a measured velocity to the speed of the wheels, and its inverse
+MIN_VELOCITY = 5.0  # m/s: slower rows are not compared
+CHANGE_TIME = 0.5  # s over which changes of a velocity or a course are compared
+DRIVING_GAIN = 0.7  # m/s2: above it the car does not brake
+COASTING_LOSS = -2.0  # m/s2: below it the car brakes
+MAX_FORCE_RATIO = 1.6  # max ratio of the force of both axles' torques to mass x accel_x, and its inverse
+MIN_TORQUE_CORR = 0.7  # min correlation of that force with accel_x
+MIN_AXLE_SHARE = 0.25  # min share of one axle in the force
+# Min share of the other axis in both accelerometers: sine of 12 degrees. Correct cars
+# have up to 0.13, in one of the two.
+MIN_IMU_TURN = 0.2
+# m: range of (front - rear wheel speed) / yaw rate if the wheels of one side are taken
+# for an axle. The share is that of its variance, without slip.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
-MAX_LATE_ACROSS = 0.1  # s; cars and logs whose IMU is where it should be have -0.06 .. 0.1
-SLOW_ROWS, MAX_TIME_RATIO = (
-    20,
-    3.0,
-)  # rows further apart than the raster; factor of the change of speed over so many
-MAX_ODD_SHARE = 0.2  # of the pieces of a log may contradict a mistake that is in all of it
-PIECE_TIME = 20.0  # s: bends and changes of speed in it show a unit
-MAX_CHECKED_ROWS = (
-    1 << 19
-)  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
+MAX_LATE_ACROSS = 0.1  # s; cars and logs whose IMU is at its place have -0.06 .. 0.1
+SLOW_ROWS = 20  # rows over which accel_x is integrated, if rows are further apart than the raster
+MAX_TIME_RATIO = 3.0  # max ratio of the change of speed to this integral, and its inverse
+MAX_ODD_SHARE = 0.2  # max share of the pieces of a log that contradict a mistake in the whole log
+PIECE_TIME = 20.0  # s: long enough for bends and changes of speed that show a unit
+# Max rows from which noise and units are found: 87 minutes at 100 Hz. Of longer logs the
+# part with most motion is used.
+MAX_CHECKED_ROWS = 1 << 19
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A wrong unit: a channel is `factor` times what it should be."""
+    """A wrong unit or sign: a channel is `factor` times its true value."""
 
     channel: str
     factor: float
@@ -122,19 +124,34 @@ class Cause:
 
 @dataclass(frozen=True)
 class Figures:
-    """Measured over expected, and the sd of its logarithm; only those that this log shows."""
+    """The figures that a log shows: measured over expected, and sd of the logarithm."""
 
     value: dict[str, float]
     sd: dict[str, float]
-    sure: frozenset[str] = frozenset()  # by ENOUGH, not by SLACK less
+    sure: frozenset[str] = frozenset()  # those that reach MIN_FIT, without FIT_SLACK
 
     def select(self, names: Collection[str]) -> Figures:
+        """Return only these figures."""
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
 def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading) -> list[Log]:
-    """Return the logs that can be read, or are, and whose channels agree: nothing is learnt of a car from others. One that is left
-    out is a note. UserError: all are."""
+    """Return the logs whose channels agree; a car is calibrated only from these.
+
+    Parameters
+    ----------
+    logs : sequence of Path or Log
+        Logs, or the files to read.
+    notes : list of str
+        Extended by the warnings of each log, and by the reason for each log left out.
+    reading : Reading
+        How files are read, and the car.
+
+    Raises
+    ------
+    UserError
+        No log can be used. The error is that of the first.
+    """
     found: list[Log] = []
     refused: list[UserError] = []
     car = reading.car or default_vehicle()
@@ -156,21 +173,25 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
 
 
 def select_certain(warnings: Sequence[str]) -> list[str]:
-    """Return of what check_car() says that which is no guess: roads that lean, or a tyre that fails, may look like a wrong unit."""
+    """Return those warnings of check_car() that are certain.
+
+    The others begin with PERHAPS: a banked road or a failing tyre may look like a wrong
+    unit."""
     return [text for text in warnings if PERHAPS not in text]
 
 
 def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:
-    """Return how the channels of a log of this car contradict each other: check_units() with its measures."""
+    """Return the warnings of check_units() for a log of this car."""
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
 def late_across(log: Log, config: Config) -> list[str]:
-    """Return that accel_y does not come when the car turns, but much later or earlier than the vehicle file says; [] if it does.
+    """Return a warning if accel_y comes much later or earlier than the yaw rate, else [].
 
-    It is speed times yaw rate and the change of the sideslip. Body roll, which comes later, is within MAX_LATE_ACROSS."""
+    Expected: accel_y = v r + the change of the lateral velocity, after the latency that
+    the vehicle file states. MAX_LATE_ACROSS leaves room for the lag of body roll."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -204,8 +225,28 @@ def check_units(
     tracks: Mapping[str, float] | None = None,
     mass: float | None = None,
 ) -> list[str]:
-    """Warnings in plain words; empty when the channels agree or the log moves too little to tell. `tracks`: m, by "front",
-    "rear"."""
+    """Return warnings about units, signs and axes.
+
+    Parameters
+    ----------
+    log : Log
+        The log.
+    wheelbase : float
+        m.
+    radius_front, radius_rear : float
+        Radii of the wheels, m.
+    ratio : float or None
+        Steering ratio. None: unknown.
+    tracks : mapping of str to float, optional
+        By "front" and "rear", m.
+    mass : float, optional
+        kg. None: wheel torques are not checked.
+
+    Returns
+    -------
+    list of str
+        Empty if the channels agree, or if the log has too little motion for a test.
+    """
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -241,7 +282,7 @@ def check_units(
             if not causes and wheels is None:
                 plain = cost, figures
             elif plain and len(figures.value) < len(plain[1].value):
-                continue  # at that speed the log says less: no explanation of what it says
+                continue  # this speed loses figures, so it does not explain them
             if best is None or cost < best[0]:
                 best = cost, (*((wheels,) if wheels else ()), *causes), figures
     pedals = _check_pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
@@ -252,7 +293,7 @@ def check_units(
         if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
-            return pedals  # of a stretch, in which the car slides: no unit changes on the road
+            return pedals  # only in a part of the log, where the car slides: a unit does not change
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is "
@@ -264,12 +305,18 @@ def check_units(
 
 
 def _holds_throughout(
-    log: Log, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
-    radii: tuple[float, float], causes: tuple[Cause, ...],
-) -> bool:  # fmt: skip
-    """Return whether causes explain the log better than none in nearly all of its pieces that show anything of them.
+    log: Log,
+    d: Mapping[str, np.ndarray],
+    v: np.ndarray,
+    wheelbase: float,
+    tracks: Mapping[str, float] | None,
+    radii: tuple[float, float],
+    causes: tuple[Cause, ...],
+) -> bool:
+    """Return whether the causes explain nearly all pieces of the log that show them.
 
-    A wrong unit or sign is so in all of them; a car that slides, or drives on ice, in some."""
+    A wrong unit or sign is wrong in the whole log. A car that slides, or drives on ice,
+    looks like one only in a part."""
     per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
     others = tuple(c for c in causes if c.channel != "wheel_speed")
     count = round(PIECE_TIME * physics.COMPARISON_RATE)
@@ -291,7 +338,7 @@ def _holds_throughout(
 
 
 def _list_alternatives(name: str, x: float) -> str:
-    """What else a figure may be off by."""
+    """Return other explanations of a wrong figure, as the end of a sentence."""
     if name == "accel_x":
         return f": time, if its steps are {x:.3g} times the true ones"
     if name != "steer_angle":
@@ -301,7 +348,7 @@ def _list_alternatives(name: str, x: float) -> str:
 
 
 def _cost_free_factor(figures: Figures) -> float:
-    """What it costs that one channel is off by a factor that no unit has: the best one."""
+    """Return the cost of the best free factor on one channel, which is no known unit."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
         turned = _apply_causes(
@@ -321,8 +368,10 @@ def _cost_free_factor(figures: Figures) -> float:
 
 
 def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
-    """Return when the wheels of both axles read as good as 0 while the car drove: from one row to the next they stop, and they turn
-    again as suddenly. Two such steps that together are more than MIN_FALSE_STEP are nothing that brakes and engines do."""
+    """Return a warning if both wheel speeds are 0 while the car drives.
+
+    The wheels then stop from one row to the next, and turn again as suddenly. Brakes and
+    engine cannot cause two steps whose sum is more than MIN_FALSE_STEP."""
     speed = np.maximum(
         np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
         np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
@@ -348,11 +397,12 @@ def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_spe
 
 
 def _check_velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
-    """Return in what a measured velocity contradicts the wheels, and its change the lateral acceleration; [] where it does not.
+    """Return warnings if a measured velocity contradicts wheels, yaw rate or accel_y.
 
-    Speed along is that of the wheels within MAX_SPEED_RATIO, since slip and radii are a few percent. Speed across changes by
-    accel_y - v r, but for the road's bank: over CHANGE_TIME the two go together, and where they go against each other the sign
-    is wrong."""
+    Longitudinal velocity: equal to the speed of the wheels within MAX_SPEED_RATIO, as
+    slip and radii are a few percent. Lateral velocity: its derivative is accel_y - v r on
+    a flat road. If both changes over CHANGE_TIME have a negative correlation, the sign is
+    wrong."""
     wheels = 0.5 * (radius_front * log.data["wheel_speed_front"] + radius_rear * log.data["wheel_speed_rear"])
     v = wheels.to_numpy(float)
     found = []
@@ -400,9 +450,10 @@ def _check_velocity(log: Log, radius_front: float, radius_rear: float) -> list[s
 def _check_pedals(
     d: Mapping[str, np.ndarray], v: np.ndarray, radius: Mapping[str, float], mass: float | None
 ) -> list[str]:
-    """Return in what a brake switch contradicts the change of the speed, and wheel torques mass times accel_x; [] if in nothing.
+    """Return warnings if brake switch or wheel torques contradict the acceleration.
 
-    Both feel the slope of the road and drag in one way. Of one axle's torque only rows that drive count: brakes are on both."""
+    Grade and drag have the same effect on speed and accel_x. With the torque of one axle
+    only, rows that accelerate are compared, since brakes act on both axles."""
     found, moving, rate = [], np.abs(v) > MIN_VELOCITY, physics.differentiate(v)
     if "brake" in d:
         loses = f"off in {{:.0f}} % of the rows in which it loses more than {-COASTING_LOSS:g} m/s2"
@@ -432,7 +483,7 @@ def _check_pedals(
 
 
 def _smooth_channels(log: Log) -> dict[str, np.ndarray]:
-    """The channels and GNSS on the raster of physics.py."""
+    """Return the channels and GNSS on the raster of physics.py, low-passed."""
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.COMPARISON_RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
@@ -449,6 +500,7 @@ def _smooth_channels(log: Log) -> dict[str, np.ndarray]:
 
 
 def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
+    """Return a warning if the axles roll at different speeds, m/s."""
     a, b = (
         float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING_SPEED])))
         if (np.abs(x) > physics.MOVING_SPEED).any()
@@ -464,7 +516,7 @@ def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
 
 
 def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
-    """accel_x goes with v r, and accel_y does not."""
+    """Return a warning if accel_x, instead of accel_y, correlates with v r."""
     moving = np.abs(v) > physics.MOVING_SPEED
     turn = v * d["yaw_rate"]
     x, y = (physics.fit(turn, d[c], moving) for c in ("accel_x", "accel_y"))
@@ -483,7 +535,9 @@ def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]
 
 
 def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
-    """Each accelerometer reads what belongs to the other, in opposite ways."""
+    """Return a warning if the IMU is turned about the vertical axis.
+
+    Each accelerometer then measures a part of the other axis, with opposite signs."""
     turn, rate = v * d["yaw_rate"], physics.differentiate(v)
     rows = (np.abs(v) > physics.MOVING_SPEED) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
     if rows.sum() < physics.MIN_ROWS:
@@ -500,14 +554,18 @@ def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
 
 
 def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
-    """Wheels of one side roll faster in a bend to the other; those of one axle in any bend."""
+    """Return a warning if the wheels of one side are taken for an axle.
+
+    The wheels of one side roll faster in bends to the other side. Those of one axle
+    differ from the other axle by the same sign in all bends."""
     y, turn, slip = front - rear, d["yaw_rate"], rear * physics.differentiate(rear)
     rows = (np.abs(front) > physics.MOVING_SPEED) & np.isfinite(y + turn + slip)
     if rows.sum() < physics.MIN_ROWS:
         return []
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
-    # radii of both axles differ, by wear, by the square of the speed, and by the load in bends
+    # the radii of both axles differ by wear, by the square of the speed, and by the load
+    # in bends
     for columns in (plain, [*plain, v, v**3, v * across]):
         parts = np.column_stack(columns)
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
@@ -522,7 +580,9 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
 
 
 def _check_time(log: Log, radius: float) -> list[str]:
-    """Rows that are far apart, by a time that may count them: what accel_x adds up to is the change of the speed."""
+    """Return a warning if the time of a slow log does not fit: it may be a row count.
+
+    The integral of accel_x over time is the change of the speed."""
     step, n = float(log.sample_time or 0.0), SLOW_ROWS
     if step <= 1.0 / physics.COMPARISON_RATE or len(log) < 10 * n:
         return []
@@ -539,11 +599,12 @@ def _check_time(log: Log, radius: float) -> list[str]:
 
 
 def _list_wheel_causes(radius: float) -> list[Cause]:
+    """Return the mistakes of the wheel speeds for wheels of this radius, m."""
     return [Cause("wheel_speed", per * radius**power, text) for per, power, _, text in WHEEL_CAUSES]
 
 
 def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
-    """None, one, or two causes at once, of different channels."""
+    """Yield no cause, each single cause, and each pair of different channels."""
     single = [Cause(channel, per * ratio**power, text) for channel, per, power, _, text in CAUSES]
     yield ()
     for cause in single:
@@ -554,10 +615,15 @@ def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
 
 
 def _compute_figures(
-    log: Log, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None, wheels: float,
+    log: Log,
+    d: Mapping[str, np.ndarray],
+    v: np.ndarray,
+    wheelbase: float,
+    tracks: Mapping[str, float] | None,
+    wheels: float,
     radii: tuple[float, float],
-) -> Figures:  # fmt: skip
-    """With the speed v, m/s."""
+) -> Figures:
+    """Return the figures at the speed v, m/s, if wheel speeds are `wheels` times too large."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
@@ -591,12 +657,14 @@ def _compute_figures(
 
 
 def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
-    """The figures, if these causes are put right. The wheels' has been in the speed already."""
+    """Return the figures after correction of these causes.
+
+    Wheel causes are already corrected in the speed."""
     by = dict.fromkeys(("yaw_rate", "accel_y", "accel_x", "steer_angle"), 1.0)
     for cause in causes:
         if cause.channel in by:
             by[cause.channel] *= cause.factor
-    # accel_y over v r; steer_angle v/r; wheels over r
+    # the figures contain accel_y / (v r), steer_angle v / r, and wheel speeds / r
     expected = {
         "accel_y": by["accel_y"] / by["yaw_rate"],
         "accel_x": by["accel_x"],
@@ -607,6 +675,7 @@ def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, floa
 
 
 def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
+    """Return the squared deviation of the corrected figures from 1, in sd."""
     left = _apply_causes(figures, causes)
     return sum(
         float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + SIGN_PRICE * (x < 0) for n, x in left.items()
@@ -614,7 +683,7 @@ def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
 
 
 def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
-    """The figures that speak, before and after."""
+    """Return the warning: causes, factors, figures before and after correction."""
     moved = [
         n
         for n in before.value
@@ -625,7 +694,8 @@ def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[
     fits = all(abs(np.log(abs(after[n]))) < EXPLAINED + 0.05 for n in moved if n in after)
     text = " and ".join(c.text for c in causes)
     if not fits and "steer_angle" in before.value:
-        text += f", or the steering ratio or the wheelbase is wrong by the factor {before.value['steer_angle']:.3g}"
+        factor = before.value["steer_angle"]
+        text += f", or the steering ratio or the wheelbase is wrong by the factor {factor:.3g}"
     return (
         f"check the units: {'' if fits else PERHAPS}{text}; factor "
         f"{', '.join(f'{c.factor:.3g}' for c in causes)}: "
