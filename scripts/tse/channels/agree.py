@@ -209,10 +209,9 @@ def late_across(log: Log, config: Config) -> list[str]:
         return []
     return [
         f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms "
-        f"{'later' if late > 0 else 'earlier'} than the car "
-        "turns: one of them is late or low-passed, or the IMU is far from the centre of gravity. Stiffness "
-        "is wrong by it: "
-        "calibrate, or state it in the vehicle file"
+        f"{'later' if late > 0 else 'earlier'} than the car turns: one of them is late or low-passed, or the "
+        "IMU is far from the centre of gravity. Stiffness is wrong by it: calibrate, or state it in the "
+        "vehicle file"
     ]
 
 
@@ -297,8 +296,7 @@ def check_units(
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is "
-        "often mixed up explains "
-        f"it{_list_alternatives(name, x)}"
+        f"often mixed up explains it{_list_alternatives(name, x)}"
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > MAX_UNEXPLAINED + 2 * plain[1].sd[name]
     ]
@@ -351,9 +349,8 @@ def _cost_free_factor(figures: Figures) -> float:
     """Return the cost of the best free factor on one channel, which is no known unit."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
-        turned = _apply_causes(
-            figures, (Cause(channel, np.e, ""),)
-        )  # which figures go with it, and which against it
+        # with the factor e: the figures that change, and with which power of the factor
+        turned = _apply_causes(figures, (Cause(channel, np.e, ""),))
         log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
         if log:
             power = {n: np.log(abs(turned[n] / figures.value[n])) for n in log}
@@ -391,8 +388,7 @@ def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_spe
     often = "" if len(found) == 1 else f"{len(found)} times, first "
     return [
         f"both wheel speeds are 0 {often}from {start:.2f} to {end:.2f} s, while the car drove ({before:.3g} "
-        "m/s in the row before, "
-        f"{then:.3g} in the row after): not valid there"
+        f"m/s in the row before, {then:.3g} in the row after): not valid there"
     ]
 
 
@@ -475,9 +471,8 @@ def _check_pedals(
         if abs(f.corr) > MIN_TORQUE_CORR and not least < f.slope < MAX_FORCE_RATIO:
             found.append(
                 f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x "
-                "accel_x (correlation "
-                f"{f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of both of an axle, "
-                "negative while they brake"
+                f"accel_x (correlation {f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of "
+                "both of an axle, negative while they brake"
             )
     return found
 
@@ -528,8 +523,7 @@ def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]
     ):
         return [
             f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor "
-            f"{x.slope:.3g}) and accel_y does "
-            f"not ({y.corr:.2f}): accel_x and accel_y are swapped"
+            f"{x.slope:.3g}) and accel_y does not ({y.corr:.2f}): accel_x and accel_y are swapped"
         ]
     return []
 
@@ -593,8 +587,7 @@ def _check_time(log: Log, radius: float) -> list[str]:
         return []
     return [
         f"check the units: accel_x over {n} rows, {step:.3g} s apart, adds up to {f.slope:.3g} times the "
-        "change of the speed: is "
-        "time in s, or does it count rows?"
+        "change of the speed: is time in s, or does it count rows?"
     ]
 
 
@@ -623,7 +616,8 @@ def _compute_figures(
     wheels: float,
     radii: tuple[float, float],
 ) -> Figures:
-    """Return the figures at the speed v, m/s, if wheel speeds are `wheels` times too large."""
+    """Return the figures at the speed v, m/s, if wheel speeds are `wheels` times too
+    large."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
@@ -698,6 +692,5 @@ def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[
         text += f", or the steering ratio or the wheelbase is wrong by the factor {factor:.3g}"
     return (
         f"check the units: {'' if fits else PERHAPS}{text}; factor "
-        f"{', '.join(f'{c.factor:.3g}' for c in causes)}: "
-        f"{'; '.join(parts)} (about 1 is expected)"
+        f"{', '.join(f'{c.factor:.3g}' for c in causes)}: {'; '.join(parts)} (about 1 is expected)"
     )

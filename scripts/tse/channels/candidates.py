@@ -1,4 +1,4 @@
-"""Why a channel was not found: the signals that come nearest to it, and what each was dropped for."""
+"""Find the nearest signals of each missing channel, and the reason against each."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,35 +13,39 @@ from tse.log.units import kind
 from tse.readers.recording import Channel, Recording
 
 MAX_CANDIDATES = 3  # of one channel
-MIN_VALUES = 4  # of a signal that is looked at
-KIND_WORDS = {"angle": "an angle", "rate": "a rate", "speed": "a speed", "acceleration": "an acceleration", "torque": "a torque",
-              "time": "a time", "": "none"}  # fmt: skip
-WANTED_KIND = {"yaw_rate": "a rate", "accel_x": "an acceleration", "accel_y": "an acceleration", "steer_angle": "an angle",
-          "wheel": "a speed or a rate"}  # fmt: skip
+MIN_VALUES = 4  # min values of a signal to be compared
+WANTED_KIND = {
+    "yaw_rate": "a rate",
+    "accel_x": "an acceleration",
+    "accel_y": "an acceleration",
+    "steer_angle": "an angle",
+    "wheel": "a speed or a rate",
+}
 
 
 def find_nearest_candidates(
     recording: Recording, look: Look, guesses: Sequence[Guess], missing: Sequence[str], v: np.ndarray | None
 ) -> dict[str, list[str]]:
-    """Return for each channel that was not found the nearest signals with the reason against each.
+    """Return the nearest signals of each missing channel, with the reason against each.
 
     Parameters
     ----------
     recording : Recording
         The log.
     look : Look
-        The same on one raster.
+        The log on one raster.
     guesses : sequence of Guess
-        What was found.
+        The channels that were found.
     missing : sequence of str
-        Channels that were not found.
+        The channels that were not found.
     v : ndarray or None, (rows,)
-        Speed on the raster of `look`, m/s. None: not known.
+        Speed on the raster of `look`, m/s. None: unknown.
 
     Returns
     -------
     dict of str to list of str
-        By channel. Where no signal sounds like it and none has its unit, the list says so.
+        By channel: signal and reason. If no signal has a similar name or the unit of the
+        channel, the list states this.
     """
     used = {n: g.channel for g in guesses for n in g.name}
     found: dict[str, list[str]] = {}
@@ -55,12 +59,12 @@ def find_nearest_candidates(
             f"{name}: {_explain_rejection(recording.channels[name], role, look, used, guesses, v)}"
             for _, name in worth
         ]
-        found[channel] = said or ["no signal has a name like it, or its unit"]
+        found[channel] = said or ["no signal has a similar name or the unit of this channel"]
     return found
 
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
-    """Return how near a signal comes by name and unit; 0: not at all."""
+    """Return the score of a signal by name and unit; 0: not a candidate."""
     of_kind = kind(c.unit) in ROLE_KINDS[role] and kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
@@ -68,12 +72,13 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
             return 0.0
         return named + of_kind if place else (0.6 * of_kind if score_name("speed", c.name) > 0 else 0.0)
     named = score_name(role, c.name)
-    if named <= 0:  # a name that sounds alike and is that of something else
+    if named <= 0:  # a similar name that belongs to another quantity counts half
         named = 0.5 if any(_compare_sounds(role, c)) else 0.0
     return named + of_kind * (1.0 if named > 0 or not is_another_thing(role, c.name) else 0.0)
 
 
 def _compare_sounds(role: str, c: Channel) -> list[bool]:
+    """Return, for each pattern of a role, whether only a word of another quantity excludes c."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]
@@ -83,7 +88,7 @@ def _compare_sounds(role: str, c: Channel) -> list[bool]:
 def _explain_rejection(
     c: Channel, role: str, look: Look, used: Mapping[str, str], guesses: Sequence[Guess], v: np.ndarray | None
 ) -> str:
-    """Return why a signal is not proposed: clock, values, unit, name, rate or physics."""
+    """Return the reason against a signal: clock, values, unit, name, rate or physics."""
     if c.name in used:
         return f"is proposed as {used[c.name]}"
     there = c.value[np.isfinite(c.value)]
@@ -110,23 +115,23 @@ def _explain_rejection(
         return f"its unit {unit} is not that of {WANTED_KIND[role]}"
     if role == "wheel":
         if not is_rolling(x):
-            return "goes below 0, which a wheel seldom does"
+            return "is often below 0, which a wheel speed is not"
         if look.rate[c.name] < MIN_WHEEL_RATE:
-            return f"comes {look.rate[c.name]:.2g} times a second: too seldom for a wheel"
+            return f"has {look.rate[c.name]:.2g} new values a second; a wheel needs {MIN_WHEEL_RATE:g}"
         return "the other wheel of its axle, or the other axle, was not found beside it"
     if c.name in find_quaternions(look):
         return "is a part of an attitude"
     if score_name(role, c.name) < 0:
-        return "its name says that it is another thing (a target, a status, an offset, ...)"
+        return "its name describes another quantity (a target, a status, an offset, ...)"
     if is_another_thing(role, c.name):
-        return "its name says that it is another thing"
+        return "its name describes another quantity"
     return _explain_by_physics(x, role, look, guesses, v, score_name(role, c.name))
 
 
 def _explain_by_physics(
     x: np.ndarray, role: str, look: Look, guesses: Sequence[Guess], v: np.ndarray | None, named: float
 ) -> str:
-    """Return with what a signal does not go."""
+    """Return the kinematic relation that a signal contradicts."""
     if v is None:
         return "there is no speed to test it with" if named < MIN_NAME_SCORE else "another signal was nearer"
     by = {g.channel: look.x[g.name[0]] for g in guesses if len(g.name) == 1}
@@ -137,8 +142,9 @@ def _explain_by_physics(
         "steer_angle": ("yaw_rate", "yaw rate over speed", lambda o: o / moving),
     }
     if role == "accel_x":
-        return f"does not go with the change of speed (correlation {abs(fit(physics.differentiate(v), x).corr):.2f})"
+        corr = abs(fit(physics.differentiate(v), x).corr)
+        return f"does not follow the change of speed (correlation {corr:.2f})"
     other, words, made = pairs[role]
     if other not in by:
-        return f"there is no {other} to test it with, and its name says too little"
-    return f"does not go with {words} (correlation {abs(fit(made(by[other]), x).corr):.2f})"
+        return f"there is no {other} to test it with, and its name is not clear"
+    return f"does not follow {words} (correlation {abs(fit(made(by[other]), x).corr):.2f})"

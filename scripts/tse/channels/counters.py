@@ -1,28 +1,28 @@
-"""Counters of messages: how far they count."""
+"""Find the modulo of message counters."""
 
 import numpy as np
 
-MIN_COUNTING_SHARE = 0.8  # share of the entries in which a counter goes on by one
-USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)  # values that most counters have
+MIN_COUNTING_SHARE = 0.8  # min share of entries in which a counter increases by 1
+USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)  # tried before the range of the values
 
 
 def find_modulo(counter: np.ndarray) -> int:
-    """Return how far a counter counts.
+    """Return the modulo of a counter.
 
     Parameters
     ----------
     counter : ndarray, (entries,)
-        Its values, one per message. NaN: missing.
+        Values of the counter, one per message. NaN: missing.
 
     Returns
     -------
     int
-        The number of values after which it begins again. 0: it does not count.
+        Number of values of one round. 0: the signal does not count.
 
     Notes
     -----
     A counter may leave out its highest value, or 0: 0 .. 14 and 1 .. 15 have 15 values.
-    Of several that fit alike a power of 2 is taken.
+    If several moduli fit equally well, a power of 2 is returned.
     """
     there = counter[np.isfinite(counter)]
     if len(there) < 2 or there.min() < 0:

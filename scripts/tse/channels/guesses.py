@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import AXLES, MIN_NAME_SCORE, Guess, Look
+from tse.channels.look import MIN_NAME_SCORE, Guess, Look
 from tse.channels.physics import MOVING_SPEED, average
 from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, Scale, is_same_unit, measure_slopes
-from tse.channels.vocabulary import find_place, score_name
+from tse.channels.vocabulary import AXLES, find_place, score_name
 from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import factor, kind
 from tse.readers.table import unit_at_end
@@ -82,8 +82,7 @@ def make_guesses(
     ):
         warnings.append(
             "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
-            "and right wheels are "
-            "exchanged; the wheels are believed"
+            "and right wheels are exchanged; the wheels are believed"
         )
         for c in ("yaw_rate", "accel_y", "steer_angle"):
             found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
@@ -126,8 +125,7 @@ def _guess_motion(
         figures.append(
             f"{what[role]}: "
             f"{sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, "
-            "correlation "
-            f"{abs(facts[f'{role}_corr']):.3f}"
+            f"correlation {abs(facts[f'{role}_corr']):.3f}"
         )
     elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
         figures.append("it goes with v times right less left wheels; there is no yaw rate for a figure")
@@ -363,9 +361,8 @@ def _check_turned_imu(
         return
     warnings.append(
         f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the "
-        "vertical axis: accel_y "
-        f"has {slope[1]:+.2f} of the acceleration along the car in it; turn it back before, or leave "
-        "accel_x and accel_y out"
+        f"vertical axis: accel_y has {slope[1]:+.2f} of the acceleration along the car in it; turn it back "
+        "before, or leave accel_x and accel_y out"
     )
     for c in ("accel_y", "accel_x"):
         if c in found:
@@ -401,28 +398,24 @@ def _check_offsets(
         if 8.5 < abs(offset) < 11:
             warnings.append(
                 f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is "
-                "the vertical axis, or "
-                f"the IMU stands on edge"
+                "the vertical axis, or the IMU stands on edge"
             )
         elif abs(offset) > 0.7:
             warnings.append(
                 f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road "
-                "that leans; the "
-                f"estimator finds it"
+                "that leans; the estimator finds it"
             )
         else:
             found[role].figures.append(f"offset {offset:+.2f} m/s2")
     if "accel_y" in scale.figures and not 0.8 < scale.figures["accel_y"] < 1.25:
         warnings.append(
             f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three "
-            "is not what it is taken "
-            f"for"
+            "is not what it is taken for"
         )
     if "track" in scale.figures and not 1.1 < scale.figures["track"] < 2.1:
         warnings.append(
             f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the "
-            "wheels or of the yaw rate "
-            f"are off"
+            "wheels or of the yaw rate are off"
         )
 
 

@@ -313,8 +313,7 @@ def _read_numbers(
                 hint = "; decimals are written with a point" if "," in wrong else ""
                 raise UserError(
                     f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: "
-                    f"{_describe_range(name)}, or empty for "
-                    f"missing{hint}"
+                    f"{_describe_range(name)}, or empty for missing{hint}"
                 )
             said = f"{count} cells that are no numbers are" if count > 1 else "a cell that is no number is"
             notes.append(f"{name}: {said} treated as missing (first in line {at}: {wrong[:20]!r})")

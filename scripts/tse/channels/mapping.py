@@ -152,8 +152,7 @@ def _find_factor(
         if "wheel_speed" in part and factor(unit, wanted, 1.0) is not None:
             raise UserError(
                 f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or "
-                "radius = 0.31 beside the "
-                f"unit"
+                "radius = 0.31 beside the unit"
             )
         raise UserError(
             f"{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the "

@@ -142,8 +142,7 @@ def read_signals(path: Path) -> Signals:
     if not signals:
         raise UserError(
             f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG "
-            f"--write {path.name}' "
-            f"proposes them"
+            f"--write {path.name}' proposes them"
         )
     how, rate = _check_log(path, log, refuse)
     known = list_channels()

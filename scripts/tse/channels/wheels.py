@@ -9,10 +9,17 @@ from itertools import product
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import AXLES, MIN_NAME_SCORE, MIN_PROOF_CORR, ROLE_KINDS, WHEEL_PLACES, Guess, Look
+from tse.channels.look import MIN_NAME_SCORE, MIN_PROOF_CORR, ROLE_KINDS, WHEEL_PLACES, Guess, Look
 from tse.channels.physics import average, fit
 from tse.channels.raster import resample
-from tse.channels.vocabulary import NO_WHEEL_WORDS, find_place, is_another_thing, join_words, score_name
+from tse.channels.vocabulary import (
+    AXLES,
+    NO_WHEEL_WORDS,
+    find_place,
+    is_another_thing,
+    join_words,
+    score_name,
+)
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording, last_part
 
