@@ -73,5 +73,5 @@ def test_a_gear_is_no_steering_angle():
     assert (
         done.code == 3
         and "steer_angle = " not in done.out
-        and "  steer_angle: no signal has a name like it" in done.out
+        and "  steer_angle: no signal has a similar name" in done.out
     )

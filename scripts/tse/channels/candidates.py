@@ -78,7 +78,7 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
 
 
 def _compare_sounds(role: str, c: Channel) -> list[bool]:
-    """Return, for each pattern of a role, whether only a word of another quantity excludes c."""
+    """Return for each pattern whether only a word of another quantity excludes c."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]

@@ -1,4 +1,8 @@
-"""Clocks of the groups of a file: one that is off the others by some seconds, or by an epoch, is found by correlation."""
+"""Align the clocks of groups of signals in a file, by correlation.
+
+Some formats have a time per group of signals. The clock of a group may be off by seconds,
+or by an epoch.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -7,64 +11,55 @@ import numpy as np
 from tse.channels.vocabulary import find_place, score_name
 from tse.readers.recording import Channel, Recording, listed
 
-ONE_CLOCK = (
-    "BLF",
-    "ASC",
-    "TRC",
-    "CAN log",
-    "CSV",
-    "VBOX",
-    "Parquet",
-    "Feather",
-)  # formats whose signals share a clock
-CORRELATION_RATE = 10.0  # Hz of the comparison
-CORRELATION_MEAN = 0.5  # s
-MIN_SHIFT = 0.5  # s: less is latency, which is found otherwise
-MIN_SHARED = 0.6  # of the shorter of two signals, that is compared at any shift
-MIN_SHIFT_CORR, MIN_CORR_GAIN = (
-    0.8,
-    0.15,
-)  # a shift is found by such a correlation, and it is so much better than without
-MAX_CORRELATED_ROWS = 1 << 16  # of a signal that are compared: 1.8 h
-MIN_GROUP_SAMPLES = 100  # samples of a group
-MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11  # s: of a signal, and of its times, that are compared
-MAX_GROUPS = 64  # that are compared
+# formats whose signals share one clock
+ONE_CLOCK = ("BLF", "ASC", "TRC", "CAN log", "CSV", "VBOX", "Parquet", "Feather")
+CORRELATION_RATE = 10.0  # Hz of the signals that are correlated
+CORRELATION_MEAN = 0.5  # s of the moving mean before
+MIN_SHIFT = 0.5  # s: a smaller shift is a latency, found by find_latencies()
+MIN_SHARED = 0.6  # min overlap of two signals at a shift, over the shorter one
+MIN_SHIFT_CORR = 0.8  # min correlation at the shift
+MIN_CORR_GAIN = 0.15  # min gain of correlation over that without a shift
+MAX_CORRELATED_ROWS = 1 << 16  # of a signal: 1.8 h
+MIN_GROUP_SAMPLES = 100
+MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11  # s: longer or later signals are not correlated
+MAX_GROUPS = 64  # a file with more groups is not aligned
 
 
 @dataclass(frozen=True)
 class Group:
-    """Channels that share a clock. `number`: the place in the file, from 1."""
+    """Channels that share a clock."""
 
-    number: int
+    number: int  # place in the file, from 1
     channels: list[Channel]
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time, s."""
+        """Return first and last time, s."""
         good = self.channels[0].time[np.isfinite(self.channels[0].time)]
         return float(good.min()), float(good.max())
 
     def describe(self) -> str:
-        """Its number and what it holds."""
-        return f"group {self.number} ({listed(c.short for c in self.channels[:3])}{', ...' if len(self.channels) > 3 else ''})"
+        """Return its number and its first signals, in words."""
+        more = ", ..." if len(self.channels) > 3 else ""
+        return f"group {self.number} ({listed(c.short for c in self.channels[:3])}{more})"
 
 
 def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, dict[str, float]]:
-    """Shift groups of signals whose clock is another one.
+    """Shift the groups of signals whose clock is off.
 
     Parameters
     ----------
     recording : Recording
         The log.
     warnings : list of str
-        Is extended by what was found.
+        Extended by a warning for each group whose clock is off.
 
     Returns
     -------
     Recording
-        The log with the times of these groups put right.
+        The log with corrected times.
     dict of str to float
-        By name of each signal that was shifted, s that were taken off its times.
+        By name of each shifted signal: the shift that was subtracted from its times, s.
     """
     groups = _group_channels(recording)
     if recording.format in ONE_CLOCK or not 2 <= len(groups) <= MAX_GROUPS:
@@ -87,16 +82,14 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
             if apart:
                 warnings.append(
                     f"the clock of {g.describe()} does not overlap with that of {base.describe()}: {apart}; "
-                    "nothing says by how much"
+                    "the shift is unknown"
                 )
             continue
         shift, corr = found
         off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.describe()}"
         how = f"correlation {corr:.2f}; it is taken off: key clock in signals.toml"
-        warnings.append(
-            f"the clock of {g.describe()} does not overlap with that of {base.describe()}: {apart}. It is {off}, found by {how}" if apart
-            else f"the clock of {g.describe()} is {off}, found by {how}"
-        )  # fmt: skip
+        overlap = f"does not overlap with that of {base.describe()}: {apart}. It " if apart else ""
+        warnings.append(f"the clock of {g.describe()} {overlap}is {off}, found by {how}")
         shifts[g.number] = shift
     if not shifts:
         return recording, {}
@@ -112,6 +105,7 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
 
 
 def _group_channels(recording: Recording) -> list[Group]:
+    """Return the groups of channels that share their times."""
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)
@@ -120,7 +114,7 @@ def _group_channels(recording: Recording) -> list[Group]:
 
 
 def _describe_gap(a: Group, b: Group) -> str:
-    """Return the spans of two groups in words, where they share less than half of the shorter; else ""."""
+    """Return the spans of two groups in words if they hardly overlap, else ""."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
     if shared > 0.5 * min(a1 - a0, b1 - b0):
@@ -129,13 +123,17 @@ def _describe_gap(a: Group, b: Group) -> str:
 
 
 def _find_best(role: str, g: Group) -> tuple[float, Channel | None]:
+    """Return the channel whose name fits a role best, with its score."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
 
 
 def _find_motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return what a group says of the motion, time and value: "turn", which goes with the yaw rate, "speed" and its "change"."""
+    """Return signals of the motion of the car, each as time and value.
+
+    "turn" is proportional to the yaw rate, "change" to the derivative of the speed,
+    "speed" to the speed."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     wheels = {place: c for c in g.channels if (place := find_place(c.name)[0])}
     for axle in ("rear", "front"):
@@ -156,7 +154,8 @@ def _find_motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
-    """Return a signal at RATE without its mean, and when it begins; None: it does not move."""
+    """Return a signal at RATE without its mean, and when it begins; None: it does not
+    move."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
     if len(time) < MIN_GROUP_SAMPLES:
@@ -180,7 +179,9 @@ def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple
 
 
 def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
-    """Return by how much the clock of b is ahead of that of a, s, and the correlation; None: it is not, or nothing shows it."""
+    """Return by how much the clock of b is ahead of that of a, s, and the correlation.
+
+    None: the clocks agree, or no signals show a shift."""
     mine, other = _find_motion(a), _find_motion(b)
     best: tuple[float, float] | None = None
     for x, y, dx, dy in (
@@ -196,7 +197,7 @@ def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
         lag, corr, at_zero = _correlate(one, two)
         if corr < MIN_SHIFT_CORR or corr < at_zero + MIN_CORR_GAIN or abs(lag) < MIN_SHIFT:
             if at_zero >= MIN_SHIFT_CORR and not _describe_gap(a, b):
-                return None  # the clocks are one
+                return None  # the clocks agree
             continue
         if best is None or corr > best[1]:
             best = lag, corr
@@ -204,11 +205,13 @@ def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Return the shift at which two signals go together best, s, the correlation there, and that without a shift."""
+    """Return the shift of max correlation, s, this correlation, and that without a
+    shift."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 
     def correlate_all(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the sums of p q at all shifts."""
         return np.fft.irfft(np.conj(np.fft.rfft(p, size)) * np.fft.rfft(q, size), size)
 
     ones_a, ones_b = np.ones(len(a)), np.ones(len(b))
@@ -223,12 +226,9 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     steps = np.where(steps > size // 2, steps - size, steps)
     before, top, after = corr[k - 1], corr[k], corr[(k + 1) % size]
     bend = before - 2.0 * top + after
-    between = (
-        0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
-    )  # of a parabola through the three
-    lag = (
-        (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0
-    )  # entry i of a goes with entry i + k of b
+    # vertex of the parabola through the three values
+    between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
+    lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0  # i of a at i + k of b
     zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0
     return lag, float(corr[k]), at_zero

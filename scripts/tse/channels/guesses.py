@@ -1,4 +1,4 @@
-"""The guesses themselves, each with the figures that speak for it."""
+"""Make the guesses: unit, sign, ratio, latency and confidence, each with its evidence."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,16 +15,17 @@ from tse.log.units import factor, kind
 from tse.readers.table import unit_at_end
 
 BY_SIZE = "its size says so"
-MIN_MOUNTING = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
-# A steering angle that nobody names the unit of, on a log that does not turn enough to test it: by the size of its larger values
-# (97 % quantile; sd 1 of the logarithm) and by how common each is among logs
+MIN_MOUNTING = 0.12  # rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
+# Prior of a steering angle of unknown unit, in a log without enough bends for a test. By
+# unit, and whether it is that of the steering wheel: its larger values (97 % quantile; sd
+# of the logarithm 1), and the share of logs.
 STEERING_SIZES = {
     ("deg", True): (45.0, 0.6),
     ("rad", False): (0.05, 0.25),
     ("rad", True): (0.8, 0.1),
     ("deg", False): (3.0, 0.05),
 }
-RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
+RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12  # of cars; of its logarithm: 12 .. 20 within 2 sd
 
 
 def make_guesses(
@@ -36,13 +37,32 @@ def make_guesses(
     car: Any | None,
     warnings: list[str],
 ) -> list[Guess]:
+    """Return the guesses of steering, wheels, IMU.
+
+    Parameters
+    ----------
+    look : Look
+        The log.
+    wheels : mapping of str to str
+        Place of each wheel, and the name of its signal.
+    chosen : mapping of str to str
+        Role and name of the other signals.
+    worth : mapping of str to mapping of str to float
+        By role: scores by name ("said") and by physics ("shown").
+    scale : Scale
+        Units.
+    car : Vehicle or None
+        Radii of the wheels, wheelbase and steering ratio.
+    warnings : list of str
+        Extended.
+    """
     found: dict[str, Guess] = {}
     v = compute_speed(look, wheels)
     facts = measure_slopes(look, wheels, chosen, v)
     if v is not None:
         v = v * scale.per["wheel"]
-    # the wheels give the sign of the yaw rate, where they can; the others follow it
-    # and where they cannot, the course of a receiver does
+    # The wheels give the sign of the yaw rate, or else the course of a GNSS receiver. The
+    # other signs follow from the yaw rate.
     by_wheels = facts.get("track_corr", 0.0)
     turn = by_wheels if abs(by_wheels) > 0.7 else facts.get("course_corr", 0.0)
     is_sided = abs(turn) > 0.7
@@ -92,6 +112,7 @@ def make_guesses(
 
 
 def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
+    """Return where a unit comes from: the log, the end of the name, or the size."""
     c = look.channels[name]
     if c.unit and is_same_unit(c.unit, unit, role):
         return "the log says so"
@@ -100,8 +121,10 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
 
 
 def _rate_confidence(said: float, shown: float) -> str:
-    """Sure: name and physics agree. Likely: physics is clear alone, or the name, and physics does not contradict it. What was
-    neither tested nor is called so and has a unit is unsure."""
+    """Return the confidence from the scores by name and by physics.
+
+    sure: both agree. likely: one is clear, and the other does not contradict it. unsure:
+    all others."""
     if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
@@ -169,8 +192,8 @@ def _guess_motion(
     if confidence == "unsure" and not unsure:
         guess.unsure.append("the signal")
     if sign < 0:
-        guess.figures.append({"yaw_rate": "positive to the right in the log", "accel_y": "positive to the right in the log",
-                              "accel_x": "positive backwards in the log"}[role])  # fmt: skip
+        side = "backwards" if role == "accel_x" else "to the right"
+        guess.figures.append(f"positive {side} in the log")
     other = {"accel_x": "accel_y", "accel_y": "accel_x"}.get(role)
     if other and score_name(other, name) > score_name(role, name) + 0.5:
         warnings.append(
@@ -188,6 +211,8 @@ def _guess_steering(
     car: Any | None,
     warnings: list[str],
 ) -> Guess:
+    """Return the guess of the steering angle, with the steering ratio from its slope over
+    r/v."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
     unit = unit if kind(unit) == "angle" else ""
@@ -197,11 +222,12 @@ def _guess_steering(
         "steer_angle", (name,), unit or "deg", "", confidence=_rate_confidence(worth["said"], worth["shown"])
     )
     if found is None or found.share < 0.5 or found.per_curvature == 0:
-        why = (
-            "there is no speed to test sign and ratio with" if v is None
-            else "there is no yaw rate to test sign and ratio with" if r is None
-            else "the log turns too little to test sign and ratio"
-        )  # fmt: skip
+        lacking = "the log turns too little"
+        if v is None:
+            lacking = "there is no speed"
+        elif r is None:
+            lacking = "there is no yaw rate"
+        why = f"{lacking} to test sign and ratio{' with' if v is None or r is None else ''}"
         guess.unit, wheel = _guess_by_size(look.x[name], unit)
         guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
         guess.ratio = (given or RATIO_PRIOR) if wheel else None
@@ -228,7 +254,7 @@ def _guess_steering(
     ]
     off, guess.unit, ratio = min(likely)
     guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
-    if unit and off > 3.0:  # the unit that is said makes no sense
+    if unit and off > 3.0:  # the unit of the log contradicts the size by more than 3 sd
         other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
@@ -248,7 +274,7 @@ def _guess_steering(
             f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, "
             f"{100 * found.share:.0f} % of its variance"
         )
-        if given is None:  # what cars have counts as much as it is sure
+        if given is None:  # mean of measured ratio and prior, weighted by their variances
             weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
             guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
         guess.ratio = round(guess.ratio, 2)
@@ -270,7 +296,8 @@ def _guess_steering(
 
 
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Unit, and whether it is the steering wheel's: the likeliest of SIZES."""
+    """Return the most probable of STEERING_SIZES: unit, and whether it is the steering
+    wheel's."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
     options = {
         k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")
@@ -280,6 +307,7 @@ def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
 
 
 def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
+    """Return the guess of an axle's wheel speed, which is made of the signals `mine`."""
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
@@ -295,10 +323,12 @@ def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, s
     if len(mine) == 2 and "track" in scale.figures:
         figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")
     if is_car_speed(wheels):
-        figures.append("no wheel is logged: the speed of the car stands for both axles, so slip and longitudinal stiffness are "
-                       "not known")  # fmt: skip
-        return Guess(f"wheel_speed_{axle}", tuple(mine), unit, _describe_origin(look, mine[0], unit, "wheel"), confidence="likely",
-                     figures=figures)  # fmt: skip
+        figures.append(
+            "no wheel is logged: the speed of the car stands for both axles, so slip and longitudinal "
+            "stiffness are not known"
+        )
+        origin = _describe_origin(look, mine[0], unit, "wheel")
+        return Guess(f"wheel_speed_{axle}", tuple(mine), unit, origin, confidence="likely", figures=figures)
     named = all(find_place(n)[0].startswith(axle) for n in mine)
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:
@@ -335,8 +365,10 @@ def _check_turned_imu(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """An IMU that is mounted turned about the vertical axis: accel_y has a part of the acceleration along the car, and its own is
-    less by the cosine. Both follow from one regression on v r and dv/dt, each with its sd."""
+    """Warn if the IMU is turned about the vertical axis.
+
+    accel_y then contains the longitudinal acceleration times the sine of the angle. The
+    angle and its sd follow from a regression of accel_y on v r and dv/dt."""
     if v is None or "yaw_rate" not in found or "accel_y" not in found:
         return
     r = look.x[found["yaw_rate"].name[0]] * scale.per["yaw_rate"] * sign["yaw_rate"]
@@ -379,7 +411,7 @@ def _check_offsets(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """What is right perhaps, and should be looked at."""
+    """Warn of offsets and factors that are unusual, but may be right."""
     if v is None:
         return
     r = (
@@ -419,23 +451,26 @@ def _check_offsets(
         )
 
 
-# ---- How late each channel is behind the gyro.
+# ---- Latency of each channel against the gyro.
 
-
-MIN_LATENCY = 0.004  # s
-# s, by which a car turns behind its wheels in slow steering: single-track models of understeering passenger cars
-# with relaxation, drawn, at 10 .. 35 m/s
+MIN_LATENCY = 0.004  # s: smaller ones are not proposed
+# s from the road wheels to the yaw rate in slow steering: single-track models of
+# understeering passenger cars with relaxation, drawn at random, at 10 .. 35 m/s
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-MIN_STEERING_SDS = 2.0  # sd from which a latency of the steering is proposed
+MIN_STEERING_SDS = 2.0  # min latency of the steering to be proposed, in sd
 MAX_STEERING_LATENCY = 0.4  # s
-MIN_LATENCY_SDS = 4.0  # sd by which a latency is not 0
+MIN_LATENCY_SDS = 4.0  # min latency of the other channels to be proposed, in sd
 
 
 def find_latencies(
-    look: Look, found: dict[str, Guess], wheels: Mapping[str, str], scale: Scale, sign: Mapping[str, float],
+    look: Look,
+    found: dict[str, Guess],
+    wheels: Mapping[str, str],
+    scale: Scale,
+    sign: Mapping[str, float],
     warnings: list[str],
-) -> None:  # fmt: skip
-    """How much later than the gyro wheels and accelerometers are logged, and the steering, where it is more than cars differ by."""
+) -> None:
+    """Set the latencies of wheels, accelerometers and steering against the gyro."""
     if "yaw_rate" not in found:
         return
     clock = found["yaw_rate"].name[0]
@@ -460,7 +495,7 @@ def find_latencies(
     if "accel_y" in found and wheels:
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
         slope = physics.differentiate(r)
-        # the body's own way of following, (c0 + c2 v^2) r', is no latency
+        # the lag of the body itself, (c0 + c2 v^2) r', is no latency
         late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
         _set_latency(
             look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out"
@@ -470,18 +505,25 @@ def find_latencies(
 def _set_steering_latency(
     look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]
 ) -> None:
-    """A car turns YAW_LAG after its wheels are turned. Where the yaw rate follows sooner, or comes before the angle, which no car
-    does, the angle is late. What is less than cars differ by shows only in a fit of the whole car: calibrate."""
+    """Set the latency of the steering angle, if the yaw rate follows it too soon.
+
+    A car turns YAW_LAG after its road wheels. If the yaw rate follows sooner, or precedes
+    the angle, the angle is late. A latency within the spread of cars shows only in a fit
+    of the whole car: tselab calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
     if not np.isfinite(sd) or sd > 2 * YAW_LAG_SD or not MIN_STEERING_SDS * sd < late < MAX_STEERING_LATENCY:
         return
     guess.latency = round(late, 3)
-    guess.figures.append(f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate is {1e3 * follows:.0f} ms behind it, usual "
-                         f"are {1e3 * YAW_LAG:.0f}; tselab calibrate finds it better")  # fmt: skip
-    warnings.append(f"steer_angle is logged about {1e3 * late:.0f} ms late, which is proposed as its latency: without it the "
-                    "estimates would be of another car")  # fmt: skip
+    guess.figures.append(
+        f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate is {1e3 * follows:.0f} ms behind it, "
+        f"usual are {1e3 * YAW_LAG:.0f}; tselab calibrate finds it better"
+    )
+    warnings.append(
+        f"steer_angle is logged about {1e3 * late:.0f} ms late, which is proposed as its latency: without "
+        "it the estimates would be of another car"
+    )
 
 
 def _find_accel_lag(
@@ -494,11 +536,13 @@ def _find_accel_lag(
     sign: Mapping[str, float],
     keep: np.ndarray,
 ) -> tuple[float, float]:
+    """Return the lag of accel_y behind v r, and its sd, s."""
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
     return physics.find_lag(v * r, y, keep & (v > MOVING_SPEED), (slope, v**2 * slope))
 
 
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
+    """Set the latency of a guess, if it is significant, and add the evidence `how`."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

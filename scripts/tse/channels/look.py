@@ -198,7 +198,7 @@ class Look:
         return self._unit[name]
 
 
-# ---- Companions of a measurement in its message: validity flag, message counter, and fine
+# ---- Companions of a measurement in its message: validity flag, message counter, fine
 # part of a value that is sent in coarse steps. Wheels that count ticks.
 
 FLAG_NAME = re.compile(
