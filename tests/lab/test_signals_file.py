@@ -361,7 +361,7 @@ def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
     """At 25 m/s an understeer of -0.0016 s2/m2, which is among those tried, would need no steering in any bend."""
     v = np.full(4000, 25.0)
     r = 0.1 * np.sin(np.arange(4000) / physics.COMPARISON_RATE)
-    seen = physics.steering(16.0 * 2.75 * r / v * (1 + 0.002 * v**2), v, r)
+    seen = physics.fit_steering(16.0 * 2.75 * r / v * (1 + 0.002 * v**2), v, r)
     assert seen is not None and seen.per_curvature == pytest.approx(16.0 * 2.75, rel=0.05)
 
 
@@ -592,7 +592,7 @@ def test_steering_by_curvature_is_the_best_of_all_understeers():
     v = 15.0 + 8.0 * np.sin(np.linspace(0, 9, 4000))
     r = 0.2 * np.sin(np.linspace(0, 80, 4000)) + 0.002 * rng.normal(size=4000)
     angle = 2.7 * r / v * (1 + 0.003 * v**2) + 0.01 + 0.001 * rng.normal(size=4000)
-    found = physics.steering(angle, v, r)
+    found = physics.fit_steering(angle, v, r)
     x = r / v * (1 + found.understeer * v**2)
     slope, offset = np.polyfit(x, angle, 1)
     share = np.corrcoef(x, angle)[0, 1] ** 2

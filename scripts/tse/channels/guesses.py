@@ -141,37 +141,10 @@ def _guess_motion(
     is_sided: bool,
     warnings: list[str],
 ) -> Guess:
+    """Return the guess of yaw_rate, accel_y or accel_x. `is_sided`: its sign was
+    tested."""
     unit = scale.unit[role]
-    figures = []
-    what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
-    if role in what and role in scale.figures:
-        figures.append(
-            f"{what[role]}: "
-            f"{sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, "
-            f"correlation {abs(facts[f'{role}_corr']):.3f}"
-        )
-    elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
-        figures.append("it goes with v times right less left wheels; there is no yaw rate for a figure")
-    elif role in what:
-        figures.append(
-            f"{what[role]}: the log shows too little (correlation {facts.get(f'{role}_corr', 0.0):.2f})"
-        )
-    if role == "yaw_rate":
-        if "track" in scale.figures:
-            figures.append(
-                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation "
-                f"{facts['track_corr']:.3f}"
-            )
-        if "accel_y" in scale.figures:
-            figures.append(
-                f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
-            )
-        if is_sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
-            figures.append(
-                f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}"
-            )
-        if not is_sided:
-            figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
+    figures = _list_motion_figures(role, worth, scale, sign, facts, is_sided)
     confidence = _rate_confidence(worth["said"], worth["shown"])
     origin = _describe_origin(look, name, unit, role)
     unsure = []
@@ -202,6 +175,45 @@ def _guess_motion(
     return guess
 
 
+def _list_motion_figures(
+    role: str,
+    worth: Mapping[str, float],
+    scale: Scale,
+    sign: float,
+    facts: Mapping[str, float],
+    is_sided: bool,
+) -> list[str]:
+    """Return the evidence for yaw_rate, accel_y or accel_x, in words."""
+    figures = []
+    what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
+    if role in what and role in scale.figures:
+        figure = sign * abs(scale.figures[role]) if role == "accel_x" else scale.figures[role]
+        figures.append(f"{what[role]}: {figure:.2f}, correlation {abs(facts[f'{role}_corr']):.3f}")
+    elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
+        figures.append("it goes with v times right less left wheels; there is no yaw rate for a figure")
+    elif role in what:
+        figures.append(
+            f"{what[role]}: the log shows too little (correlation {facts.get(f'{role}_corr', 0.0):.2f})"
+        )
+    if role == "yaw_rate":
+        if "track" in scale.figures:
+            figures.append(
+                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation "
+                f"{facts['track_corr']:.3f}"
+            )
+        if "accel_y" in scale.figures:
+            figures.append(
+                f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
+            )
+        if is_sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
+            figures.append(
+                f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}"
+            )
+        if not is_sided:
+            figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
+    return figures
+
+
 def _guess_steering(
     look: Look,
     name: str,
@@ -211,8 +223,8 @@ def _guess_steering(
     car: Any | None,
     warnings: list[str],
 ) -> Guess:
-    """Return the guess of the steering angle, with the steering ratio from its slope over
-    r/v."""
+    """Return the guess of the steering angle; its slope over r/v gives the steering
+    ratio."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
     unit = unit if kind(unit) == "angle" else ""
@@ -222,46 +234,17 @@ def _guess_steering(
         "steer_angle", (name,), unit or "deg", "", confidence=_rate_confidence(worth["said"], worth["shown"])
     )
     if found is None or found.share < 0.5 or found.per_curvature == 0:
-        lacking = "the log turns too little"
+        why = "the log turns too little to test sign and ratio"
         if v is None:
-            lacking = "there is no speed"
+            why = "there is no speed to test sign and ratio with"
         elif r is None:
-            lacking = "there is no yaw rate"
-        why = f"{lacking} to test sign and ratio{' with' if v is None or r is None else ''}"
-        guess.unit, wheel = _guess_by_size(look.x[name], unit)
-        guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
-        guess.ratio = (given or RATIO_PRIOR) if wheel else None
-        guess.confidence = "unsure"
-        guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
-        guess.figures.append(why)
+            why = "there is no yaw rate to test sign and ratio with"
+        _set_untested_steering(guess, look.x[name], unit, given, why)
         return guess
     guess.sign = float(np.sign(found.per_curvature))
     raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
-    options = [
-        (u, raw * float(factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNIT_OPTIONS["steer_angle"])
-    ]
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
-    likely = [
-        (
-            min(
-                abs(np.log(q)) / spread,
-                abs(np.log(q / (given or RATIO_PRIOR))) / np.hypot(spread, 0.02 if given else 0.15),
-            ),
-            u,
-            q,
-        )
-        for u, q in options
-    ]
-    off, guess.unit, ratio = min(likely)
-    guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
-    if unit and off > 3.0:  # the unit of the log contradicts the size by more than 3 sd
-        other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
-        q = raw * float(factor(other, "rad") or 1.0)
-        if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
-            warnings.append(
-                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
-            )
-            guess.unit, ratio, guess.unit_from = other, q, "its size says so"
+    ratio = _choose_steering_unit(look, guess, raw, spread, unit, given, warnings)
     guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / RATIO_PRIOR)) else ratio
     if guess.ratio is None:
         guess.figures.append(
@@ -274,19 +257,7 @@ def _guess_steering(
             f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, "
             f"{100 * found.share:.0f} % of its variance"
         )
-        if given is None:  # mean of measured ratio and prior, weighted by their variances
-            weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
-            guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
-        guess.ratio = round(guess.ratio, 2)
-        if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
-            guess.figures.append(f"the vehicle file says {given:g}, which is taken")
-            guess.ratio = given
-        elif given is None and spread > 0.12:
-            guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
-        elif given is not None:
-            warnings.append(
-                f"steer_angle: the ratio is {ratio:.1f} by r L/v, the vehicle file says {given:g}"
-            )
+        _set_steering_ratio(guess, ratio, spread, given, warnings)
     if guess.sign < 0:
         guess.figures.append("positive to the right in the log")
     offset = found.offset * float(factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
@@ -295,8 +266,65 @@ def _guess_steering(
     return guess
 
 
+def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float | None, why: str) -> None:
+    """Set unit and ratio of the steering angle by its size, since the log does not show
+    them."""
+    guess.unit, wheel = _guess_by_size(x, unit)
+    guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
+    guess.ratio = (given or RATIO_PRIOR) if wheel else None
+    guess.confidence = "unsure"
+    guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
+    guess.figures.append(why)
+
+
+def _choose_steering_unit(
+    look: Look, guess: Guess, raw: float, spread: float, unit: str, given: float | None, warnings: list[str]
+) -> float:
+    """Set the unit of the steering angle; return the steering ratio with it.
+
+    `raw`: angle in units of the signal over r L/v. `spread`: sd of its logarithm. `unit`:
+    unit by the log, "" if unknown. The unit is that for which the ratio is nearest to 1
+    (angle of the road wheels) or to the ratio of the vehicle file."""
+    units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
+    options = [(u, raw * float(factor(u, "rad") or 1.0)) for u in units]
+    ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
+    off, guess.unit, ratio = min(
+        (min(abs(np.log(q)) / spread, abs(np.log(q / (given or RATIO_PRIOR))) / ratio_spread), u, q)
+        for u, q in options
+    )
+    name = guess.name[0]
+    guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
+    if unit and off > 3.0:  # the unit of the log contradicts the size by more than 3 sd
+        other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
+        q = raw * float(factor(other, "rad") or 1.0)
+        if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
+            warnings.append(
+                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
+            )
+            guess.unit, ratio, guess.unit_from = other, q, BY_SIZE
+    return ratio
+
+
+def _set_steering_ratio(
+    guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
+) -> None:
+    """Set the steering ratio from the measured one and that of the vehicle file, or the
+    prior."""
+    if given is None:  # mean of measured ratio and prior, weighted by their variances
+        weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
+        guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
+    guess.ratio = round(guess.ratio or ratio, 2)
+    if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
+        guess.figures.append(f"the vehicle file says {given:g}, which is taken")
+        guess.ratio = given
+    elif given is None and spread > 0.12:
+        guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
+    elif given is not None:
+        warnings.append(f"steer_angle: the ratio is {ratio:.1f} by r L/v, the vehicle file says {given:g}")
+
+
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Return the most probable of STEERING_SIZES: unit, and whether it is the steering
+    """Return the most probable of STEERING_SIZES: unit, and if it is the steering
     wheel's."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
     options = {
