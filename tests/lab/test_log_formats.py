@@ -305,7 +305,7 @@ def test_the_ratio_of_a_straight_drive_is_not_drawn_down_by_the_noise_of_the_gyr
     v = np.full(5000, 22.0)
     r, noise = (physics.smooth(rng.normal(0, 0.02, 6000))[500:-500] for _ in range(2))
     angle = RATIO * 2.7 * r / v * (1 + physics.UNDERSTEER * v**2)
-    found = physics.steering(angle, v, r + 0.7 * noise)
+    found = physics.fit_steering(angle, v, r + 0.7 * noise)
     assert 0.55 < found.share < 0.8
     off = abs(np.log(found.per_curvature / (RATIO * 2.7)))
     assert off < 2.0 * found.sd and off < 0.25 and found.sd < 0.4
