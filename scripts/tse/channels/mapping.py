@@ -1,5 +1,8 @@
-"""Channels of the library from the signals of a log: found by name, in SI units, with signs, ratio and latency put right. Each
-keeps its own time."""
+"""Turn the signals of a log into the channels of the library, by signals.toml.
+
+Values are in SI units, with sign, steering ratio and latency corrected. Each channel
+keeps its own time.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,32 +18,30 @@ from tse.log.units import factor
 from tse.readers.recording import Channel, Recording
 
 USUAL_MODULO = 16  # of a counter of 4 bits
-MAX_LOST = (
-    0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
-)
+MAX_LOST = 0.5  # max share of invalid values by a flag; above it the flag is rejected
 
 
 @dataclass(frozen=True)
 class Series:
-    """A channel of the library, or one wheel of it, on its own time. `value`: SI, NaN missing."""
+    """A channel of the library, or one wheel of it, on its own time."""
 
     channel: str
-    time: np.ndarray
-    value: np.ndarray
-    latency: float = 0.0  # s, already taken off the time
-    hold: bool = False
+    time: np.ndarray  # s
+    value: np.ndarray  # SI, NaN: missing
+    latency: float = 0.0  # s, already subtracted from the time
+    hold: bool = False  # sent only on a change
 
 
 @dataclass
 class Clocks:
-    """Times of a recording, put right once for all channels that share one."""
+    """Corrected times of a recording, computed once for all channels that share them."""
 
     notes: list[str] = field(default_factory=list)
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-        """Increasing time and the values that have one."""
+        """Return the increasing times of a channel, and the values at these times."""
         if id(channel.time) not in self._done:
             time, keep, said = straight(channel.time)
             self._done[id(channel.time)] = channel.time, time, keep
@@ -50,7 +51,8 @@ class Clocks:
         return time, value
 
     def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
-        """One of these times less the latency, once for all channels that have both."""
+        """Return times less the latency, computed once for all channels that share
+        both."""
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:
@@ -61,10 +63,26 @@ class Clocks:
 def map_signals(
     recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MAX_LOST
 ) -> dict[str, Series]:
-    """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels. `most_lost`:
-    share of a channel's values that its flag may call invalid; 1: of a piece of a drive all.
+    """Return all channels that signals.toml names; wheels separately.
 
-    UserError: a name that the log does not have, a speed without a radius, a unit that is none of the channel."""
+    Parameters
+    ----------
+    recording : Recording
+        The log.
+    signals : Signals
+        Contents of signals.toml.
+    car : Vehicle or None
+        Radii of the wheels.
+    notes : list of str
+        Extended.
+    most_lost : float
+        Max share of invalid values by a flag. 1: all, for a short piece of a drive.
+
+    Raises
+    ------
+    UserError
+        A name that is not in the log, a speed without a radius, or a wrong unit.
+    """
     clocks = Clocks()
     found: dict[str, Series] = {}
     for channel, signal in signals.signals.items():
@@ -97,6 +115,7 @@ def _map_part(
     notes: list[str],
     most_lost: float,
 ) -> Series:
+    """Return one channel, or one wheel of it, from the signal `name`."""
     source = (
         f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     )
@@ -134,6 +153,7 @@ def _map_part(
 def _find_factor(
     signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
 ) -> float:
+    """Return the factor from the unit of a signal to SI."""
     if part.startswith("ref_") or signal.above is not None:
         return 1.0
     wanted = find_unit(part)
@@ -162,13 +182,15 @@ def _find_factor(
 
 
 def _interpolate_ratio(signal: Signal, value: np.ndarray, per: float) -> np.ndarray:
-    """The ratio at every angle; `value`: the steering wheel's angle in rad with its sign, `per`: rad per unit of the table."""
+    """Return the steering ratio at each angle of the steering wheel.
+
+    `value`: angles, rad. `per`: rad per unit of the table."""
     angles, ratios = np.array(signal.ratio, float).T
     return np.interp(value / abs(per), angles, ratios)
 
 
 def _hold_last(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
-    """The last value of a channel before each time."""
+    """Return the last value of a channel before each time."""
     own, value = clocks.straighten(channel)
     if not len(own):
         return np.full(len(time), np.nan)
@@ -186,6 +208,7 @@ def _drop_invalid(
     notes: list[str],
     most_lost: float,
 ) -> None:
+    """Set the values to NaN that a flag calls invalid."""
     state = _hold_last(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
     bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
     bad |= ~np.isfinite(state)
@@ -213,6 +236,8 @@ def _drop_repeated(
     part: str,
     notes: list[str],
 ) -> None:
+    """Set the values to NaN whose message counter repeats; add a note about lost
+    messages."""
     state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)

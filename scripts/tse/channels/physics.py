@@ -29,7 +29,7 @@ class Fit:
 
 
 def smooth(x: np.ndarray) -> np.ndarray:
-    """Means over SMOOTH, NaN where more than half is missing."""
+    """Return moving means over MEAN_TIME; NaN where more than half is missing."""
     n = max(1, round(MEAN_TIME * COMPARISON_RATE))
     good = np.isfinite(x)
     kernel = np.ones(n)

@@ -1,4 +1,8 @@
-"""Which units all channels have together: physics weighs every set of those that are often mixed up."""
+"""Find the units of all channels together.
+
+Each set of units that are often mixed up has a cost: its deviation from the kinematic
+relations, and from the units of log and names. The set of min cost is returned.
+"""
 
 import re
 from collections.abc import Mapping
@@ -17,74 +21,62 @@ from tse.log.units import factor, kind
 from tse.readers.recording import RECEIVER
 from tse.readers.table import unit_at_end
 
-UNIT_OPTIONS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"),
+UNIT_OPTIONS = {
+    "wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"),
+    "yaw_rate": ("rad/s", "deg/s"),
+    "accel_y": ("m/s2", "g"),
     "accel_x": ("m/s2", "g"),
-         "steer_angle": ("deg", "rad")}  # fmt: skip
-USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars, when no vehicle file says
-USUAL_WHEELBASE = 2.7  # m, likewise
-LOG_UNIT_COST, NAME_UNIT_COST, OTHER_UNIT_COST = (
-    6.0,
-    3.0,
-    0.5,
-)  # cost, in squared sd, of a unit that is not the log's, not the name's, and of any other than SI
-MAX_EQUATION_COST = 16.0  # most that one equation says against a set of units,
-MAX_MOTION = {
-    "yaw_rate": 3.0,
-    "accel_y": 20.0,
-    "accel_x": 20.0,
-    "wheel": 80.0,
-}  # what road cars do, SI, wheels m/s
-MOTION_COST = 25.0  # cost of a unit with which a car would do more
-FAR_COST = 0.1  # but of two sets that are both far off the nearer one is better: per sd
+    "steer_angle": ("deg", "rad"),
+}
+USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars without vehicle file
+USUAL_WHEELBASE = 2.7  # m: passenger cars without vehicle file
+# costs of units, in squared sd
+LOG_UNIT_COST = 6.0  # a unit that contradicts the log
+NAME_UNIT_COST = 3.0  # a unit that contradicts the end of the name
+OTHER_UNIT_COST = 0.5  # a unit other than SI, if neither log nor name state one
+MAX_EQUATION_COST = 16.0  # of one kinematic relation
+FAR_COST = 0.1  # per sd, without limit: of two implausible sets of units the nearer one is better
+MOTION_COST = 25.0  # of a unit with which the car exceeds MAX_MOTION
+MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}  # road cars, SI; m/s
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Units that were settled together, and the figures that settled them."""
+    """Units of all channels, and the figures from which they follow."""
 
     unit: dict[str, str]  # of wheel, yaw_rate, accel_y, accel_x
     per: dict[str, float]  # SI per unit
-    figures: dict[
-        str, float
-    ]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
+    # accel_y: a_y over v r. accel_x: a_x over dv/dt. track: m. speed: over that of the
+    # log
+    figures: dict[str, float]
 
 
 def _get_radius(car: Any | None) -> float:
+    """Return the radius of the front wheels, m."""
     return float(car.values["wheel_radius_front"]) if car is not None else USUAL_RADIUS
 
 
 def find_units(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]
 ) -> Scale:
-    """The set of units that agrees best with physics and with what log and names say."""
+    """Return the set of units that agrees best with physics, log and names."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
-    car_speed = (
-        next(iter(wheels.values())) if is_car_speed(wheels) else "" if wheels else find_named_speed(look)
-    )
+    car_speed = ""
+    if is_car_speed(wheels):
+        car_speed = next(iter(wheels.values()))
+    elif not wheels:
+        car_speed = find_named_speed(look)
     if wheels or car_speed:
         names["wheel"] = car_speed or next(iter(wheels.values()))
     v0 = compute_speed(look, wheels)
     facts = measure_slopes(look, wheels, chosen, v0)
-    options: dict[str, list[tuple[str, float]]] = {}
-    for role, name in names.items():
-        said, end = look.channels[name].unit, unit_at_end(look.channels[name].short)
-        said = said if kind(said) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]) else ""
-        choices = [
-            u for u in UNIT_OPTIONS[role] if not (role == "wheel" and car_speed and factor(u, "m/s") is None)
-        ]
-        if said and factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
-            choices = [said] + [u for u in choices if not is_same_unit(u, said, role)]
-        elif said == "" and end and kind(end) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]):
-            choices = [end] + [u for u in choices if not is_same_unit(u, end, role)]
-        cost = LOG_UNIT_COST if said else NAME_UNIT_COST if end and choices[0] == end else OTHER_UNIT_COST
-        options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
+    options = {role: _list_units(look, role, name, car_speed != "") for role, name in names.items()}
     tops = {
         r: float(np.nanquantile(np.abs(look.x[n]), 0.999))
         for r, n in names.items()
         if np.isfinite(look.x[n]).any()
     }
     best: tuple[float, Scale] | None = None
-    declared: tuple[float, Scale] | None = None
     for picks in product(*options.values()):
         unit = {role: u for role, (u, _) in zip(options, picks, strict=True)}
         per = {role: _convert_unit(role, u, car) for role, u in unit.items()}
@@ -93,10 +85,9 @@ def find_units(
             MOTION_COST for role, top in tops.items() if role in per and top * per[role] > MAX_MOTION[role]
         )
         this = cost + sum(c for _, c in picks), Scale(unit, per, figures)
-        declared = declared or this
         if best is None or this[0] < best[0]:
             best = this
-    if best is None or declared is None:
+    if best is None:
         return Scale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
@@ -107,15 +98,38 @@ def find_units(
     return best[1]
 
 
+def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[str, float]]:
+    """Return the possible units of a signal, each with its cost.
+
+    `is_speed`: the signal is the speed of the car in place of the wheels."""
+    kinds = ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
+    said, end = look.channels[name].unit, unit_at_end(look.channels[name].short)
+    said = said if kind(said) in kinds else ""
+    choices = list(UNIT_OPTIONS[role])
+    if role == "wheel" and is_speed:
+        choices = [u for u in choices if factor(u, "m/s") is not None]
+    if said and factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
+        choices = [said] + [u for u in choices if not is_same_unit(u, said, role)]
+    elif said == "" and end and kind(end) in kinds:
+        choices = [end] + [u for u in choices if not is_same_unit(u, end, role)]
+    cost = OTHER_UNIT_COST
+    if said:
+        cost = LOG_UNIT_COST
+    elif end and choices[0] == end:
+        cost = NAME_UNIT_COST
+    return [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
+
+
 def is_same_unit(a: str, b: str, role: str) -> bool:
+    """Return whether two units of a role are equal, however they are spelt."""
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
     x, y = factor(a, wanted, 1.0), factor(b, wanted, 1.0)
-    # a rate of rolling and a speed are different units, though both become rates
+    # rad/s and m/s of a wheel are different kinds, though both are converted to rad/s
     return x is not None and y is not None and abs(x / y - 1) < 1e-3 and kind(a) == kind(b)
 
 
 def _convert_unit(role: str, unit: str, car: Any | None) -> float:
-    """SI per unit; of wheels m/s."""
+    """Return the factor from a unit to SI; of wheels to m/s."""
     if role == "wheel":
         return float(factor(unit, "m/s") or (factor(unit, "rad/s") or 1.0) * _get_radius(car))
     return float(factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
@@ -124,7 +138,9 @@ def _convert_unit(role: str, unit: str, car: Any | None) -> float:
 def measure_slopes(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None
 ) -> dict[str, float]:
-    """Slopes between the signals as they are logged; only those that show."""
+    """Return slopes and correlations between the signals as logged.
+
+    A slope is missing if its correlation is too low. `v`: speed in any unit."""
     facts: dict[str, float] = {}
     if v is None:
         return facts
@@ -157,10 +173,10 @@ def measure_slopes(
 
 
 def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
-    """Return how well the yaw rate goes with the course of a receiver of GNSS.
+    """Return the correlation of the yaw rate with the derivative of the course of GNSS.
 
-    The course counts clockwise from north, in degrees. 1: the yaw rate is positive to the
-    left. -1: to the right. 0: there is no course."""
+    The course is clockwise from north, in degrees. > 0: the yaw rate is positive to the
+    left. < 0: to the right. 0: there is no course."""
     named = [
         n for n in look.raw
         if score_name("heading", n) >= MIN_NAME_SCORE and kind(look.find_unit(n)) in ("", "angle")
@@ -181,7 +197,9 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
 
 
 def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Speed over ground that the log has besides, m/s, in a known unit; of a receiver of GNSS before others."""
+    """Return another speed of the log, m/s; None if there is none.
+
+    A speed of GNSS is preferred. Without a speed, it is computed from positions."""
     named = [
         n
         for n in look.x
@@ -206,7 +224,8 @@ def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | No
 def _compute_cost(
     facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str, float], car: Any | None
 ) -> tuple[float, dict[str, float]]:
-    """How far a set of units is from what physics wants, in squared sd, and the figures themselves."""
+    """Return the deviation of a set of units from physics, in squared sd, and the
+    figures."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0

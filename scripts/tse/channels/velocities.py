@@ -1,4 +1,4 @@
-"""Which signals are the velocity of an INS or an optical sensor, and which way the one across the car counts."""
+"""Find the velocities of an INS or an optical sensor, and the sign of the lateral one."""
 
 import re
 from collections.abc import Sequence
@@ -22,10 +22,8 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-MIN_SIGN_SDS = (
-    6.0  # sd by which the change of the velocity across the car goes with accel_y - v r, to prove its sign
-)
-MAX_ACROSS = 0.35  # of the speed: the car does not go more across than that, 98 % of the time
+MIN_SIGN_SDS = 6.0  # min slope, in sd, of the derivative of the lateral velocity over accel_y - v r
+MAX_ACROSS = 0.35  # max ratio of lateral velocity to speed, in 98 % of the rows
 
 
 def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, format_: str) -> list[Guess]:
@@ -36,17 +34,17 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     look : Look
         The log.
     guesses : sequence of Guess
-        Those of the other channels, with unit and sign.
+        Guesses of the other channels, with unit and sign.
     v : ndarray or None, (rows,)
-        Speed of the wheels, m/s. None: not known.
+        Speed of the wheels, m/s. None: unknown.
     format_ : str
         Format of the log: in VBOX files the lateral velocity is positive to the right.
 
     Returns
     -------
     list of Guess
-        The velocity along the car where it is that of the wheels. The velocity across it where its sign is shown by
-        accel_y - v r, or is known by the format.
+        The longitudinal velocity, if it equals the speed of the wheels. The lateral
+        velocity, if its sign follows from accel_y - v r or from the format.
     """
     taken = {n for g in guesses for n in g.name}
     found: list[Guess] = []
@@ -64,6 +62,7 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
 
 
 def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
+    """Return whether name and unit are those of a velocity."""
     text = join_words(look.channels[name].short)
     return (
         bool(pattern.search(text))
@@ -75,6 +74,8 @@ def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
 def _guess_velocity(
     look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
 ) -> Guess | None:
+    """Return the guess of a velocity; None if it contradicts the speed, or its sign is
+    unknown."""
     unit = look.find_unit(name)
     x = look.x[name] * float(factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING_SPEED)
@@ -111,14 +112,18 @@ def _guess_velocity(
 def _find_sign(
     look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray
 ) -> float:
-    """Return by how many sd the change of the velocity goes with accel_y - v r; 0: not known.
+    """Return the slope of accel_y - v r over the derivative of the lateral velocity, in
+    sd.
 
-    What the roll of the body adds to accel_y is taken out."""
+    The regression contains the part of accel_y that the roll of the body causes. 0:
+    unknown."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0
-    y, r = (look.x[(g := known[c]).name[0]] * g.sign * float(factor(g.unit, u) or 1.0)
-            for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s")))  # fmt: skip
+    y, r = (
+        look.x[(g := known[c]).name[0]] * g.sign * float(factor(g.unit, u) or 1.0)
+        for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s"))
+    )
     table = np.column_stack([physics.differentiate(x), y, np.ones(len(x))])
     left = y - v * r
     keep = moving & np.isfinite(table).all(axis=1) & np.isfinite(left)
