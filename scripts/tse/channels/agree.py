@@ -616,8 +616,9 @@ def _compute_figures(
     wheels: float,
     radii: tuple[float, float],
 ) -> Figures:
-    """Return the figures at the speed v, m/s, if wheel speeds are `wheels` times too
-    large."""
+    """Return the figures at the speed v, m/s.
+
+    `wheels`: factor by which the wheel speeds are too large."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()

@@ -154,8 +154,7 @@ def _find_motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
-    """Return a signal at RATE without its mean, and when it begins; None: it does not
-    move."""
+    """Return start and values of a signal at CORRELATION_RATE; None: it is constant."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
     if len(time) < MIN_GROUP_SAMPLES:
@@ -205,8 +204,7 @@ def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Return the shift of max correlation, s, this correlation, and that without a
-    shift."""
+    """Return the shift of max correlation, s, and the correlations with and without it."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 

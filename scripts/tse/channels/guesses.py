@@ -141,8 +141,9 @@ def _guess_motion(
     is_sided: bool,
     warnings: list[str],
 ) -> Guess:
-    """Return the guess of yaw_rate, accel_y or accel_x. `is_sided`: its sign was
-    tested."""
+    """Return the guess of yaw_rate, accel_y or accel_x.
+
+    `is_sided`: its sign was tested."""
     unit = scale.unit[role]
     figures = _list_motion_figures(role, worth, scale, sign, facts, is_sided)
     confidence = _rate_confidence(worth["said"], worth["shown"])
@@ -223,8 +224,7 @@ def _guess_steering(
     car: Any | None,
     warnings: list[str],
 ) -> Guess:
-    """Return the guess of the steering angle; its slope over r/v gives the steering
-    ratio."""
+    """Return the guess of the steering angle, with ratio by its slope over r/v."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
     unit = unit if kind(unit) == "angle" else ""
@@ -324,8 +324,7 @@ def _set_steering_ratio(
 
 
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Return the most probable of STEERING_SIZES: unit, and if it is the steering
-    wheel's."""
+    """Return the most probable unit, and whether the angle is that of the steering wheel."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
     options = {
         k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")

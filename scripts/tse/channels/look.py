@@ -180,8 +180,7 @@ class Look:
         self.x = {n: smooth(v) for n, v in self.fine.items()}
 
     def clean_name(self, name: str) -> str:
-        """Return the name, without "status" at its end if the values are not those of a
-        status."""
+        """Return the name, without a "status" at its end if it has more values than a status."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
             many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MAX_STATES
@@ -241,8 +240,7 @@ def find_flags(recording: Recording) -> Flags:
 def find_flag(
     recording: Recording, mine: Channel, flags: Flags, taken: frozenset[str] | set[str] = frozenset()
 ) -> tuple[str, float] | None:
-    """Return the validity flag of a signal and its value for valid; None if there is
-    none.
+    """Return the validity flag of a signal and its value for valid; None: no flag.
 
     The flag is in the same message. Its name is similar to that of the signal, or it is
     the only flag of the whole message."""

@@ -51,8 +51,7 @@ class Clocks:
         return time, value
 
     def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
-        """Return times less the latency, computed once for all channels that share
-        both."""
+        """Return times less the latency; channels that share both share the result."""
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:

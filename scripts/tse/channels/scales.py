@@ -224,8 +224,7 @@ def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | No
 def _compute_cost(
     facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str, float], car: Any | None
 ) -> tuple[float, dict[str, float]]:
-    """Return the deviation of a set of units from physics, in squared sd, and the
-    figures."""
+    """Return the deviation of units from physics, in squared sd, and the figures."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0

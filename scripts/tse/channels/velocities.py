@@ -74,8 +74,7 @@ def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
 def _guess_velocity(
     look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
 ) -> Guess | None:
-    """Return the guess of a velocity; None if it contradicts the speed, or its sign is
-    unknown."""
+    """Return the guess of a velocity; None: it contradicts the speed, or has no sign."""
     unit = look.find_unit(name)
     x = look.x[name] * float(factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING_SPEED)
@@ -112,8 +111,7 @@ def _guess_velocity(
 def _find_sign(
     look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray
 ) -> float:
-    """Return the slope of accel_y - v r over the derivative of the lateral velocity, in
-    sd.
+    """Return the slope of accel_y - v r over the derivative of the velocity, in sd.
 
     The regression contains the part of accel_y that the roll of the body causes. 0:
     unknown."""
