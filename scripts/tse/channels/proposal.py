@@ -1,4 +1,4 @@
-"""A proposal in words, as a table, and as signals.toml."""
+"""Propose signals.toml for a log, and format the proposal as text, table and TOML."""
 
 import json
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from tse.readers.recording import Channel, How, Recording, listed
 
 @dataclass(frozen=True)
 class Line:
-    """What the list says of one signal."""
+    """One signal in the list of all signals."""
 
     name: str
     unit: str
@@ -35,12 +35,13 @@ class Line:
 
 
 def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
-    """A line per signal, in the order of the file."""
+    """Return a line per signal, in the order of the file."""
     used = {n: g.channel for g in proposal.guesses for n in g.name}
     return [_describe_signal(c, used.get(c.name, "")) for c in recording]
 
 
 def _describe_signal(c: Channel, used: str) -> Line:
+    """Return the line of a signal. `used`: the channel for which it is proposed."""
     there = np.isfinite(c.value)
     time, keep, _ = straight(c.time)
     rate = find_rate(select_entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
@@ -51,7 +52,7 @@ def _describe_signal(c: Channel, used: str) -> Line:
 
 
 def format_headline(g: Guess) -> str:
-    """Return a guess in a line."""
+    """Return a guess as one line of text."""
     more = (
         [f"{g.unit} ({g.unit_from})"]
         + (["sign -1"] if g.sign < 0 else [])
@@ -69,7 +70,9 @@ def format_headline(g: Guess) -> str:
 def format_signals(
     recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()
 ) -> str:
-    """signals.toml, with what speaks for each guess as comments. `how`: the log was read; `folder`: of the file."""
+    """Return the proposal as signals.toml, with the evidence as comments.
+
+    `how`: the settings with which the log was read. `folder`: folder of signals.toml."""
     lines = [
         f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. "
         "Look through, and edit."
@@ -92,14 +95,19 @@ def format_signals(
             f"name = {name}",
         ]
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
-        more = {"sign": "-1" if g.sign < 0 else "", "add": _quote(g.add), "sign_bit": _quote(g.sign_bit),
-                "ratio": f"{g.ratio:g}" if g.ratio else "", "latency": f"{g.latency:g}" if g.latency else "",
-                "clock": f"{g.clock:.12g}" if g.clock else "",
-                "above": "" if g.above is None else f"{g.above:g}",
-                "valid": f"{{name = {_quote(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
-                "counter": f"{{name = {_quote(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
-                "unsure": f"{_quote(', '.join(g.unsure))}  # when you have looked, take this line out" if g.unsure else "",
-        }  # fmt: skip
+        unsure = _quote(", ".join(g.unsure))
+        more = {
+            "sign": "-1" if g.sign < 0 else "",
+            "add": _quote(g.add),
+            "sign_bit": _quote(g.sign_bit),
+            "ratio": f"{g.ratio:g}" if g.ratio else "",
+            "latency": f"{g.latency:g}" if g.latency else "",
+            "clock": f"{g.clock:.12g}" if g.clock else "",
+            "above": "" if g.above is None else f"{g.above:g}",
+            "valid": f"{{name = {_quote(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
+            "counter": f"{{name = {_quote(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
+            "unsure": f"{unsure}  # when you have looked, take this line out" if g.unsure else "",
+        }
         lines += [f"{key} = {value}" for key, value in more.items() if value]
     for channel in proposal.missing:
         lines += ["", f"# [signals.{channel}]", *(f"# {x}" for x in proposal.nearest.get(channel, ()))]
@@ -108,7 +116,7 @@ def format_signals(
 
 
 def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
-    """Return a warning for each unit that nobody knows of a signal that is proposed."""
+    """Return a warning for each unknown unit of a proposed signal."""
     found: dict[tuple[str, str], list[str]] = {}
     for g in guesses:
         for n in g.name:
@@ -122,11 +130,12 @@ def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[s
 
 
 def _quote(text: str | None) -> str:
-    """A string of TOML, which is one of JSON; none is no text."""
+    """Return a text as a TOML string, which is also one of JSON; no text for None."""
     return json.dumps(text, ensure_ascii=False) if text else ""
 
 
 def _make_relative(path: Path, folder: Path) -> str:
+    """Return a path relative to a folder, if it is inside."""
     path = path.resolve()
     try:
         return path.relative_to(folder.resolve()).as_posix()
@@ -134,18 +143,21 @@ def _make_relative(path: Path, folder: Path) -> str:
         return path.as_posix()
 
 
-# ---- A guess of signals.toml: names by words, units and physics together; every guess with the figure that speaks for it.
+# ---- The proposal.
 #
-# A candidate of a role is worth what its name sounds like (vocabulary.py), plus whether its unit is of the kind, plus how well it
-# agrees with the others (physics.py). The references of the physics are the best candidates themselves, so it is done a few times
-# over.
+# The score of a candidate for a role is the sum of that of its name (vocabulary.py), of its
+# unit, and of its agreement with the other channels (physics.py). The references for this
+# agreement are the best candidates of the pass before, so several passes are made.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3
 
 
 def propose(recording: Recording, car: Any | None = None) -> Proposal:
-    """Guess which signal is which. `car`: a vehicle.Vehicle; its radii, wheelbase and ratio make the figures sharper."""
+    """Propose a signal for each channel.
+
+    `car`: a Vehicle. Its wheel radii, wheelbase and steering ratio reduce the
+    uncertainty."""
     warnings: list[str] = []
     recording, moved = align_clocks(recording, warnings)
     look = Look(recording)
@@ -158,7 +170,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         if raw is None:
             break
         wheels = find_sides(look, wheels, chosen)
-        if (chosen, wheels) == before:  # the same again would come of it
+        if (chosen, wheels) == before:  # converged
             break
     scale = find_units(look, wheels, chosen, car, warnings)
     guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)

@@ -1,4 +1,5 @@
-"""Which signals are wheels, on which side, and what they say of speed and turn."""
+"""Find the wheels and their places, then the other channels by name, unit and
+kinematics."""
 
 from __future__ import annotations
 
@@ -23,11 +24,12 @@ from tse.channels.vocabulary import (
 from tse.log.units import kind
 from tse.readers.recording import Channel, Recording, last_part
 
-MIN_WHEEL_RATE = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
+# Hz: min rate of a wheel speed. A GNSS receiver with 1 Hz misses braking.
+MIN_WHEEL_RATE = 5.0
 
 
 def find_wheels(look: Look) -> dict[str, str]:
-    """Place -> name; of several sets the most complete one that behaves like wheels."""
+    """Return place and name of each wheel, from the most complete and similar set."""
     groups: dict[str, dict[str, tuple[float, str]]] = {}
     for name in look.x:
         place, worth = find_place(name)
@@ -63,24 +65,25 @@ def find_wheels(look: Look) -> dict[str, str]:
             if pairs and len({n for _, n in mine.values()}) == len(mine) and value > best:
                 found, best = {p: n for p, (_, n) in mine.items()}, value
     if "front_left" in found or "rear_left" in found:
-        for axle in AXLES:  # one wheel of an axle is none
+        for axle in AXLES:  # a single wheel of an axle is not used
             if sum(f"{axle}_{s}" in found for s in ("left", "right")) == 1:
                 found = {p: n for p, n in found.items() if not p.startswith(axle)}
     return found or _find_nameless_wheels(look)
 
 
 def _strip_place(name: str) -> str:
-    """A name without what says where."""
+    """Return a name with * in place of the words for the place."""
     text = join_words(last_part(name))
     return re.sub(
-        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b",
+        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|"
+        r"[a-z]?[fvhrl]{2})\b",
         "*",
         text,
     ).replace("* *", "*")
 
 
 def is_rolling(x: np.ndarray) -> bool:
-    """Hardly ever below 0, and moves."""
+    """Return whether a signal may be a speed: hardly ever below 0, and not constant."""
     good = x[np.isfinite(x)]
     return (
         len(good) > 10
@@ -90,7 +93,7 @@ def is_rolling(x: np.ndarray) -> bool:
 
 
 def _compare_motion(look: Look, names: list[str]) -> float:
-    """2: all go alike, as wheels do; less otherwise."""
+    """Return twice the min correlation of signals with the first one; wheels have 2."""
     if len(names) < 2:
         return 0.0
     first = look.x[names[0]]
@@ -98,7 +101,7 @@ def _compare_motion(look: Look, names: list[str]) -> float:
 
 
 def _find_nameless_wheels(look: Look) -> dict[str, str]:
-    """Four signals that are the same but for some percent, of one unit: wheels, in the order of the file."""
+    """Return four signals of one unit that differ by a few percent, in file order."""
     rolling = [
         n
         for n in look.x
@@ -125,6 +128,7 @@ def _find_nameless_wheels(look: Look) -> dict[str, str]:
 
 
 def _is_same_size(a: np.ndarray, b: np.ndarray) -> bool:
+    """Return whether the ratio of two signals is near 1 and almost constant."""
     keep = np.isfinite(a) & np.isfinite(b) & (np.abs(a) > 0.3 * np.nanmax(np.abs(a)))
     if keep.sum() < physics.MIN_ROWS:
         return False
@@ -133,7 +137,7 @@ def _is_same_size(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """The speed in whatever unit: of the wheels, or what is called one."""
+    """Return the speed by wheels, or else by name, in the unit of the log."""
     if wheels:
         return average([look.x[n] for n in wheels.values()]) if len(look.time) else None
     name = find_named_speed(look)
@@ -141,19 +145,22 @@ def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Without wheels: the car's speed in place of the rear axle, which drives or brakes less. The reader has it stand in for the
-    front one as well, as for any axle that is not logged, and knows then that slip is not known."""
+    """Return the speed of the car as the rear axle, for a log without wheels.
+
+    The reader uses it for the front axle, too, and marks slip as unknown."""
     name = find_named_speed(look, MIN_WHEEL_RATE)
     return {"rear": name} if name else {}
 
 
 def is_car_speed(wheels: Mapping[str, str]) -> bool:
-    """Are these wheels the car's speed?"""
+    """Return whether these wheels are the speed of the car."""
     return len(wheels) == 1
 
 
 def find_named_speed(look: Look, slowest: float = 0.0) -> str:
-    """What is called the speed of the car, and has at least so many values a second, Hz; "" where nothing is."""
+    """Return the signal whose name is that of the car's speed; "" if there is none.
+
+    `slowest`: min rate, Hz."""
     named = sorted(
         (score_name("speed", look.clean_name(n)) + (kind(look.find_unit(n)) == "speed"), n)
         for n in look.x
@@ -163,13 +170,14 @@ def find_named_speed(look: Look, slowest: float = 0.0) -> str:
 
 
 def is_sided(wheels: Mapping[str, str]) -> bool:
-    """Do the names say which wheel is left?"""
+    """Return whether the names state which wheel is left."""
     return bool(wheels) and bool(find_place(next(iter(wheels.values())))[0])
 
 
 def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Right less left, of the axle behind if it is there: the yaw rate but for a factor. None: no pair, or no name says which is
-    left."""
+    """Return right less left wheel, which is proportional to the yaw rate.
+
+    None: there is no pair, or the names do not state which is left."""
     if not is_sided(wheels):
         return None
     for axle in ("rear", "front"):
@@ -180,7 +188,9 @@ def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
-    """Nameless wheels: those that are slower in a left turn are left; the first of each side is front."""
+    """Assign places to nameless wheels.
+
+    Those that are slower in a left turn are left. The first of each side is front."""
     if not wheels or is_sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
         return wheels
     r, mean = look.x[chosen["yaw_rate"]], average([look.x[n] for n in wheels.values()])
@@ -190,19 +200,38 @@ def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) ->
     return {"front_left": left[0], "front_right": right[0], "rear_left": left[1], "rear_right": right[1]}
 
 
-# ---- Which signal is which of the other channels: by its name and unit, and by how well it agrees with the others.
+# ---- The other channels, by name, unit and agreement with each other.
 
-
-# Correlation that speaks neither for nor against a role; the change of the wheels' speed is a noisy reference, and slopes add to it
+# Correlation that is neutral for a role (others: 0.75). The derivative of the wheel speed
+# is a noisy reference, and grade adds to accel_x.
 NEUTRAL_CORR = {"accel_x": 0.68}
-MAX_PHYSICS_SCORE = 4.0  # that physics may speak for or against a role
+MAX_PHYSICS_SCORE = 4.0  # max score for or against a role by physics
 MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
 
 
 def find_roles(
     look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
-    """Role -> name, and what every candidate was worth: by name and unit, and by physics."""
+    """Assign signals to the roles of MOTION_ROLES.
+
+    Parameters
+    ----------
+    look : Look
+        The log.
+    wheels : mapping of str to str
+        Place and name of each wheel.
+    v : ndarray or None, (rows,)
+        Speed in any unit. None: unknown.
+    before : mapping of str to str
+        Role and name of the last pass, as references. Empty: names alone.
+
+    Returns
+    -------
+    dict of str to str
+        Role and name.
+    dict of str to dict of str to float
+        By role: the scores by name and unit ("said"), and by physics ("shown").
+    """
     taken = set(wheels.values()) | find_quaternions(look)
     said = {
         role: {n: _score_by_name(look, role, n) for n in look.x if n not in taken} for role in MOTION_ROLES
@@ -223,7 +252,7 @@ def find_roles(
         None if v is None else v * (25.0 / top if top else 1.0)
     )  # as fast as cars drive: its unit is not known yet
     change = None if v is None else physics.differentiate(v)
-    for role in MOTION_ROLES:  # of what cannot become it whatever physics says nothing is computed
+    for role in MOTION_ROLES:  # only for candidates that physics can lift to MIN_NAME_SCORE
         shown[role] = {
             n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
             if w + MAX_PHYSICS_SCORE >= MIN_NAME_SCORE
@@ -250,13 +279,14 @@ def find_roles(
 
 
 def find_quaternions(look: Look) -> set[str]:
-    """Parts of attitudes: x, y, z beside a w are no rates, though rotation.z sounds like one."""
+    """Return the parts of quaternions: x, y, z beside a w."""
     known = set(look.channels)
     stems = {n[:-1] for n in known if n[-2:] in (".w", "_w") and n[:-1] + "z" in known}
     return {n for n in known if n[:-1] in stems and n[-1] in "wxyz"}
 
 
 def _score_by_name(look: Look, role: str, name: str) -> float:
+    """Return the score of a signal for a role by name, unit and rate."""
     unit = kind(look.find_unit(name))
     of_kind = 1.0 if unit in ROLE_KINDS[role] else (0.0 if unit == "" else -3.0)
     of_kind -= 3.0 * is_another_thing(role, look.clean_name(name))
@@ -273,7 +303,9 @@ def _score_by_physics(
     turn: np.ndarray | None,
     ref: Mapping[str, str],
 ) -> float:
-    """-MOST_SHOWN .. MOST_SHOWN: how well it agrees with the others; 0: nothing to compare with."""
+    """Return the score of a signal for a role by its correlation with the others.
+
+    -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE; 0: no signal to compare with."""
     x = look.x[name]
     said = []
     if role == "yaw_rate":
@@ -312,7 +344,7 @@ def _find_pair(
     said: Mapping[str, Mapping[str, float]],
     ref: Mapping[str, str],
 ) -> dict[str, str]:
-    """Yaw rate and lateral acceleration without a name that says so: the two for which a_y = v r holds best."""
+    """Return the unnamed yaw rate and accel_y with the best fit of a_y = v r."""
     free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
@@ -321,43 +353,46 @@ def _find_pair(
         if r == a:
             continue
         corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
-        # of two that go together anyway the one of which v times the other is nearer is the acceleration
+        # of two correlated signals, the acceleration is the one that v times the other
+        # fits better
         corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
         if corr > best:
             best, found = corr, {"yaw_rate": r, "accel_y": a}
     return found
 
 
-# ---- Brake switch or pressure, and wheel torques: by name and unit, and by what the speed does meanwhile.
-
+# ---- Brake switch or pressure, and wheel torques: by name, unit and change of the speed.
 
 BRAKE_NAME = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
 NO_BRAKE_NAME = re.compile(
-    r"\b(park|hand|epb|fest|fault|fail|fehler|temp|wear|req|soll|target|aeb|valid|qual|count|torque|trq|moment|assist)"
+    r"\b(park|hand|epb|fest|fault|fail|fehler|temp|wear|req|soll|target|aeb|valid|qual|count|"
+    r"torque|trq|moment|assist)"
 )
-WHEEL_WORD, MOMENT_WORD = r"\b(wheel|whl|axle|achs\w*|rad|roue|ruota|rueda)\b", r"\b(torque|trq|tq|moment)"
+WHEEL_WORD = r"\b(wheel|whl|axle|achs\w*|rad|roue|ruota|rueda)\b"
+MOMENT_WORD = r"\b(torque|trq|tq|moment)"
 TORQUE_NAME = re.compile(f"{WHEEL_WORD}.*{MOMENT_WORD}|{MOMENT_WORD}.*{WHEEL_WORD}")
 OTHER_TORQUE_NAME = re.compile(r"left|right|links|rechts|soll|req|target")
 AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-MIN_BRAKING_LOSS = 0.7  # m/s2 that the car must lose more while it brakes than while it does not
-PEDAL_SHARE, PEDAL_QUANTILE = (
-    0.03,
-    0.995,
-)  # a pressure is one from this share of its largest values (quantile)
+MIN_BRAKING_LOSS = 0.7  # m/s2: min additional deceleration while the brake is on
+PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995  # the car brakes above this share of this quantile
 
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
-    """Return the guesses. v: speed on the raster of `look`, m/s; None: not known."""
+    """Return the guesses of brake and wheel torques.
+
+    `v`: speed on the raster of `look`, m/s. None: unknown."""
     found = [g for c in recording if (g := _guess_brake(c, look, v)) is not None]
     best = sorted(found, key=lambda g: (len(g.unsure), g.above is not None))[:1]
     return [*best, *(g for a in AXLE_NAME if (g := _guess_torque(recording, a)) is not None)]
 
 
 def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
-    """Return the guess that a signal is the brake's; None where its name is another, or the car does not slow by it."""
+    """Return the guess that a signal is the brake.
+
+    None: its name is another, or the car does not decelerate more while it is on."""
     name, x = join_words(c.short), c.value[np.isfinite(c.value)]
     if (
         not BRAKE_NAME.search(name)
@@ -402,7 +437,9 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
 
 
 def _guess_torque(recording: Recording, axle: str) -> Guess | None:
-    """Return the guess of an axle's wheel torque, by name and unit; the run compares it with mass times accel_x."""
+    """Return the guess of an axle's wheel torque, by name and unit.
+
+    agree.py compares it with mass x accel_x."""
     for c in recording:
         name = join_words(c.short)
         named = (
