@@ -1,4 +1,7 @@
-"""Read a log: a CSV with the names of the library, a frame, or any format of readers.py. tse.log.rows checks what comes."""
+"""Read a log: a CSV with the names of the library, a frame, or any format of readers.py.
+
+tse.log.rows checks the rows.
+"""
 
 import re
 import shlex
@@ -52,7 +55,22 @@ NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
 def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
-    """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
+    """Read and check a log.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    spare : collection of str
+        Channels that may be missing. They are NaN then, and a note states this.
+    reading : Reading, optional
+        Options.
+
+    Raises
+    ------
+    UserError
+        With file, row, column and the allowed values.
+    """
     path, reading = Path(path), reading or Reading()
     with in_room(path), in_time(path):
         log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
@@ -64,7 +82,7 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 
 
 def adapt_to_car(log: Log, car: Vehicle) -> Log:
-    """Return the log with the wheel speed that stands in for an axle's by the radii of this car."""
+    """Return the log with a substituted wheel speed scaled to the radii of this car."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -74,7 +92,9 @@ def adapt_to_car(log: Log, car: Vehicle) -> Log:
 
 
 def _is_plain(path: Path, reading: Reading) -> bool:
-    """A CSV with commas and the library's names, of which nobody says that it is to be read otherwise."""
+    """Return whether a file is a CSV with commas and the library's names.
+
+    Options or a signals.toml that names these columns make it a file of any format."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -89,7 +109,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
     if beside is not None and any(
         f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n
     ):
-        return False  # a file that speaks of these columns
+        return False  # signals.toml names these columns
     first = dict(zip(names, lines[1], strict=False)) if len(lines) > 1 else {}
     if _CLOCK.search(first.get("time", "")):
         return False  # dates or times of day
@@ -100,6 +120,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 
 
 def _read_plain(path: Path, spare: Collection[str]) -> Log:
+    """Read and check a CSV with commas and the library's names."""
     head, whole = _read_head(path)
     header = [c.strip() for c in (cells_of(path, head[0]) if head else [])]
     check_columns(path, header)
@@ -134,8 +155,21 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
-    """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0.
-    Times may be dates, times of day or differences of time, too, and stand in the index of a data frame."""
+    """Check columns in memory: a data frame, or arrays by name.
+
+    Parameters
+    ----------
+    frame : mapping of str to array, or DataFrame
+        The columns. Times may also be dates, times of day or time differences. They may
+        be the index of a data frame.
+    name : str
+        Name in messages. Rows are counted from 0.
+
+    Raises
+    ------
+    UserError
+        With row, column and the allowed values.
+    """
     if (
         isinstance(frame, pd.DataFrame)
         and "time" not in frame
@@ -195,10 +229,16 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
 
 
 def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
-    """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
+    """Return a column of a frame as numbers.
+
+    Raises
+    ------
+    UserError, TypeError, ValueError, OverflowError
+        The column is not numeric.
+    """
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
     if kind == "c" or (kind == "b" and column not in OPTIONAL):
-        raise TypeError("complex numbers, or truths, where a measurement is needed")
+        raise TypeError("complex or Boolean values where a measurement is needed")
     if column == "time" and kind not in "fiub":
         series = (
             values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
@@ -215,13 +255,15 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
 
 
 def _is_spare(column: str) -> bool:
-    """A column that is read, though the estimator does not need it."""
+    """Return whether a column is read, though the estimator does not need it."""
     return column.startswith("ref_") or column in OPTIONAL
 
 
 def _read_head(path: Path) -> tuple[list[str], int | None]:
-    """The first two lines of a log; where the last line does not end, how many rows do: its writer was perhaps stopped there, and a
-    number that is cut is a number still."""
+    """Return the first two lines of a log, and the number of complete rows.
+
+    The number is None if all rows are complete. The last line is incomplete if it has no
+    end: the writer may have stopped inside a number."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
@@ -249,6 +291,7 @@ def _read_head(path: Path) -> tuple[list[str], int | None]:
 
 
 def _describe_missing(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
+    """Return the message about missing columns, with a hint."""
     text = f"{path}: column {', '.join(missing)} is missing in the header (line 1)"
     if len(header) == 1 and any(s in header[0] for s in ";\t|"):
         text += "; the columns must be separated by commas"
@@ -269,26 +312,50 @@ def _describe_missing(path: Path, header: list[str], missing: list[str], needed:
 def _read_numbers(
     path: Path, header: list[str], first: list[str], whole: int | None, needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
-    """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
-    are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
-    Rows without any of what is needed are blank. `whole`: rows to read, where not all; `first`: the line of the first."""
-    if (cells := len(row := cells_of(path, first[0]) if first else [])) > len(
-        header
-    ):  # of which pandas only warns
-        wide = cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row)
-        hint = (
-            "\n  hint: commas separate the columns and are in the numbers, too: write decimals with a point"
-            if wide
-            else ""
-        )
-        raise UserError(
-            f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}"
-        )
+    """Read the columns of a CSV as numbers.
+
+    A few cells that are not numeric become NaN, with a note. Many of them are an error,
+    or, in a column that is not needed, exclude the column. Rows without any needed value
+    are blank.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    header : list of str
+        Names of all columns.
+    first : list of str
+        The first line after the header, or empty.
+    whole : int or None
+        Number of rows to read. None: all.
+    needed : list of str
+        Needed columns.
+    notes : list of str
+        Extended.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The columns in the order of the file.
+    ndarray
+        Line of each row in the file.
+    list of str
+        Excluded columns.
+    """
+    _check_first_row(path, header, first)
     names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
-    with parsing(path), pd.read_csv(
-        path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
-        encoding="utf-8-sig", nrows=whole, chunksize=PIECE,  # all at once take twice the memory
-    ) as pieces:  # fmt: skip
+    options: dict[str, Any] = {
+        "names": names,
+        "header": None,
+        "skiprows": 1,
+        "index_col": False,
+        "skip_blank_lines": False,
+        "skipinitialspace": True,
+        "encoding": "utf-8-sig",
+        "nrows": whole,
+        "chunksize": PIECE,  # all rows at once need twice the memory
+    }
+    with parsing(path), pd.read_csv(path, **options) as pieces:
         parts, rows = [], 0
         for piece in pieces:
             parts.append(piece[piece[needed].notna().any(axis=1)])
@@ -321,11 +388,27 @@ def _read_numbers(
     return columns, line, skipped
 
 
+def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
+    """Refuse a CSV whose first row is longer than the header: pandas only warns."""
+    row = cells_of(path, first[0]) if first else []
+    cells = len(row)
+    if cells <= len(header):
+        return
+    hint = ""
+    if cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row):
+        hint = (
+            "\n  hint: commas separate the columns and are in the numbers, too: write decimals with a point"
+        )
+    raise UserError(
+        f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}"
+    )
+
+
 def to_numbers(column: pd.Series) -> pd.Series:
-    """Cells as numbers, NaN where they are none."""
+    """Return cells as numbers, NaN where they are not numeric."""
     try:
         return pd.to_numeric(column, errors="coerce")
-    except OverflowError:  # a whole number of more digits than a float has, beside text
+    except OverflowError:  # an integer beyond the range of a float, in a column with text
         return pd.Series([_to_number(cell) for cell in column], column.index, float)
 
 
@@ -337,6 +420,7 @@ def _to_number(cell: object) -> float:
 
 
 def _describe_range(name: str) -> str:
+    """Return the allowed values of a column, for messages."""
     channel = next((axle for axle, pair in SIDES.items() if name in pair), name)
     return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
 
@@ -345,7 +429,13 @@ def _describe_range(name: str) -> str:
 
 
 def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
-    """A log of any format. UserError: what is missing, and what helps."""
+    """Read and check a log of any format.
+
+    Raises
+    ------
+    UserError
+        With the missing channel, and the remedy.
+    """
     if reading.rate is not None and not MIN_RATE <= reading.rate <= MAX_RATE:
         raise UserError(
             f"option --rate: {reading.rate:g} is outside its range {MIN_RATE:g} .. {MAX_RATE:g} Hz"
@@ -353,7 +443,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     signals, how = find_signals(path, reading.signals, reading.databases)
     recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
-        recording = read_recording(path, how)  # with all names, to say which is meant
+        recording = read_recording(path, how)  # with all names, for the error message
     if reading.signals is None and (
         signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)
     ):
@@ -366,7 +456,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
         notes.append(f"signals by {signals.path}")
     found = map_signals(recording, signals, reading.car, notes)
     _substitute_speed(path, found, reading, notes)
-    del recording  # what is not asked for need not stay
+    del recording  # frees the memory of the other signals
     rows = resample_channels(found, reading.rate or signals.rate, path)
     notes += rows.notes
     line = np.arange(1, len(rows.time) + 1)
@@ -383,7 +473,8 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
 
 
 def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
-    """A log without any wheel speed: they roll as the car goes, and tell no slip."""
+    """Use vehicle_speed for the wheels of a log without wheel speeds; slip is unknown
+    then."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
@@ -399,7 +490,8 @@ def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, no
 
 
 def map_own_names(recording: Recording) -> Signals | None:
-    """A log whose channels have the library's names, in whatever format; None where it does not."""
+    """Return the signals of a log with the library's names; None if it has other
+    names."""
     names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
     full = all(n in names or all(s in names for s in SIDES.get(n, ("-",))) for n in NEEDED[:1]) and any(
@@ -413,7 +505,7 @@ def map_own_names(recording: Recording) -> Signals | None:
 
 
 def _join_slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:
-    """By channel; of an axle that of its wheels."""
+    """Return the entries of slower channels; of an axle the mean of its wheels."""
     found = {n: Slower(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
@@ -424,6 +516,7 @@ def _join_slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: 
 
 
 def _describe_unnamed(path: Path, recording: Recording) -> str:
+    """Return the message that a log needs a signals.toml."""
     own = [n for n in list_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
     has = f"; of tse's names it has {listed(own)}, not {listed(missing)}" if own else ""

@@ -74,8 +74,8 @@ def format_signals(
 
     `how`: the settings with which the log was read. `folder`: folder of signals.toml."""
     lines = [
-        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. "
-        "Look through, and edit."
+        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with its evidence. "
+        "Check and edit."
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
     said = {k: v for k, v in vars(how or How()).items() if v and k != "wanted"}
@@ -106,7 +106,7 @@ def format_signals(
             "above": "" if g.above is None else f"{g.above:g}",
             "valid": f"{{name = {_quote(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
             "counter": f"{{name = {_quote(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
-            "unsure": f"{unsure}  # when you have looked, take this line out" if g.unsure else "",
+            "unsure": f"{unsure}  # when you have checked it, delete this line" if g.unsure else "",
         }
         lines += [f"{key} = {value}" for key, value in more.items() if value]
     for channel in proposal.missing:
