@@ -204,7 +204,7 @@ def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Return the shift of max correlation, s, and the correlations with and without it."""
+    """Return the shift of max correlation, s; the correlations with and without it."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 

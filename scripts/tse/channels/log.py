@@ -473,8 +473,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
 
 
 def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
-    """Use vehicle_speed for the wheels of a log without wheel speeds; slip is unknown
-    then."""
+    """Use vehicle_speed for missing wheel speeds; slip is unknown then."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
@@ -490,8 +489,7 @@ def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, no
 
 
 def map_own_names(recording: Recording) -> Signals | None:
-    """Return the signals of a log with the library's names; None if it has other
-    names."""
+    """Return the signals of a log with the library's names; None: it has others."""
     names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
     full = all(n in names or all(s in names for s in SIDES.get(n, ("-",))) for n in NEEDED[:1]) and any(

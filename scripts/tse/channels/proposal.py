@@ -145,7 +145,7 @@ def _make_relative(path: Path, folder: Path) -> str:
 
 # ---- The proposal.
 #
-# The score of a candidate for a role is the sum of that of its name (vocabulary.py), of its
+# The score of a candidate for a role is the sum of those of its name (vocabulary.py), its
 # unit, and of its agreement with the other channels (physics.py). The references for this
 # agreement are the best candidates of the pass before, so several passes are made.
 

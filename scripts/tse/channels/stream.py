@@ -1,5 +1,8 @@
-"""Frames of a bus as they come, into rows: the signals, flags and units of a log on the raster of a log, from what is there so
-far. What a log knows of the rows that follow, a row that is made now does not: it waits for one value of each channel behind it."""
+"""Turn the frames of a bus into rows as they come.
+
+Signals, flags and units are those of a log, and so is the raster. Interpolation of a row
+needs a later value of each channel, so a row waits for it, up to a limit.
+"""
 
 from __future__ import annotations
 
@@ -33,33 +36,25 @@ from tse.readers.bus_text import Frame
 from tse.readers.read_can import key_of, messages_of, states_of, values_of, without_codes
 from tse.readers.recording import Channel, Recording
 
-KEPT_TIME, MIN_KEPT = (
-    2.0,
-    64,
-)  # s and entries of a signal that are kept: a counter, a held value and a spline need no more
-LISTEN_TIME, MAX_LISTEN_TIME = (
-    1.0,
-    3.0,
-)  # s of frames until the rates are known; s, where a channel that drives the model is late
-WAIT_STEPS = 1.5  # usual steps of a channel, and WAIT s, that a row waits for it
-WAIT_TIME = 0.02
-SILENT_STEPS, MIN_SILENCE = (
-    6.0,
-    0.25,
-)  # usual steps, and s, after which a channel is silent: no row waits for it
-SPLINE_ENTRIES = 48  # entries before a row that its spline is made of: those before are felt less than the smallest number beside 0
-CHECK_INTERVAL = 1.0  # s between two looks at how often a channel comes, and whether it is held
-LOW_PASS_RATIO, LOW_PASS_ROWS = (
-    1.2,
-    2.0,
-)  # times the rate of the rows, above which a channel is low-passed; rows that are waited for then
-MAX_STEP_BACK = 0.5  # s that a stamp may go back: a buffer's; further, and the clock was set
-MAX_NEW_ROWS = 1000  # at a time
+# s and entries of a signal that are kept: enough for counter, held values and spline
+KEPT_TIME, MIN_KEPT = 2.0, 64
+LISTEN_TIME = 1.0  # s of frames until the rates are known
+MAX_LISTEN_TIME = 3.0  # s, if an input of the model is late
+WAIT_STEPS, WAIT_TIME = 1.5, 0.02  # a row waits for a channel: usual steps, plus s
+SILENT_STEPS, MIN_SILENCE = 6.0, 0.25  # usual steps, and min s, until no row waits for a channel
+# entries before a row for its spline: the weight of earlier ones is below the smallest
+# number
+SPLINE_ENTRIES = 48
+CHECK_INTERVAL = 1.0  # s between two checks of the rates and of held values
+LOW_PASS_RATIO = 1.2  # above this ratio to the rate of the rows, a channel is low-passed
+LOW_PASS_ROWS = 2.0  # rows of delay for it
+MAX_STEP_BACK = 0.5  # s: a larger step back of the stamps is a clock that was set
+MAX_NEW_ROWS = 1000  # in one call
 
 
 @dataclass
 class _Signal:
-    """What came last of a signal."""
+    """The last entries of a signal."""
 
     message: Any
     signal: Any
@@ -67,7 +62,7 @@ class _Signal:
     value: list[float] = field(default_factory=list)
 
     def trim(self) -> None:
-        """Keep the last of it."""
+        """Delete entries that are no longer needed."""
         count = len(self.time)
         if count > 2 * MIN_KEPT and self.time[count // 2] < self.time[-1] - KEPT_TIME:
             del self.time[: count // 2], self.value[: count // 2]
@@ -75,33 +70,33 @@ class _Signal:
 
 @dataclass(frozen=True)
 class _Heard:
-    """What the bus has said until `now`, s: channels, their new times and values, 1/s of each; `core`: what the filter needs."""
+    """The channels as received so far."""
 
-    now: float
+    now: float  # time of the bus, s
     found: dict[str, Series]
-    own: dict[str, tuple[np.ndarray, np.ndarray]]
-    rates: dict[str, float]
-    core: list[str]
+    own: dict[str, tuple[np.ndarray, np.ndarray]]  # times and values of new entries
+    rates: dict[str, float]  # Hz
+    core: list[str]  # channels that the filter needs
 
 
 class Stream:
-    """Frames in, rows out.
+    """Rows from frames of a bus.
 
     Parameters
     ----------
     databases : sequence of Path
-        What the frames mean.
+        Databases of the bus.
     signals : Signals
-        Which signal is which channel.
+        Signal of each channel.
     car : Vehicle
         Radii of the wheels.
     rate : float, optional
-        Of the rows, Hz; None: the fastest channel's, up to 100.
+        Rate of the rows, Hz. None: that of the fastest channel, up to 100.
 
     Raises
     ------
     UserError
-        A signal that is in none of the databases, or channels without which nothing can be said.
+        A signal is in none of the databases, or needed channels are missing.
     """
 
     def __init__(self, databases: Sequence[Path], signals: Signals, car: Any, rate: float | None = None):
@@ -127,30 +122,34 @@ class Stream:
         self._shift, self._last, self._first = 0.0, -math.inf, math.nan
         self._sent = 0  # rows
         self._start = math.nan
-        self._turns: dict[
-            str, list[float]
-        ] = {}  # of an axle: sums of what its wheels differ by times the yaw rate, of its square
+        # by axle: sums of (right - left) x yaw rate, and of yaw rate squared
+        self._turns: dict[str, list[float]] = {}
         self._given_until: dict[str, float] = {}
-        self._usual: dict[
-            str, tuple[float, bool]
-        ] = {}  # of each channel its rate, Hz, and whether all its values are new
+        # by channel: rate, Hz, and whether all its values are new
+        self._usual: dict[str, tuple[float, bool]] = {}
         self._looked = -math.inf
         self.last: dict[str, float] = {}  # of each channel the time of its last value, s
 
     def _resolve_names(self, databases: Sequence[Path]) -> None:
-        """Find every signal that is named in the databases, and put its whole name in place of a part of it."""
+        """Replace parts of names by whole names of signals in the databases; check the
+        channels."""
         source = str(self._all.path or "the database")
         whole: dict[str, str] = {}
         for s in self._all.signals.values():
             for name in _list_names(s):
                 alike = [n for n in self._kept if n == name or n.endswith(f".{name}")]
                 if len(alike) > 1 and name not in self._kept:
-                    raise UserError(f"{source}: [signals.{s.channel}]: {name!r} is in the database {len(alike)} times: say "
-                                    f"which: {', '.join(alike[:6])}")  # fmt: skip
+                    raise UserError(
+                        f"{source}: [signals.{s.channel}]: {name!r} is in the database {len(alike)} times: "
+                        f"say which: {', '.join(alike[:6])}"
+                    )
                 if not alike:
                     there = [f"{m.name}.{x.name}" for m in self._messages.values() for x in m.signals]
-                    raise UserError(f"{source}: [signals.{s.channel}]: there is no {name!r} in "
-                                    f"{', '.join(p.name for p in databases)}{meant(name, there)}")  # fmt: skip
+                    files = ", ".join(p.name for p in databases)
+                    raise UserError(
+                        f"{source}: [signals.{s.channel}]: there is no {name!r} in {files}"
+                        f"{meant(name, there)}"
+                    )
                 whole[name] = name if name in self._kept else alike[0]
         self._all = replace(
             self._all, signals={c: _rename_sources(s, whole) for c, s in self._all.signals.items()}
@@ -176,25 +175,26 @@ class Stream:
         )
         names = [have & {axle, *pair} for axle, pair in SIDES.items()]
         sources = [{n for c in x for n in self._all.signals[c].name} for x in names]
-        self.one_speed = (
-            self._stand_in is not None or sources[0] == sources[1]
-        )  # both axles have one signal: no slip is seen
+        # both axles have one signal: slip is unknown
+        self.one_speed = self._stand_in is not None or sources[0] == sources[1]
         if self._stand_in:
-            self.notes.append(f"{self._stand_in} is not on the bus: the other axle stands in for it; accel_x is not used and "
-                              "cx_front not estimated")  # fmt: skip
+            self.notes.append(
+                f"{self._stand_in} is not on the bus: the other axle stands in for it; accel_x is not used "
+                "and cx_front not estimated"
+            )
 
     @property
     def rate(self) -> float | None:
-        """Of the rows, Hz; None: not known yet."""
+        """Rate of the rows, Hz; None: not known yet."""
         return self._rate if math.isfinite(self._start) else None
 
     def channels(self) -> list[str]:
-        """Columns of the rows, time not among them."""
+        """Return the columns of the rows, without time."""
         optional = [c for c in OPTIONAL if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
 
     def find_message(self, channel: str) -> str:
-        """Return the message that a channel comes with."""
+        """Return the name of the message that contains a channel."""
         name = next(
             (s.name[0] for c, s in self._all.signals.items() if c == channel or channel in SIDES.get(c, ())),
             "",
@@ -202,7 +202,7 @@ class Stream:
         return str(self._kept[name].message.name) if name else ""
 
     def add(self, frames: Sequence[Frame]) -> list[str]:
-        """Take frames in the order in which they came; what is to be said of their clock."""
+        """Add frames in the order of arrival; return warnings about their clock."""
         said = []
         groups: dict[int, tuple[list[float], list[bytes]]] = {}
         for f in frames:
@@ -220,7 +220,7 @@ class Stream:
                 continue
             self.known += 1
             if key in self._of_key:
-                self._first = time if math.isnan(self._first) else self._first  # of those that are needed
+                self._first = time if math.isnan(self._first) else self._first  # first needed frame
                 times, data = groups.setdefault(key, ([], []))
                 times.append(time)
                 data.append(f.data)
@@ -229,6 +229,7 @@ class Stream:
         return said
 
     def _decode(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
+        """Append the values of the frames of one message to its signals."""
         of = {k.signal.name: k for k in kept}
         for s, have, value in values_of(kept[0].message, [k.signal for k in kept], data):
             k = of[s.name]
@@ -241,11 +242,11 @@ class Stream:
 
     @property
     def time(self) -> float:
-        """Of the last frame, s."""
+        """Time of the last frame, s."""
         return self._last
 
     def _build_series(self) -> dict[str, Series]:
-        """Return all channels of which there is something, in SI units."""
+        """Return all channels that have entries, in SI units."""
         times: dict[tuple[str, int, float, float], np.ndarray] = {}
         channels = {}
         for n, k in self._kept.items():
@@ -269,9 +270,34 @@ class Stream:
         return found
 
     def rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the rows that can be made at the time `now`, s, of the bus: times, and by channel values, (rows,), NaN missing."""
+        """Return the rows that are complete at the time `now` of the bus, s.
+
+        Returns
+        -------
+        ndarray, (rows,)
+            Times, s.
+        dict of str to ndarray, (rows,)
+            Values by channel, NaN: missing.
+        """
         if not self._may_have_rows(now):
             return self._make_empty()
+        heard = self._receive(now)
+        if math.isnan(self._start) and not self._begin(heard):
+            return self._make_empty()
+        until = self._find_row_limit(heard)
+        rate = float(self._rate or 1.0)
+        last = math.floor((until - self._start) * rate + 1e-6) if math.isfinite(until) else -1
+        if last < self._sent:
+            return self._make_empty()
+        first, self._sent = max(self._sent, last + 1 - MAX_NEW_ROWS), last + 1
+        time = self._start + np.arange(first, last + 1) / rate
+        value = self._resample(heard, time)
+        core = [value[n] for n in heard.core]
+        some = np.any(np.isfinite(core), axis=0) if core else np.zeros(len(time), bool)
+        return time[some], {n: x[some] for n, x in self._finish_columns(value, len(time)).items()}
+
+    def _receive(self, now: float) -> _Heard:
+        """Return the channels received so far; note the time of their last values."""
         found = self._build_series()
         anew = now > self._looked + CHECK_INTERVAL or set(found) != set(self._usual)
         if anew:
@@ -283,27 +309,22 @@ class Stream:
             if there.any():
                 self.last[n] = float(s.time[len(there) - 1 - int(there[::-1].argmax())]) + s.latency
         core = [n for n in found if is_core(n) and len(own[n][0])]
-        heard = _Heard(now, found, own, rates, core)
-        if math.isnan(self._start) and not self._begin(heard):
-            return self._make_empty()
-        until = self._find_row_limit(heard)
+        return _Heard(now, found, own, rates, core)
+
+    def _resample(self, heard: _Heard, time: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
-        last = math.floor((until - self._start) * rate + 1e-6) if math.isfinite(until) else -1
-        if last < self._sent:
-            return self._make_empty()
-        first, self._sent = max(self._sent, last + 1 - MAX_NEW_ROWS), last + 1
-        time = self._start + np.arange(first, last + 1) / rate
         value: dict[str, np.ndarray] = {}
         even: dict[int, list[str]] = {}  # channels that share their times, by the array of these
-        for n, s in found.items():
-            t, x = own[n]
+        for n, s in heard.found.items():
+            t, x = heard.own[n]
             if n in VELOCITIES:
                 value[n] = self._place_measurements(n, t, x, time)
             elif s.hold or n == "brake":
                 value[n] = hold(t, x, time)
             elif (
                 len(t) > SPLINE_ENTRIES
-                and 0 < rates[n] <= LOW_PASS_RATIO * rate
+                and 0 < heard.rates[n] <= LOW_PASS_RATIO * rate
                 and t[-SPLINE_ENTRIES] < time[0]
                 and time[-1] <= t[-1]
             ):
@@ -311,12 +332,13 @@ class Stream:
             else:
                 value[n] = resample(t, x, time, rate)
         for names in even.values():
-            value |= self._interpolate_together(names, own, time, rate)
-        some = np.any([np.isfinite(value[n]) for n in core], axis=0) if core else np.zeros(len(time), bool)
-        return time[some], {n: x[some] for n, x in self._finish_columns(value, len(time)).items()}
+            value |= self._interpolate_together(names, heard.own, time, rate)
+        return value
 
     def _select_entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return times and values of a channel that are new, as select_entries() does; how it is held is looked at now and then."""
+        """Return times and values of new entries, as select_entries() does.
+
+        Held values are searched for only if `anew`, since this is slow."""
         if not anew:
             rate, plain = self._usual[name]
             if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
@@ -330,7 +352,8 @@ class Stream:
     def _interpolate_together(
         self, names: list[str], own: dict[str, tuple[np.ndarray, np.ndarray]], time: np.ndarray, rate: float
     ) -> dict[str, np.ndarray]:
-        """Return channels that share their times at those of the rows, as resample() does; all at once."""
+        """Return channels with the same times at those of the rows, as resample()
+        does."""
         t = own[names[0]][0][-SPLINE_ENTRIES:]
         if np.diff(t).max() > find_longest_gap(1.0 / self._usual[names[0]][0]):
             return {n: resample(*own[n], time, rate) for n in names}
@@ -338,10 +361,11 @@ class Stream:
         return {n: values[:, i] for i, n in enumerate(names)}
 
     def _make_empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return no rows."""
         return np.zeros(0), {c: np.zeros(0) for c in self.channels()}
 
     def _begin(self, heard: _Heard) -> bool:
-        """Find the rate of the rows and when the first one is, once enough has come."""
+        """Set rate and start of the rows; return False while there are too few frames."""
         wanted = [
             c
             for c, s in self._all.signals.items()
@@ -351,9 +375,7 @@ class Stream:
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
         if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        if (
-            self._rate is None
-        ):  # of frames that the machine stamps, single steps are long and short: the mean is not
+        if self._rate is None:  # the stamps of the computer jitter, but their mean rate is right
             self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
         first = max(float(heard.own[n][0][0]) for n in drives)
@@ -361,7 +383,8 @@ class Stream:
         return True
 
     def _may_have_rows(self, now: float) -> bool:
-        """Return False where the next row surely waits for a channel: most frames bring no row."""
+        """Return False if the next row certainly waits for a channel, as after most
+        frames."""
         if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
@@ -382,7 +405,7 @@ class Stream:
         return True
 
     def _find_row_limit(self, heard: _Heard) -> float:
-        """Return up to which time rows can be made: every channel has a value behind it, or is silent."""
+        """Return the time up to which each channel has a later value, or is silent, s."""
         until = []
         rate = float(self._rate or 1.0)
         for n in heard.core:
@@ -396,7 +419,7 @@ class Stream:
         return min(until) if until else -math.inf
 
     def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return each entry of a measurement that was not given yet in the row that is nearest, or the first of these."""
+        """Return each new entry in its nearest row, or in the first of the new rows."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
         new = (t > self._given_until.get(name, -math.inf)) & (t <= time[-1] + half)
@@ -406,7 +429,7 @@ class Stream:
         return out
 
     def _finish_columns(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
-        """Return the columns of rows: means of axles, no value outside its range."""
+        """Return the columns of the rows: means of axles, NaN outside the ranges."""
         nothing = np.full(rows, np.nan)
         for f in library().channels:
             for n in (f.name, *SIDES.get(f.name, ())):
@@ -430,7 +453,10 @@ class Stream:
         return columns
 
     def _average_axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-        """Return the middle of an axle; where a wheel is missing from the other, and what they differed by in turns so far."""
+        """Return the mean wheel speed of an axle.
+
+        If a wheel is missing, its speed follows from the other wheel and the yaw rate,
+        with the factor of the turns so far."""
         turn = self._turns.setdefault(axle, [0.0, 0.0])
         both = np.isfinite(left) & np.isfinite(right) & np.isfinite(yaw)
         turn[0] += float(np.sum((right - left)[both] * yaw[both]))
@@ -444,18 +470,19 @@ class Stream:
 
 
 def find_mean_rate(s: Series) -> float:
-    """Return how many new values a second a channel has on average, Hz."""
+    """Return the mean rate of new values, Hz."""
     span = float(s.time[-1] - s.time[0]) if len(s.time) > 1 else 0.0
     return (int(fresh(s.value).sum()) - 1) / span if span > 0 else 0.0
 
 
 def _list_names(s: Signal) -> list[str]:
-    """Return the names of all signals that a channel is made of."""
+    """Return the names of all signals of a channel."""
     needed = [*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name]
     return [n for n in needed if n]
 
 
 def _rename_sources(s: Signal, whole: Mapping[str, str]) -> Signal:
+    """Return a signal with whole names."""
     return replace(
         s,
         name=tuple(whole[n] for n in s.name),
@@ -467,4 +494,5 @@ def _rename_sources(s: Signal, whole: Mapping[str, str]) -> Signal:
 
 
 def _mask_outside(x: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return the values, NaN outside the range."""
     return np.where((x >= low) & (x <= high), x, np.nan)
