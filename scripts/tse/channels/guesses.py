@@ -324,7 +324,7 @@ def _set_steering_ratio(
 
 
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Return the most probable unit, and whether it is the angle of the steering wheel."""
+    """Return the most probable unit, and whether it is that of the steering wheel."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
     options = {
         k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")

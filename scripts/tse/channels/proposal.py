@@ -145,9 +145,9 @@ def _make_relative(path: Path, folder: Path) -> str:
 
 # ---- The proposal.
 #
-# The score of a candidate for a role is the sum of those of its name (vocabulary.py), its
-# unit, and of its agreement with the other channels (physics.py). The references for this
-# agreement are the best candidates of the pass before, so several passes are made.
+# The score of a candidate for a role is the sum of three: name (vocabulary.py), unit, and
+# agreement with the other channels (physics.py). The references for this agreement are the
+# best candidates of the pass before, so several passes are made.
 
 __all__ = ["Guess", "Proposal", "propose"]
 ROLE_PASSES = 3
