@@ -180,7 +180,7 @@ class Look:
         self.x = {n: smooth(v) for n, v in self.fine.items()}
 
     def clean_name(self, name: str) -> str:
-        """Return the name without a final "status", if its values are not those of a status."""
+        """Return the name, without a final "status" if it has many values."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
             many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MAX_STATES

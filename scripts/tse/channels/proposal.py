@@ -146,7 +146,7 @@ def _make_relative(path: Path, folder: Path) -> str:
 # ---- The proposal.
 #
 # The score of a candidate for a role is the sum of three: name (vocabulary.py), unit, and
-# agreement with the other channels (physics.py). The references for this agreement are the
+# The score of a candidate for a role is a sum of three: name (vocabulary.py), unit and
 # best candidates of the pass before, so several passes are made.
 
 __all__ = ["Guess", "Proposal", "propose"]
