@@ -168,8 +168,8 @@ for extra in "$@"; do
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
   if [ "$extra" = release ]; then                 # as a release is to be made again by others
-    scripts/dev/locked.sh .venv/bin/python scripts/lock-release.txt 2>.venv/tse-lock.log \
-      || fail "$(cat .venv/tse-lock.log)" "A release is made of what scripts/lock-release.txt names, to the hash."
+    scripts/dev/locked.sh .venv/bin/python scripts/dev/lock-release.txt 2>.venv/tse-lock.log \
+      || fail "$(cat .venv/tse-lock.log)" "A release is made of what scripts/dev/lock-release.txt names, to the hash."
   fi
   if this_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"

@@ -1,24 +1,59 @@
 // core.js - the library in this page: its tables, settings, filters and cars. Nothing of its structs is typed here: names, ranges,
 // units and offsets are read from its own tables (include/tse/describe.h), as scripts/tse/library/core.py does.
 
-const LAYOUT = ["name", "kind", "offset", "def", "lo", "hi", "unit", "text", "bytes", "rows", "inputBytes", "outputBytes",
-  "config", "row", "out", "simConfig", "simInput", "simOutput"];                          // in the order of page_layout()
-const TABLES = { config: 0, input: 1, output: 2, simConfig: 3, simInput: 4, simOutput: 5, status: 6, reason: 7 };  // enum tse_struct
+const LAYOUT = [
+  "name",
+  "kind",
+  "offset",
+  "def",
+  "lo",
+  "hi",
+  "unit",
+  "text",
+  "bytes",
+  "rows",
+  "inputBytes",
+  "outputBytes",
+  "config",
+  "row",
+  "out",
+  "simConfig",
+  "simInput",
+  "simOutput",
+]; // in the order of page_layout()
+const TABLES = {
+  config: 0,
+  input: 1,
+  output: 2,
+  simConfig: 3,
+  simInput: 4,
+  simOutput: 5,
+  status: 6,
+  reason: 7,
+}; // enum tse_struct
 const STIFFNESS = ["cx_front", "cy_front", "cy_rear"];
-const NOMINAL = { cx_front: "longitudinal_stiffness_front", cy_front: "cornering_stiffness_front", cy_rear: "cornering_stiffness_rear" };
+const NOMINAL = {
+  cx_front: "longitudinal_stiffness_front",
+  cy_front: "cornering_stiffness_front",
+  cy_rear: "cornering_stiffness_rear",
+};
 
 class Library {
   constructor(instance) {
     this.c = instance.exports;
-    this.memory = new DataView(this.c.memory.buffer);        // it never grows: all memory is static
+    this.memory = new DataView(this.c.memory.buffer); // it never grows: all memory is static
     this.f64 = new Float64Array(this.c.memory.buffer);
     this.i32 = new Int32Array(this.c.memory.buffer);
     const at = this.c.page_layout();
     this.layout = Object.fromEntries(LAYOUT.map((name, i) => [name, this.int(at + 4 * i)]));
-    this.tables = Object.fromEntries(Object.entries(TABLES).map(([name, which]) => [name, this.fields(which)]));
-    this.groups = [0, 1, 2].map((k) => this.names(this.c.page_group(k)));   // vehicle, what may be off, sensors
+    this.tables = Object.fromEntries(
+      Object.entries(TABLES).map(([name, which]) => [name, this.fields(which)]),
+    );
+    this.groups = [0, 1, 2].map((k) => this.names(this.c.page_group(k))); // vehicle, what may be off, sensors
     // those that every log has; what stands behind `missing` counts where it is given, which the page never does
-    this.channels = this.tables.input.filter((f) => f.name !== "dt" && f.offset < this.field("input", "missing").offset);
+    this.channels = this.tables.input.filter(
+      (f) => f.name !== "dt" && f.offset < this.field("input", "missing").offset,
+    );
     this.version = this.string(this.c.page_version());
     const status = this.c.page_self_test();
     if (status < 0) throw new Error(`${this.statusText(status)}: ${this.string(this.c.page_wrong())}`);
@@ -28,7 +63,9 @@ class Library {
     return new Library((await WebAssembly.instantiate(bytes, {})).instance);
   }
 
-  int(at) { return this.memory.getInt32(at, true); }
+  int(at) {
+    return this.memory.getInt32(at, true);
+  }
 
   string(at) {
     const bytes = new Uint8Array(this.memory.buffer, at);
@@ -42,14 +79,21 @@ class Library {
   }
 
   fields(which) {
-    const l = this.layout, out = [];
-    const first = this.c.page_fields(which), count = this.c.page_count();
+    const l = this.layout,
+      out = [];
+    const first = this.c.page_fields(which),
+      count = this.c.page_count();
     for (let at = first, i = 0; i < count; i++, at += l.bytes) {
       const real = (member) => this.memory.getFloat64(at + l[member], true);
       out.push({
-        name: this.string(this.int(at + l.name)), kind: String.fromCharCode(this.memory.getUint8(at + l.kind)),
-        offset: this.int(at + l.offset), def: real("def"), lo: real("lo"), hi: real("hi"),
-        unit: this.string(this.int(at + l.unit)), text: this.string(this.int(at + l.text)),
+        name: this.string(this.int(at + l.name)),
+        kind: String.fromCharCode(this.memory.getUint8(at + l.kind)),
+        offset: this.int(at + l.offset),
+        def: real("def"),
+        lo: real("lo"),
+        hi: real("hi"),
+        unit: this.string(this.int(at + l.unit)),
+        text: this.string(this.int(at + l.text)),
       });
     }
     return out;
@@ -61,9 +105,13 @@ class Library {
     return found;
   }
 
-  statusText(code) { return this.tables.status.find((f) => f.offset === code)?.text ?? `status ${code}`; }
+  statusText(code) {
+    return this.tables.status.find((f) => f.offset === code)?.text ?? `status ${code}`;
+  }
 
-  desk(k) { return new Desk(this, k); }
+  desk(k) {
+    return new Desk(this, k);
+  }
 }
 
 // Whether a value stands for a setting that is not set: a default outside the range.
@@ -94,12 +142,24 @@ class Desk {
     this.dt = lib.field("input", "dt").offset >> 3;
     this.row = (this.base + l.row) >> 3;
     this.out = this.base + l.out;
-    this.outputs = lib.tables.output.map((f) => ({ name: f.name, real: f.kind === "r", at: f.kind === "r" ? f.offset >> 3 : f.offset >> 2 }));
+    this.outputs = lib.tables.output.map((f) => ({
+      name: f.name,
+      real: f.kind === "r",
+      at: f.kind === "r" ? f.offset >> 3 : f.offset >> 2,
+    }));
     this.byName = Object.fromEntries(this.outputs.map((o) => [o.name, o]));
     this.places = new Map();
-    for (const [table, place] of [["config", l.config], ["simConfig", l.simConfig], ["simInput", l.simInput], ["simOutput", l.simOutput]]) {
+    for (const [table, place] of [
+      ["config", l.config],
+      ["simConfig", l.simConfig],
+      ["simInput", l.simInput],
+      ["simOutput", l.simOutput],
+    ]) {
       for (const f of lib.tables[table]) {
-        this.places.set(`${table}.${f.name}`, { at: this.base + place + f.offset, integer: "iu".includes(f.kind) });
+        this.places.set(`${table}.${f.name}`, {
+          at: this.base + place + f.offset,
+          integer: "iu".includes(f.kind),
+        });
       }
     }
     this.defaults();
@@ -117,12 +177,18 @@ class Desk {
   }
 
   // All settings as the library has them: an ordinary car (src/tables/uncalibrated.toml), whose mass is not known.
-  defaults() { this.lib.c.page_defaults(this.base); }
+  defaults() {
+    this.lib.c.page_defaults(this.base);
+  }
 
   // The simulator's car, known exactly.
-  exact() { this.lib.c.page_exact(this.base); }
+  exact() {
+    this.lib.c.page_exact(this.base);
+  }
 
-  settings() { return Object.fromEntries(this.lib.tables.config.map((f) => [f.name, this.get(f.name)])); }
+  settings() {
+    return Object.fromEntries(this.lib.tables.config.map((f) => [f.name, this.get(f.name)]));
+  }
 
   // The same, with what the filter takes for those that are not set.
   completed() {
@@ -135,26 +201,35 @@ class Desk {
 
   check(status) {
     if (status >= 0) return;
-    const at = this.lib.c.page_wrong(), name = at ? this.lib.string(at) : "";
+    const at = this.lib.c.page_wrong(),
+      name = at ? this.lib.string(at) : "";
     for (const table of ["config", "simConfig"]) {
       const f = this.lib.tables[table].find((x) => x.name === name);
-      if (f) throw new Refused(`${name} = ${brief(this.get(name, table))} is refused; allowed: ${rangeText(f)} (${f.text})`, name);
+      if (f)
+        throw new Refused(
+          `${name} = ${brief(this.get(name, table))} is refused; allowed: ${rangeText(f)} (${f.text})`,
+          name,
+        );
     }
     throw new Refused(`settings refused: ${this.lib.statusText(status)}${name ? ` (${name})` : ""}`, name);
   }
 
-  start() { this.check(this.lib.c.page_start(this.base)); }
+  start() {
+    this.check(this.lib.c.page_start(this.base));
+  }
 
   // Row i of what goes in next: dt, and the channels in the order of tse/input.h; NaN is missing.
   put(i, dt, values) {
-    const f64 = this.lib.f64, at = this.row + i * (this.lib.layout.inputBytes >> 3);
+    const f64 = this.lib.f64,
+      at = this.row + i * (this.lib.layout.inputBytes >> 3);
     f64[at + this.dt] = dt;
     for (let k = 0; k < values.length; k++) f64[at + this.inputs[k]] = values[k];
   }
 
   // Rows 0 .. n - 1. Of a refused row the estimates are NaN, its status says why.
   step(n) {
-    const { f64, i32 } = this.lib, bytes = this.lib.layout.outputBytes;
+    const { f64, i32 } = this.lib,
+      bytes = this.lib.layout.outputBytes;
     for (let i = 0; i < n; i++) {
       for (const o of this.outputs) {
         if (o.real) f64[((this.out + i * bytes) >> 3) + o.at] = NaN;
@@ -166,11 +241,14 @@ class Desk {
 
   // One output of row i.
   output(name, i = 0) {
-    const o = this.byName[name], at = this.out + i * this.lib.layout.outputBytes;
+    const o = this.byName[name],
+      at = this.out + i * this.lib.layout.outputBytes;
     return o.real ? this.lib.f64[(at >> 3) + o.at] : this.lib.i32[(at >> 2) + o.at];
   }
 
-  simStart() { this.check(this.lib.c.page_sim_start(this.base)); }
+  simStart() {
+    this.check(this.lib.c.page_sim_start(this.base));
+  }
 
   // The car one row on; it is then row 0 of what goes in.
   simStep() {
@@ -178,12 +256,20 @@ class Desk {
     if (status < 0) throw new Error(`the simulator refused a row: ${this.lib.statusText(status)}`);
   }
 
-  sim(name) { return this.get(name, "simOutput"); }
+  sim(name) {
+    return this.get(name, "simOutput");
+  }
 }
 
 // A number for people.
 function brief(x, digits = 4) {
   if (!Number.isFinite(x)) return "–";
-  const text = Math.abs(x) >= 1e6 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(Math.max(0, digits - 2)) : String(+x.toPrecision(digits));
-  return text.replace("-", "−").replace(/\.?0+e/, "e").replace("e+", "e");
+  const text =
+    Math.abs(x) >= 1e6 || (x !== 0 && Math.abs(x) < 1e-3)
+      ? x.toExponential(Math.max(0, digits - 2))
+      : String(+x.toPrecision(digits));
+  return text
+    .replace("-", "−")
+    .replace(/\.?0+e/, "e")
+    .replace("e+", "e");
 }

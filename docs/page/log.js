@@ -9,66 +9,147 @@ const make = (tag, properties = {}, ...children) => {
 const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 const NAMES = Object.fromEntries(Object.entries(PAGE.names).map(([s, name]) => [s, capital(name)]));
 const SHORT = { cx_front: "Cx front", cy_front: "Cy front", cy_rear: "Cy rear" };
-const REGIMES = [["p_steady", "tyres as before", "good"], ["p_changed", "another road", "est"], ["p_axle", "one axle changed", "est"],
-  ["p_fault", "a channel at fault", "bad"], ["p_sliding", "wheels lock or spin", "warn"], ["p_restarted", "started over", "warn"]];
-const CHANGES = ["", "the road changed (all tyres)", "the front axle changed", "the rear axle changed", "all was started over"];
+const REGIMES = [
+  ["p_steady", "tyres as before", "good"],
+  ["p_changed", "another road", "est"],
+  ["p_axle", "one axle changed", "est"],
+  ["p_fault", "a channel at fault", "bad"],
+  ["p_sliding", "wheels lock or spin", "warn"],
+  ["p_restarted", "started over", "warn"],
+];
+const CHANGES = [
+  "",
+  "the road changed (all tyres)",
+  "the front axle changed",
+  "the rear axle changed",
+  "all was started over",
+];
 
 // What stands above an answer that the command would give otherwise.
-const ITSELF = "The car is taken as an ordinary one of its mass and axles. `tselab estimate` and Python calibrate such a car on the log first, " +
+const ITSELF =
+  "The car is taken as an ordinary one of its mass and axles. `tselab estimate` and Python calibrate such a car on the log first, " +
   "so theirs is surer and some percent off this one; --no-calibrate gives these numbers.";
 
 // The panels of a chart over a table of columns that may still grow. columns(): name -> values; truth(s): or null.
 function panelsOf(lib, columns, truth, reason, height) {
   const unit = (s) => `k${lib.field("config", NOMINAL[s]).unit}`;
   const panels = ["cy_front", "cy_rear", "cx_front"].map((s) => ({
-    title: NAMES[s], short: SHORT[s], unit: unit(s), scale: 1e-3, height,
-    lines: [{ name: "truth", values: () => truth(s), color: "truth", dash: [5, 4], width: 1.4 }, { name: "estimate", values: () => columns()[s], color: "est", band: true }],
-    band: { mean: () => columns()[s] ?? new Float64Array(0), sd: () => columns()[`${s}_sd`] ?? new Float64Array(0) },
+    title: NAMES[s],
+    short: SHORT[s],
+    unit: unit(s),
+    scale: 1e-3,
+    height,
+    lines: [
+      { name: "truth", values: () => truth(s), color: "truth", dash: [5, 4], width: 1.4 },
+      { name: "estimate", values: () => columns()[s], color: "est", band: true },
+    ],
+    band: {
+      mean: () => columns()[s] ?? new Float64Array(0),
+      sd: () => columns()[`${s}_sd`] ?? new Float64Array(0),
+    },
     strip: { valid: () => columns()[`${s}_valid`], reason: (i) => reason(s, i) },
   }));
-  return [...panels, { title: "Probability of what happened", heat: REGIMES.map(([name, text, color]) => ({ name: text, values: () => columns()[name], color })) }];
+  return [
+    ...panels,
+    {
+      title: "Probability of what happened",
+      heat: REGIMES.map(([name, text, color]) => ({ name: text, values: () => columns()[name], color })),
+    },
+  ];
 }
 
 // What the estimates of the last row say: a card a stiffness.
 function cardsOf(host, at, truth, share, contradicted = false) {
-  host.replaceChildren(...["cy_front", "cy_rear", "cx_front"].map((s) => {
-    const valid = at(`${s}_valid`) && !contradicted, card = make("div", { className: valid ? "valid" : "" });
-    const half = BAND * at(`${s}_sd`), unit = s === "cx_front" ? "kN" : "kN/rad";
-    const known = truth(s);
-    card.append(make("b", { textContent: NAMES[s] }), make("strong", { textContent: `${tidy(at(s) / 1000, 4)} ± ${tidy(half / 1000, 2)} ${unit}` }),
-      make("span", { textContent: contradicted ? "not usable: the channels contradict each other" : `${valid ? "valid" : `not valid: ${at(`${s}_reason`)}`}${share ? `; valid in ${share(s)} of the rows` : ""}` }));
-    if (known !== null) card.append(make("span", { textContent: `truth ${tidy(known / 1000, 4)} ${unit}` }));
-    return card;
-  }));
+  host.replaceChildren(
+    ...["cy_front", "cy_rear", "cx_front"].map((s) => {
+      const valid = at(`${s}_valid`) && !contradicted,
+        card = make("div", { className: valid ? "valid" : "" });
+      const half = BAND * at(`${s}_sd`),
+        unit = s === "cx_front" ? "kN" : "kN/rad";
+      const known = truth(s);
+      card.append(
+        make("b", { textContent: NAMES[s] }),
+        make("strong", { textContent: `${tidy(at(s) / 1000, 4)} ± ${tidy(half / 1000, 2)} ${unit}` }),
+        make("span", {
+          textContent: contradicted
+            ? "not usable: the channels contradict each other"
+            : `${valid ? "valid" : `not valid: ${at(`${s}_reason`)}`}${share ? `; valid in ${share(s)} of the rows` : ""}`,
+        }),
+      );
+      if (known !== null)
+        card.append(make("span", { textContent: `truth ${tidy(known / 1000, 4)} ${unit}` }));
+      return card;
+    }),
+  );
 }
 
 // The last change, in a sentence; "" while there was none.
 function changeText(at, time) {
   const kind = at("change_kind");
   if (!kind) return "No change of the tyres or the road was found so far.";
-  const ratio = ["cx_front", "cy_front", "cy_rear"].map((s) => `${SHORT[s]} × ${tidy(at(`change_${s}`), 3)}`).join(", ");
+  const ratio = ["cx_front", "cy_front", "cy_rear"]
+    .map((s) => `${SHORT[s]} × ${tidy(at(`change_${s}`), 3)}`)
+    .join(", ");
   return `Last change: ${CHANGES[kind] ?? `kind ${kind}`} at ${tidy(time - at("change_age"), 5)} s, probability ${Math.round(100 * at("change_probability"))} %: ${ratio}.`;
 }
 
 class LogPane {
   constructor(lib, desk) {
-    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false, against: [], known: {}, ratioSd: null, plainRatioSd: null });
-    this.said = new Map();      // settings that somebody said, by hand or by a vehicle file: no rule changes them
+    Object.assign(this, {
+      lib,
+      desk,
+      file: null,
+      rows: null,
+      table: null,
+      running: null,
+      stopped: false,
+      against: [],
+      known: {},
+      ratioSd: null,
+      plainRatioSd: null,
+    });
+    this.said = new Map(); // settings that somebody said, by hand or by a vehicle file: no rule changes them
     this.driven = DRIVEN.front;
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
     $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
     $("file").onchange = () => $("file").files[0] && this.open($("file").files[0]);
     const drop = $("drop");
-    for (const [event, over] of [["dragenter", true], ["dragover", true], ["dragleave", false], ["drop", false]]) {
-      document.addEventListener(event, (e) => { e.preventDefault(); drop.classList.toggle("over", over); });
+    for (const [event, over] of [
+      ["dragenter", true],
+      ["dragover", true],
+      ["dragleave", false],
+      ["drop", false],
+    ]) {
+      document.addEventListener(event, (e) => {
+        e.preventDefault();
+        drop.classList.toggle("over", over);
+      });
     }
-    document.addEventListener("drop", (e) => { const f = e.dataTransfer?.files[0]; if (f) { choose("log"); if (/\.toml$/i.test(f.name)) this.openCar(f); else this.open(f); } });
+    document.addEventListener("drop", (e) => {
+      const f = e.dataTransfer?.files[0];
+      if (f) {
+        choose("log");
+        if (/\.toml$/i.test(f.name)) this.openCar(f);
+        else this.open(f);
+      }
+    });
     $("example").onclick = () => this.example();
     $("run").onclick = () => this.run();
-    $("stop").onclick = () => { this.stopped = true; };
-    $("known").onchange = () => { this.forget(this.lib.groups[1]); this.tell($("known").value === "1"); this.show(); };
-    $("rules").onclick = () => { this.forget(this.lib.groups[0].filter((n) => /stiffness|inertia/.test(n))); this.byRule(); this.show(); };
-    $("save-est").onclick = () => this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
+    $("stop").onclick = () => {
+      this.stopped = true;
+    };
+    $("known").onchange = () => {
+      this.forget(this.lib.groups[1]);
+      this.tell($("known").value === "1");
+      this.show();
+    };
+    $("rules").onclick = () => {
+      this.forget(this.lib.groups[0].filter((n) => /stiffness|inertia/.test(n)));
+      this.byRule();
+      this.show();
+    };
+    $("save-est").onclick = () =>
+      this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
     $("save-log").onclick = () => save([logOf(this.rows, lib)], "log.csv");
     $("save-car").onclick = () => save([vehicleOf(this.used, "the car of the page")], "vehicle.toml");
     if (PAGE.toml) {
@@ -77,21 +158,34 @@ class LogPane {
     }
     $("known").value = "1";
     this.settings();
-    if (innerWidth < 760) $("vehicle-more").open = false;      // on a phone the results are far down else
+    if (innerWidth < 760) $("vehicle-more").open = false; // on a phone the results are far down else
     this.chart = new Chart($("chart"), {
       label: "Stiffness with its 95 % interval, validity and the probabilities of what happened, over time",
       time: () => (this.table ? { t: this.table.time, n: this.table.rows } : { t: [], n: 0 }),
-      panels: panelsOf(lib, () => this.table?.columns ?? {}, (s) => this.rows?.truth?.[s] ?? null,
-        (s, i) => this.table.reasonText(this.table.columns[`${s}_reason`][i]), 130),
+      panels: panelsOf(
+        lib,
+        () => this.table?.columns ?? {},
+        (s) => this.rows?.truth?.[s] ?? null,
+        (s, i) => this.table.reasonText(this.table.columns[`${s}_reason`][i]),
+        130,
+      ),
     });
   }
 
-  stem() { return this.rows.name.replace(/\.[^.]*$/, "").replace(/\W+/g, "-"); }
+  stem() {
+    return this.rows.name.replace(/\.[^.]*$/, "").replace(/\W+/g, "-");
+  }
 
-  say(text) { $("state").textContent = text; }
+  say(text) {
+    $("state").textContent = text;
+  }
 
   complain(error, place = "log-wrong") {
-    $(place).textContent = error ? (error instanceof Wrong || error instanceof Refused ? error.message : `this page failed: ${error.message}`) : "";
+    $(place).textContent = error
+      ? error instanceof Wrong || error instanceof Refused
+        ? error.message
+        : `this page failed: ${error.message}`
+      : "";
     if (error && !(error instanceof Wrong || error instanceof Refused)) console.error(error);
   }
 
@@ -115,8 +209,16 @@ class LogPane {
     this.lib.groups.forEach((names, k) => {
       const host = $(["vehicle", "uncertainty", "sensors"][k]);
       for (const name of names) {
-        const f = this.lib.field("config", name), id = `set-${name}`;
-        const input = make("input", { type: "number", id, min: f.lo, max: f.hi, step: "any", required: !mayBeUnset(f) });
+        const f = this.lib.field("config", name),
+          id = `set-${name}`;
+        const input = make("input", {
+          type: "number",
+          id,
+          min: f.lo,
+          max: f.hi,
+          step: "any",
+          required: !mayBeUnset(f),
+        });
         input.setAttribute("aria-describedby", `${id}-text`);
         input.onchange = () => {
           if (!this.read(name)) return;
@@ -125,9 +227,20 @@ class LogPane {
           this.hint();
         };
         this.fields.set(name, input);
-        host.append(make("label", { htmlFor: id }, make("span", { textContent: name.replaceAll("_", " ") }),
-          make("span", { className: "value" }, input, make("i", { textContent: f.unit === "1" ? "" : f.unit })),
-          make("small", { id: `${id}-text`, textContent: `${f.text}; ${rangeText(f)}` })));
+        host.append(
+          make(
+            "label",
+            { htmlFor: id },
+            make("span", { textContent: name.replaceAll("_", " ") }),
+            make(
+              "span",
+              { className: "value" },
+              input,
+              make("i", { textContent: f.unit === "1" ? "" : f.unit }),
+            ),
+            make("small", { id: `${id}-text`, textContent: `${f.text}; ${rangeText(f)}` }),
+          ),
+        );
       }
     });
     this.show();
@@ -148,84 +261,124 @@ class LogPane {
   hint() {
     const made = this.car();
     for (const [name, input] of this.fields) {
-      if (mayBeUnset(this.lib.field("config", name))) input.placeholder = name === "mass" ? "not known" : brief(made[name]);
+      if (mayBeUnset(this.lib.field("config", name)))
+        input.placeholder = name === "mass" ? "not known" : brief(made[name]);
     }
   }
 
   // One setting from its field. false: it cannot be.
   read(name) {
-    const input = this.fields.get(name), f = this.lib.field("config", name), value = input.value === "" ? (mayBeUnset(f) ? f.def : NaN) : Number(input.value);
+    const input = this.fields.get(name),
+      f = this.lib.field("config", name),
+      value = input.value === "" ? (mayBeUnset(f) ? f.def : NaN) : Number(input.value);
     const fine = (value >= f.lo && value <= f.hi) || isUnset(f, value);
     input.setCustomValidity(fine ? "" : `allowed: ${rangeText(f)}`);
     if (fine) input.removeAttribute("aria-invalid");
     else input.setAttribute("aria-invalid", "true");
-    this.complain(fine ? null : new Refused(`${name.replaceAll("_", " ")}: ${input.value === "" ? "is empty" : brief(value)}; allowed: ${rangeText(f)} (${f.text})`, name), "car-wrong");
+    this.complain(
+      fine
+        ? null
+        : new Refused(
+            `${name.replaceAll("_", " ")}: ${input.value === "" ? "is empty" : brief(value)}; allowed: ${rangeText(f)} (${f.text})`,
+            name,
+          ),
+      "car-wrong",
+    );
     if (fine) this.desk.set(name, value);
     else input.closest("details")?.setAttribute("open", "");
     return fine;
   }
 
-  car() { return this.desk.completed(); }
+  car() {
+    return this.desk.completed();
+  }
 
   // How well the car is known: exactly, or as one that nobody has calibrated, whose sensors are ordinary ones, too.
   tell(uncalibrated) {
     $("known").value = uncalibrated ? "1" : "0";
-    this.plainRatioSd = null;             // steer_ratio_sd before loosen()
-    const before = this.desk.settings(), [vehicle, , sensors] = this.lib.groups;
+    this.plainRatioSd = null; // steer_ratio_sd before loosen()
+    const before = this.desk.settings(),
+      [vehicle, , sensors] = this.lib.groups;
     if (uncalibrated) this.desk.defaults();
     else this.desk.exact();
     this.put(uncalibrated ? vehicle : [...vehicle, ...sensors], before);
     this.repeat();
   }
 
-  put(names, from) { for (const name of names) this.desk.set(name, from[name]); }
+  put(names, from) {
+    for (const name of names) this.desk.set(name, from[name]);
+  }
 
   // What the page does not show: of a car that is not known exactly it is that of its class (filter_values() in scripts/tse/car/vehicle.py).
   prior() {
-    const shown = this.desk.settings(), names = this.lib.groups.flat();
+    const shown = this.desk.settings(),
+      names = this.lib.groups.flat();
     if (this.lib.groups[1].some((name) => shown[name] !== 0)) this.desk.defaults();
     else this.desk.exact();
     this.put(names, shown);
     this.desk.set("driven_axle", this.driven);
   }
 
-  forget(names) { for (const name of names) this.said.delete(name); }
+  forget(names) {
+    for (const name of names) this.said.delete(name);
+  }
 
   // Rules leave alone what somebody said.
-  repeat() { for (const [name, value] of this.said) this.desk.set(name, value); }
+  repeat() {
+    for (const [name, value] of this.said) this.desk.set(name, value);
+  }
 
   // Stiffness and inertia of the class, by the mass and axles that are said, whenever that is.
   byRule() {
-    for (const name of this.lib.groups[0].filter((n) => /_stiffness_|^yaw_inertia$/.test(n))) this.desk.set(name, 0);
+    for (const name of this.lib.groups[0].filter((n) => /_stiffness_|^yaw_inertia$/.test(n)))
+      this.desk.set(name, 0);
     this.repeat();
   }
 
   openCar(file) {
     return this.guarded(async () => {
-      if (!PAGE.toml) throw new Wrong(`${file.name}: this copy of the page was built without its reader of vehicle files (npm was not there)`);
+      if (!PAGE.toml)
+        throw new Wrong(
+          `${file.name}: this copy of the page was built without its reader of vehicle files (npm was not there)`,
+        );
       let said;
       try {
         said = tomlReader.parse(await file.text());
       } catch (error) {
         throw new Wrong(`${file.name}: is not TOML: ${error.message.split("\n")[0]}`);
       }
-      const [vehicle, known, sensors] = this.lib.groups, missing = PAGE.rules.required.filter((n) => !(n in said));
-      if (missing.length) throw new Wrong(`${file.name}: key ${missing.join(", ")} is missing (allowed: ${missing.map((n) => `${n}: ${rangeText(this.lib.field("config", n))}`).join("; ")})`);
-      const values = {}, unknown = [];
-      for (const [table, names, where] of [[said, vehicle, ""], [said.uncertainty ?? {}, known, "uncertainty."], [said.sensors ?? {}, sensors, "sensors."]]) {
+      const [vehicle, known, sensors] = this.lib.groups,
+        missing = PAGE.rules.required.filter((n) => !(n in said));
+      if (missing.length)
+        throw new Wrong(
+          `${file.name}: key ${missing.join(", ")} is missing (allowed: ${missing.map((n) => `${n}: ${rangeText(this.lib.field("config", n))}`).join("; ")})`,
+        );
+      const values = {},
+        unknown = [];
+      for (const [table, names, where] of [
+        [said, vehicle, ""],
+        [said.uncertainty ?? {}, known, "uncertainty."],
+        [said.sensors ?? {}, sensors, "sensors."],
+      ]) {
         for (const [key, value] of Object.entries(table)) {
           if (names.includes(key)) {
             const f = this.lib.field("config", key);
-            if (!(Number(value) >= f.lo && Number(value) <= f.hi)) throw new Wrong(`${file.name}: key ${where}${key} = ${value} is refused; allowed: ${rangeText(f)} (${f.text})`);
+            if (!(Number(value) >= f.lo && Number(value) <= f.hi))
+              throw new Wrong(
+                `${file.name}: key ${where}${key} = ${value} is refused; allowed: ${rangeText(f)} (${f.text})`,
+              );
             values[key] = Number(value);
-          } else if (where || !(PAGE.rules.descriptive.includes(key) || typeof value === "object")) unknown.push(where + key);
+          } else if (where || !(PAGE.rules.descriptive.includes(key) || typeof value === "object"))
+            unknown.push(where + key);
         }
       }
       if (unknown.length) throw new Wrong(`${file.name}: key ${unknown.slice(0, 3).join(", ")} is not known`);
       const heavy = ["latency", "effects", "formula"].filter((n) => Object.keys(said[n] ?? {}).length);
-      if (heavy.length) throw new Wrong(`${file.name}: [${heavy[0]}] is not for this page; the program tselab reads it`);
+      if (heavy.length)
+        throw new Wrong(`${file.name}: [${heavy[0]}] is not for this page; the program tselab reads it`);
       const driven = said.driven_axle ?? "front";
-      if (!(driven in DRIVEN)) throw new Wrong(`${file.name}: key driven_axle: ${driven} is not known; allowed: front, rear, both`);
+      if (!(driven in DRIVEN))
+        throw new Wrong(`${file.name}: key driven_axle: ${driven} is not known; allowed: front, rear, both`);
       this.driven = DRIVEN[driven];
       this.said = new Map(Object.entries(values));
       this.tell(true);
@@ -256,17 +409,20 @@ class LogPane {
   async open(file) {
     await this.halt();
     this.file = this.ratioSd = null;
-    $("found").hidden = true;          // of another log
+    $("found").hidden = true; // of another log
     $("run").disabled = true;
     $("mapping").hidden = true;
     this.notes([]);
     await this.guarded(async () => {
       this.say(`reading ${file.name}`);
-      const bytes = new Uint8Array(await file.arrayBuffer()), breathe = breather((what, share) => this.say(`${what}: ${Math.round(100 * share)} %`));
+      const bytes = new Uint8Array(await file.arrayBuffer()),
+        breathe = breather((what, share) => this.say(`${what}: ${Math.round(100 * share)} %`));
       const isParquet = bytes.length > 8 && String.fromCharCode(...bytes.subarray(0, 4)) === "PAR1";
-      const table = isParquet ? await readParquet(file.name, bytes, breathe) : await readText(file.name, bytes, breathe);
+      const table = isParquet
+        ? await readParquet(file.name, bytes, breathe)
+        : await readText(file.name, bytes, breathe);
       this.file = { table, ...propose(table, this.lib) };
-      this.desk.defaults();        // the car before may have been the simulator's
+      this.desk.defaults(); // the car before may have been the simulator's
       this.tell(true);
       this.byRule();
       this.mapping();
@@ -283,7 +439,9 @@ class LogPane {
     });
   }
 
-  checked() { return rowsOf(this.file.table, this.file.map, this.car(), this.lib); }
+  checked() {
+    return rowsOf(this.file.table, this.file.map, this.car(), this.lib);
+  }
 
   // Units and signs that nobody says, where the rows tell them; in words, or "".
   units() {
@@ -292,12 +450,16 @@ class LogPane {
     let causes;
     try {
       const map = structuredClone(this.file.map);
-      map.steer_angle.ratio = 1000;     // whatever it is: in the range
+      map.steer_angle.ratio = 1000; // whatever it is: in the range
       causes = unitsByRows(rowsOf(this.file.table, map, this.car(), this.lib), this.car(), open);
-    } catch { return ""; }              // said when the rows are checked
+    } catch {
+      return "";
+    } // said when the rows are checked
     const said = [];
     for (const c of causes) {
-      for (const channel of CHANNELS.filter((n) => (isAxle(n) ? "wheel_speed" : n) === c.channel && this.file.map[n].column)) {
+      for (const channel of CHANNELS.filter(
+        (n) => (isAxle(n) ? "wheel_speed" : n) === c.channel && this.file.map[n].column,
+      )) {
         if (c.unit) this.file.map[channel].unit = c.unit;
         else this.file.map[channel].sign = -1;
       }
@@ -320,32 +482,56 @@ class LogPane {
     $("map-hint").textContent = "";
     if (this.file.own || !this.file.guessed.includes("steer_angle")) return;
     const map = structuredClone(this.file.map);
-    map.steer_angle.ratio = 1000;     // whatever it is: in the range
+    map.steer_angle.ratio = 1000; // whatever it is: in the range
     let found;
     try {
       found = steeringGain(rowsOf(this.file.table, map, this.car(), this.lib), this.car());
-    } catch { return; }               // said when the rows are checked
+    } catch {
+      return;
+    } // said when the rows are checked
     if (found === null) return;
-    const m = this.file.map.steer_angle, ratio = Math.abs(found.gain) * map.steer_angle.ratio, wheel = ratio > 5;   // no rack is that direct
+    const m = this.file.map.steer_angle,
+      ratio = Math.abs(found.gain) * map.steer_angle.ratio,
+      wheel = ratio > 5; // no rack is that direct
     if (found.gain < 0) m.sign = -1;
     if (wheel) m.ratio = Number(ratio.toPrecision(3));
     const sd = Math.hypot(found.sd, PAGE.check.sd.steer_angle);
     if (wheel) this.loosen(sd);
-    const what = wheel ? `the column is the steering wheel's angle, ratio about ${m.ratio} (± ${Math.round(196 * sd)} %)` : "the column is the road wheels' angle";
-    $("map-hint").textContent = `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? " Say the ratio if you know it better: the stiffness follows it." : ""}`;
+    const what = wheel
+      ? `the column is the steering wheel's angle, ratio about ${m.ratio} (± ${Math.round(196 * sd)} %)`
+      : "the column is the road wheels' angle";
+    $("map-hint").textContent =
+      `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? " Say the ratio if you know it better: the stiffness follows it." : ""}`;
     this.mapping();
   }
 
   mapping() {
-    const { table, map } = this.file, host = $("map"), names = table.columns.map((c) => c.name);
+    const { table, map } = this.file,
+      host = $("map"),
+      names = table.columns.map((c) => c.name);
     $("mapping").hidden = false;
     $("log-name").textContent = `${table.name} (${table.line.length} rows, ${names.length} columns)`;
-    host.replaceChildren(...["channel", "column", "right wheel", "unit", "sign"].map((text) => make("span", { className: "head", textContent: text })));
+    host.replaceChildren(
+      ...["channel", "column", "right wheel", "unit", "sign"].map((text) =>
+        make("span", { className: "head", textContent: text }),
+      ),
+    );
     for (const channel of CHANNELS) {
-      const m = map[channel], axle = isAxle(channel), id = `map-${channel}`;
+      const m = map[channel],
+        axle = isAxle(channel),
+        id = `map-${channel}`;
       const text = channel === "time" ? "of the row" : this.lib.field("input", channel).text;
       const choice = (label, value, options, act) => {
-        const s = make("select", { onchange: () => { act(s.value); this.remapped(); } }, ...options.map(([v, t]) => make("option", { value: v, textContent: t, selected: v === value })));
+        const s = make(
+          "select",
+          {
+            onchange: () => {
+              act(s.value);
+              this.remapped();
+            },
+          },
+          ...options.map(([v, t]) => make("option", { value: v, textContent: t, selected: v === value })),
+        );
         s.setAttribute("aria-label", `${channel}: ${label}`);
         return s;
       };
@@ -357,13 +543,60 @@ class LogPane {
       });
       column.id = id;
       column.className = axle ? "" : "wide";
-      host.append(make("label", { htmlFor: id }, make("b", { textContent: channel.replaceAll("_", " ") }), make("span", { textContent: text })), column);
-      if (axle) host.append(choice("right wheel", m.other, [["", "(mean, or both in one)"], ...names.map((n) => [n, n])], (v) => { m.other = v; }));
-      host.append(choice("unit", m.unit, choicesOf(channel).map((u) => [u, u]), (v) => { m.unit = v; }));
+      host.append(
+        make(
+          "label",
+          { htmlFor: id },
+          make("b", { textContent: channel.replaceAll("_", " ") }),
+          make("span", { textContent: text }),
+        ),
+        column,
+      );
+      if (axle)
+        host.append(
+          choice(
+            "right wheel",
+            m.other,
+            [["", "(mean, or both in one)"], ...names.map((n) => [n, n])],
+            (v) => {
+              m.other = v;
+            },
+          ),
+        );
+      host.append(
+        choice(
+          "unit",
+          m.unit,
+          choicesOf(channel).map((u) => [u, u]),
+          (v) => {
+            m.unit = v;
+          },
+        ),
+      );
       const extra = make("span", { className: "extra" });
-      if (channel !== "time") extra.append(choice("sign", String(m.sign), [["1", "+"], ["-1", "−"]], (v) => { m.sign = Number(v); }));
+      if (channel !== "time")
+        extra.append(
+          choice(
+            "sign",
+            String(m.sign),
+            [
+              ["1", "+"],
+              ["-1", "−"],
+            ],
+            (v) => {
+              m.sign = Number(v);
+            },
+          ),
+        );
       if (channel === "steer_angle") {
-        const ratio = make("input", { type: "number", min: 0.01, step: "any", value: m.ratio, title: "steering ratio: steering wheel's angle over that of the road wheels; 1: it is the road wheels' angle" });
+        const ratio = make("input", {
+          type: "number",
+          min: 0.01,
+          step: "any",
+          value: m.ratio,
+          title:
+            "steering ratio: steering wheel's angle over that of the road wheels; 1: it is the road wheels' angle",
+        });
         ratio.setAttribute("aria-label", "steering ratio");
         ratio.onchange = () => {
           m.ratio = Number(ratio.value);
@@ -386,7 +619,9 @@ class LogPane {
     });
   }
 
-  notes(notes) { $("log-notes").replaceChildren(...notes.map((n) => make("li", { textContent: n }))); }
+  notes(notes) {
+    $("log-notes").replaceChildren(...notes.map((n) => make("li", { textContent: n })));
+  }
 
   // ---- the estimate
 
@@ -400,7 +635,7 @@ class LogPane {
     for (const name of this.fields.keys()) {
       if (this.read(name)) continue;
       this.say(`Not estimated: ${$("car-wrong").textContent}`);
-      this.fields.get(name).focus();          // and into view
+      this.fields.get(name).focus(); // and into view
       return;
     }
     const ok = this.guarded(async () => {
@@ -408,9 +643,13 @@ class LogPane {
       this.prior();
       const sampling = [...setSampling(this.desk, rows.sampleTime), ...setWheels(this.desk, rows)];
       this.against = contradictions(rows, this.car(), this.known);
-      const unknown = isUnset(this.lib.field("config", "mass"), this.desk.get("mass")) ? ["The mass is not known: no stiffness is valid until it is set."] : [];
+      const unknown = isUnset(this.lib.field("config", "mass"), this.desk.get("mass"))
+        ? ["The mass is not known: no stiffness is valid until it is set."]
+        : [];
       this.notes([...unknown, ...rows.notes, ...sampling]);
-      $("against").textContent = this.against.length ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, whatever its rows say.` : "";
+      $("against").textContent = this.against.length
+        ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, whatever its rows say.`
+        : "";
       this.rows = rows;
       this.table = null;
       this.stopped = false;
@@ -428,7 +667,7 @@ class LogPane {
         this.table = table;
         const share = table.rows / rows.time.length;
         $("progress").value = share;
-        if (performance.now() - drawn < Math.max(100, 10 * this.chart.cost) && share < 1) return;   // drawing takes a tenth
+        if (performance.now() - drawn < Math.max(100, 10 * this.chart.cost) && share < 1) return; // drawing takes a tenth
         drawn = performance.now();
         this.say(`${table.rows} of ${rows.time.length} rows`);
         this.now();
@@ -441,11 +680,14 @@ class LogPane {
         $("stop").disabled = true;
         $("run").disabled = false;
       }
-      const seconds = (performance.now() - began) / 1000, all = this.table.rows === rows.time.length;
+      const seconds = (performance.now() - began) / 1000,
+        all = this.table.rows === rows.time.length;
       this.now();
       this.reasons();
       for (const id of ["save-est", "save-log", "save-car"]) $(id).disabled = false;
-      this.say(`${all ? "Done" : "Stopped"}: ${this.table.rows} rows of ${rows.name} in ${tidy(seconds, 2)} s.`);
+      this.say(
+        `${all ? "Done" : "Stopped"}: ${this.table.rows} rows of ${rows.name} in ${tidy(seconds, 2)} s.`,
+      );
     });
     this.running = ok;
     await ok;
@@ -457,22 +699,57 @@ class LogPane {
   }
 
   now() {
-    const t = this.table, i = t.rows - 1;
+    const t = this.table,
+      i = t.rows - 1;
     if (i < 0) return;
     const share = (s) => `${Math.round((100 * t.valid[s]) / t.rows)} %`;
     $("itself").textContent = $("known").value === "1" ? ITSELF : "";
-    cardsOf($("cards"), (name) => this.at(name), (s) => this.rows.truth?.[s]?.[i] ?? null, share, this.against.length > 0);
+    cardsOf(
+      $("cards"),
+      (name) => this.at(name),
+      (s) => this.rows.truth?.[s]?.[i] ?? null,
+      share,
+      this.against.length > 0,
+    );
     $("change").textContent = changeText((name) => this.at(name), t.time[i]);
     this.chart.later();
   }
 
   reasons() {
-    const t = this.table, codes = [...this.lib.tables.reason.map((f) => f.offset), -1];
-    const text = (c) => (c < 0 ? "the library refused the row" : this.lib.tables.reason.find((f) => f.offset === c).text);
-    const counts = codes.map((c) => [c, ...STIFFNESS.map((s) => { let n = 0; const column = t.columns[`${s}_reason`]; for (let i = 0; i < t.rows; i++) n += column[i] === c; return n; })]);
-    const table = make("table", {}, make("tr", {}, ...["reason", "meaning", ...STIFFNESS.map((s) => SHORT[s])].map((x) => make("th", { textContent: x, style: "text-align:left;padding-right:14px" }))));
+    const t = this.table,
+      codes = [...this.lib.tables.reason.map((f) => f.offset), -1];
+    const text = (c) =>
+      c < 0 ? "the library refused the row" : this.lib.tables.reason.find((f) => f.offset === c).text;
+    const counts = codes.map((c) => [
+      c,
+      ...STIFFNESS.map((s) => {
+        let n = 0;
+        const column = t.columns[`${s}_reason`];
+        for (let i = 0; i < t.rows; i++) n += column[i] === c;
+        return n;
+      }),
+    ]);
+    const table = make(
+      "table",
+      {},
+      make(
+        "tr",
+        {},
+        ...["reason", "meaning", ...STIFFNESS.map((s) => SHORT[s])].map((x) =>
+          make("th", { textContent: x, style: "text-align:left;padding-right:14px" }),
+        ),
+      ),
+    );
     for (const [code, ...n] of counts.filter((c) => c.slice(1).some(Boolean))) {
-      table.append(make("tr", {}, ...[t.reasonText(code), text(code), ...n.map((x) => `${tidy((100 * x) / t.rows, 3)} %`)].map((x) => make("td", { textContent: x, style: "padding-right:14px" }))));
+      table.append(
+        make(
+          "tr",
+          {},
+          ...[t.reasonText(code), text(code), ...n.map((x) => `${tidy((100 * x) / t.rows, 3)} %`)].map((x) =>
+            make("td", { textContent: x, style: "padding-right:14px" }),
+          ),
+        ),
+      );
     }
     $("reasons").replaceChildren(table);
   }

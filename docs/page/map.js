@@ -3,7 +3,10 @@
 
 // The unit of a spelling as tselab has it, or null.
 function unitOf(text) {
-  const plain = text.trim().replace(/^[[(\s]+|[\])\s]+$/g, "").replace(/\s+/g, "");
+  const plain = text
+    .trim()
+    .replace(/^[[(\s]+|[\])\s]+$/g, "")
+    .replace(/\s+/g, "");
   return [plain, plain.toLowerCase()].find((p) => p in PAGE.spelt) ?? null;
 }
 
@@ -19,15 +22,19 @@ function factorOf(unit, si, radius) {
 
 function wordsOf(name) {
   const text = name.replace(/([a-z0-9])([A-Z])/g, "$1 $2").replace(/([A-Z]+)([A-Z][a-z])/g, "$1 $2");
-  return text.toLowerCase().split(/[^a-zäöüß0-9]+/).filter(Boolean);
+  return text
+    .toLowerCase()
+    .split(/[^a-zäöüß0-9]+/)
+    .filter(Boolean);
 }
 
 // Name and unit of "Speed [km/h]", vx_kmh.
 function splitUnit(name) {
   const found = /^(.*?)\s*[[({<]\s*([^[\](){}<>]*)\s*[\])}>]\s*$/.exec(name.trim());
-  if (found?.[1] && (unitOf(found[2]) !== null || ["", "-", "1"].includes(found[2]))) return [found[1].trim(), found[2]];
+  if (found?.[1] && (unitOf(found[2]) !== null || ["", "-", "1"].includes(found[2])))
+    return [found[1].trim(), found[2]];
   const words = wordsOf(name);
-  return [name.trim(), words.length > 1 ? PAGE.atEnd[words.at(-1)] ?? "" : ""];
+  return [name.trim(), words.length > 1 ? (PAGE.atEnd[words.at(-1)] ?? "") : ""];
 }
 
 const patterns = new Map();
@@ -38,17 +45,21 @@ function matches(pattern, text) {
 
 // How much a name sounds like a role, as vocabulary.score().
 function scoreOf(role, name) {
-  const text = wordsOf(name).join(" "), end = wordsOf(name.split(/[./]/).at(-1)).join(" ");
+  const text = wordsOf(name).join(" "),
+    end = wordsOf(name.split(/[./]/).at(-1)).join(" ");
   let best = Math.max(0, ...PAGE.roles[role].filter(([p]) => matches(p, end)).map(([, s]) => s));
-  if (best < 3) best = Math.max(best, ...PAGE.roles[role].filter(([p]) => matches(p, text)).map(([, s]) => s - 0.2));
+  if (best < 3)
+    best = Math.max(best, ...PAGE.roles[role].filter(([p]) => matches(p, text)).map(([, s]) => s - 0.2));
   return best && matches(`\\b(${PAGE.not[role]})`, end) ? best - 4 : best;
 }
 
 // Which wheel or axle a name sounds like, and how much, as vocabulary.place_of().
 function wheelOf(name) {
-  const text = wordsOf(name).join(" "), end = wordsOf(name.split(/[./]/).at(-1)).join(" ");
+  const text = wordsOf(name).join(" "),
+    end = wordsOf(name.split(/[./]/).at(-1)).join(" ");
   if (matches(PAGE.noWheel, end)) return ["", 0];
-  const wheel = matches(PAGE.wheel, text), worth = wheel ? 3 : 1;
+  const wheel = matches(PAGE.wheel, text),
+    worth = wheel ? 3 : 1;
   for (const part of [end, text]) {
     for (const [place, pattern] of Object.entries(PAGE.places)) {
       if (matches(`\\b(${pattern})\\b`, part)) {
@@ -63,15 +74,28 @@ function wheelOf(name) {
 }
 
 // Channels of a mapping: time, then those of the library. `sides`: axles may be a left and a right wheel.
-const CHANNELS = ["time", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"];
+const CHANNELS = [
+  "time",
+  "steer_angle",
+  "wheel_speed_front",
+  "wheel_speed_rear",
+  "accel_x",
+  "accel_y",
+  "yaw_rate",
+];
 const NEEDED = ["time", "steer_angle"];
 const isAxle = (channel) => channel.startsWith("wheel_speed");
 
 // A proposal: channel -> {column, other (right wheel) or "", unit, sign, ratio}. The library's own names are taken as they are.
 function propose(table, lib) {
-  const names = table.columns.map((c) => c.name), used = new Set(), map = {};
-  const own = names.includes("time") && CHANNELS.filter((c) => names.includes(c) || names.includes(`${c}_left`)).length > 3;
-  for (const channel of CHANNELS) map[channel] = { column: "", other: "", unit: siOf(channel, lib), sign: 1, ratio: 1 };
+  const names = table.columns.map((c) => c.name),
+    used = new Set(),
+    map = {};
+  const own =
+    names.includes("time") &&
+    CHANNELS.filter((c) => names.includes(c) || names.includes(`${c}_left`)).length > 3;
+  for (const channel of CHANNELS)
+    map[channel] = { column: "", other: "", unit: siOf(channel, lib), sign: 1, ratio: 1 };
   const take = (channel, column, other = "") => {
     for (const n of [column, other]) used.add(n);
     map[channel].column = column;
@@ -85,15 +109,28 @@ function propose(table, lib) {
   const guessed = [];
   const plain = new Map(names.map((n) => [n, splitUnit(n)[0]]));
   if (!map.time.column) {
-    const sounds = names.find((n) => /^(time|t|timestamps?|zeit|temps|tiempo|tempo|sec|seconds|elapsed|datum|clock|uhrzeit)( (s|ms|us|ns|sec|seconds|stamp|rel|abs|s rel))?$/.test(wordsOf(plain.get(n)).join(" ")));
+    const sounds = names.find((n) =>
+      /^(time|t|timestamps?|zeit|temps|tiempo|tempo|sec|seconds|elapsed|datum|clock|uhrzeit)( (s|ms|us|ns|sec|seconds|stamp|rel|abs|s rel))?$/.test(
+        wordsOf(plain.get(n)).join(" "),
+      ),
+    );
     const rising = table.columns.find((c) => isRising(c.values));
     const found = sounds ?? rising?.name;
-    if (found) { take("time", found); guessed.push("time"); }
+    if (found) {
+      take("time", found);
+      guessed.push("time");
+    }
   }
   for (const channel of ["yaw_rate", "steer_angle", "accel_y", "accel_x"]) {
     if (map[channel].column) continue;
-    const best = names.filter((n) => !used.has(n)).map((n) => [scoreOf(channel, plain.get(n)), n]).sort((a, b) => b[0] - a[0])[0];
-    if (best?.[0] > 1) { take(channel, best[1]); guessed.push(channel); }
+    const best = names
+      .filter((n) => !used.has(n))
+      .map((n) => [scoreOf(channel, plain.get(n)), n])
+      .sort((a, b) => b[0] - a[0])[0];
+    if (best?.[0] > 1) {
+      take(channel, best[1]);
+      guessed.push(channel);
+    }
   }
   const wheels = {};
   for (const n of names) {
@@ -101,7 +138,9 @@ function propose(table, lib) {
     if (place && worth > (wheels[place]?.worth ?? 1)) wheels[place] = { worth, name: n };
   }
   for (const axle of ["front", "rear"]) {
-    const channel = `wheel_speed_${axle}`, left = wheels[`${axle}_left`], right = wheels[`${axle}_right`];
+    const channel = `wheel_speed_${axle}`,
+      left = wheels[`${axle}_left`],
+      right = wheels[`${axle}_right`];
     if (map[channel].column) continue;
     if (left && right) take(channel, left.name, right.name);
     else if (wheels[axle]) take(channel, wheels[axle].name);
@@ -146,14 +185,16 @@ function openUnits(file) {
   const open = new Set();
   for (const channel of file.guessed) {
     const column = file.table.columns.find((c) => c.name === file.map[channel].column);
-    if (column && channel !== "time" && channel !== "steer_angle" && !saidUnit(column)) open.add(isAxle(channel) ? "wheel_speed" : channel);
+    if (column && channel !== "time" && channel !== "steer_angle" && !saidUnit(column))
+      open.add(isAxle(channel) ? "wheel_speed" : channel);
   }
   return open;
 }
 
 function unitFor(channel, column, lib) {
   const said = saidUnit(column);
-  const choices = choicesOf(channel), si = siOf(channel, lib);
+  const choices = choicesOf(channel),
+    si = siOf(channel, lib);
   if (said) {
     const factor = (u) => factorOf(u, si, isAxle(channel) ? 1 : null);
     const same = choices.find((u) => PAGE.spelt[unitOf(u)] === PAGE.spelt[said] && factor(u) !== null);
@@ -162,7 +203,7 @@ function unitFor(channel, column, lib) {
   const size = quantileOfSize(column.values, 0.99);
   if (channel === "time") return stepUnit(column.values);
   if (channel === "steer_angle") return size > lib.field("input", channel).hi ? "deg" : "rad";
-  if (channel === "yaw_rate") return size > 2.5 ? "deg/s" : "rad/s";      // 2.5 rad/s is a spin
+  if (channel === "yaw_rate") return size > 2.5 ? "deg/s" : "rad/s"; // 2.5 rad/s is a spin
   return choices[0];
 }
 
@@ -173,8 +214,10 @@ function stepUnit(values) {
 }
 
 function quantileOfSize(values, q) {
-  const stride = Math.max(1, Math.floor(values.length / 20000)), some = [];
-  for (let i = 0; i < values.length; i += stride) if (Number.isFinite(values[i])) some.push(Math.abs(values[i]));
+  const stride = Math.max(1, Math.floor(values.length / 20000)),
+    some = [];
+  for (let i = 0; i < values.length; i += stride)
+    if (Number.isFinite(values[i])) some.push(Math.abs(values[i]));
   some.sort((a, b) => a - b);
   return some.length ? some[Math.min(some.length - 1, Math.floor(q * some.length))] : 0;
 }
@@ -187,38 +230,59 @@ function differences(x) {
 
 // As numpy: of an even number the mean of the middle two.
 function median(x) {
-  const sorted = Float64Array.from(x).sort(), n = sorted.length;
+  const sorted = Float64Array.from(x).sort(),
+    n = sorted.length;
   return n ? (n % 2 ? sorted[(n - 1) / 2] : (sorted[n / 2 - 1] + sorted[n / 2]) / 2) : NaN;
 }
 
-const MOST_BACK = 0.5;      // share of rows that do not go forward above which the column is no time (tse/log/rows.py)
-const FEW_OUTSIDE = 0.05;   // share of values outside the range above which it is the column that is wrong
-const SLOWEST = 1.0;        // s: rows that are further apart (median) are refused
-const LONGEST_STEP = 3600;  // s: the library's limit
+const MOST_BACK = 0.5; // share of rows that do not go forward above which the column is no time (tse/log/rows.py)
+const FEW_OUTSIDE = 0.05; // share of values outside the range above which it is the column that is wrong
+const SLOWEST = 1.0; // s: rows that are further apart (median) are refused
+const LONGEST_STEP = 3600; // s: the library's limit
 
 // Checked rows, SI: {time, data: channel -> Float64Array with NaN for missing, sampleTime, notes}. Wrong: what cannot be.
 function rowsOf(table, map, car, lib) {
-  const notes = [...table.notes], name = table.name;
+  const notes = [...table.notes],
+    name = table.name;
   const column = (n) => table.columns.find((c) => c.name === n);
   for (const channel of NEEDED) {
-    if (!map[channel].column) throw new Wrong(`${name}: which column is ${channel}? ${channel === "time" ? "Every row needs a time" : "Without the steering angle nothing can be said about the tyres"}. The file has: ${table.columns.map((c) => c.name).join(", ").slice(0, 300)}`);
+    if (!map[channel].column)
+      throw new Wrong(
+        `${name}: which column is ${channel}? ${channel === "time" ? "Every row needs a time" : "Without the steering angle nothing can be said about the tyres"}. The file has: ${table.columns
+          .map((c) => c.name)
+          .join(", ")
+          .slice(0, 300)}`,
+      );
   }
   const axles = CHANNELS.filter(isAxle).filter((c) => map[c].column);
-  if (!axles.length) throw new Wrong(`${name}: which columns are the wheel speeds? At least one axle is needed`);
+  if (!axles.length)
+    throw new Wrong(`${name}: which columns are the wheel speeds? At least one axle is needed`);
   const picked = {};
   for (const channel of CHANNELS) {
-    const m = map[channel], parts = [m.column, m.other].filter(Boolean);
+    const m = map[channel],
+      parts = [m.column, m.other].filter(Boolean);
     if (!parts.length) continue;
     const radius = isAxle(channel) ? car[channel.replace("wheel_speed", "wheel_radius")] : null;
     const factor = factorOf(m.unit, siOf(channel, lib), radius);
-    if (factor === null) throw new Wrong(`${name}: ${channel}: ${m.unit} is no unit of it; allowed: ${choicesOf(channel).join(", ")}`);
-    if (!(m.ratio > 0)) throw new Wrong(`${name}: ${channel}: the steering ratio must be above 0; 1: the column is the angle of the road wheels`);
+    if (factor === null)
+      throw new Wrong(
+        `${name}: ${channel}: ${m.unit} is no unit of it; allowed: ${choicesOf(channel).join(", ")}`,
+      );
+    if (!(m.ratio > 0))
+      throw new Wrong(
+        `${name}: ${channel}: the steering ratio must be above 0; 1: the column is the angle of the road wheels`,
+      );
     const series = parts.map((n) => {
       const c = column(n);
       if (c.bad && c.bad.count > FEW_OUTSIDE * c.values.length) {
-        throw new Wrong(`${name}: ${table.place} ${c.bad.line}, column ${n}: "${c.bad.text.slice(0, 40)}" is not a number; allowed: ${channel === "time" ? "seconds, increasing" : rangeText(lib.field("input", channel))}, or empty for missing`);
+        throw new Wrong(
+          `${name}: ${table.place} ${c.bad.line}, column ${n}: "${c.bad.text.slice(0, 40)}" is not a number; allowed: ${channel === "time" ? "seconds, increasing" : rangeText(lib.field("input", channel))}, or empty for missing`,
+        );
       }
-      if (c.bad) notes.push(`${n}: ${c.bad.count} cells that are no numbers are treated as missing (first in ${table.place} ${c.bad.line}: "${c.bad.text.slice(0, 20)}")`);
+      if (c.bad)
+        notes.push(
+          `${n}: ${c.bad.count} cells that are no numbers are treated as missing (first in ${table.place} ${c.bad.line}: "${c.bad.text.slice(0, 20)}")`,
+        );
       if (c.values.every(Number.isNaN)) throw new Wrong(`${name}: column ${n}: every cell is empty`);
       const gain = factor * m.sign;
       if (gain === 1 && m.ratio === 1) return c.values;
@@ -230,37 +294,57 @@ function rowsOf(table, map, car, lib) {
       picked[channel] = series.map((x, k) => inRange(x, f, parts[k], table, notes));
     }
   }
-  const { time, keep } = forward(picked.time[0], table, CHANNELS.slice(1).flatMap((c) => picked[c] ?? []), notes);
-  const data = {}, turn = {};
+  const { time, keep } = forward(
+    picked.time[0],
+    table,
+    CHANNELS.slice(1).flatMap((c) => picked[c] ?? []),
+    notes,
+  );
+  const data = {},
+    turn = {};
   for (const f of lib.channels) {
     const parts = picked[f.name]?.map((x) => Float64Array.from(keep, (i) => x[i]));
-    data[f.name] = !parts ? new Float64Array(keep.length).fill(NaN) : parts.length === 1 ? parts[0] : axleOf(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
+    data[f.name] = !parts
+      ? new Float64Array(keep.length).fill(NaN)
+      : parts.length === 1
+        ? parts[0]
+        : axleOf(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
     if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: what only it shows is not known`);
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
-    throw new Wrong(`${name}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres`);
+    throw new Wrong(
+      `${name}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres`,
+    );
   }
   if (axles.length === 1) {
-    const [there] = axles, absent = CHANNELS.filter(isAxle).find((c) => c !== there);
+    const [there] = axles,
+      absent = CHANNELS.filter(isAxle).find((c) => c !== there);
     const radius = (c) => car[c.replace("wheel_speed", "wheel_radius")];
     data[absent] = data[there].map((x) => x * (radius(there) / radius(absent)));
     data.accel_x = data.accel_x.map(() => NaN);
-    notes.push(`${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not used and cx_front not estimated`);
+    notes.push(
+      `${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not used and cx_front not estimated`,
+    );
   }
   const rows = { name, time, data, notes, turn };
   rows.sampleTime = rows.time.length > 1 ? median(differences(rows.time)) : null;
   if (rows.sampleTime > SLOWEST) {
-    throw new Wrong(`${name}: column ${map.time.column}: rows are ${brief(rows.sampleTime)} s apart (median); allowed: up to ${SLOWEST} s. If the column holds milliseconds, choose ms`);
+    throw new Wrong(
+      `${name}: column ${map.time.column}: rows are ${brief(rows.sampleTime)} s apart (median); allowed: up to ${SLOWEST} s. If the column holds milliseconds, choose ms`,
+    );
   }
-  rows.truth = Object.fromEntries(STIFFNESS.filter((s) => column(`ref_${s}`)).map((s) => {
-    const x = column(`ref_${s}`).values;
-    return [s, Float64Array.from(keep, (i) => x[i])];
-  }));
+  rows.truth = Object.fromEntries(
+    STIFFNESS.filter((s) => column(`ref_${s}`)).map((s) => {
+      const x = column(`ref_${s}`).values;
+      return [s, Float64Array.from(keep, (i) => x[i])];
+    }),
+  );
   return rows;
 }
 
 function inRange(values, f, name, table, notes) {
-  let bad = 0, first = -1;
+  let bad = 0,
+    first = -1;
   for (let i = 0; i < values.length; i++) {
     if (values[i] < f.lo || values[i] > f.hi) {
       bad++;
@@ -269,10 +353,15 @@ function inRange(values, f, name, table, notes) {
   }
   if (!bad) return values;
   if (bad > FEW_OUTSIDE * values.length) {
-    const hint = f.name === "steer_angle" ? "choose degrees, or say the steering ratio" : "choose another unit";
-    throw new Wrong(`${table.name}: ${table.place} ${table.line[first]}, column ${name}: ${brief(values[first])} ${f.unit} is outside the allowed range ${rangeText(f)} (${bad} such rows). Is it the unit? Then ${hint}`);
+    const hint =
+      f.name === "steer_angle" ? "choose degrees, or say the steering ratio" : "choose another unit";
+    throw new Wrong(
+      `${table.name}: ${table.place} ${table.line[first]}, column ${name}: ${brief(values[first])} ${f.unit} is outside the allowed range ${rangeText(f)} (${bad} such rows). Is it the unit? Then ${hint}`,
+    );
   }
-  notes.push(`${name}: ${bad} values outside ${rangeText(f)} are treated as missing (first in ${table.place} ${table.line[first]})`);
+  notes.push(
+    `${name}: ${bad} values outside ${rangeText(f)} are treated as missing (first in ${table.place} ${table.line[first]})`,
+  );
   return values.map((x) => (x < f.lo || x > f.hi ? NaN : x));
 }
 
@@ -282,7 +371,10 @@ function axleOf(name, left, right, yawRate, keep, notes, turn) {
   const mean = left.map((x, i) => 0.5 * (x + right[i]));
   if (!yawRate) return mean;
   const yaw = keep.map((i) => yawRate[i]);
-  let turned = 0, along = 0, differed = 0, alone = 0;
+  let turned = 0,
+    along = 0,
+    differed = 0,
+    alone = 0;
   for (let i = 0; i < mean.length; i++) {
     const difference = right[i] - left[i];
     if (!Number.isFinite(difference) || !Number.isFinite(yaw[i])) continue;
@@ -298,7 +390,10 @@ function axleOf(name, left, right, yawRate, keep, notes, turn) {
     mean[i] = there ? left[i] + half : right[i] - half;
     alone++;
   }
-  if (alone) notes.push(`${name}: one of both wheels is missing in ${alone} rows: taken from the other and the yaw rate`);
+  if (alone)
+    notes.push(
+      `${name}: one of both wheels is missing in ${alone} rows: taken from the other and the yaw rate`,
+    );
   return mean;
 }
 
@@ -306,7 +401,8 @@ function axleOf(name, left, right, yawRate, keep, notes, turn) {
 function forward(all, table, columns, notes) {
   const where = (i) => `${table.place} ${table.line[i]}`;
   const at = [];
-  let without = 0, first = -1;
+  let without = 0,
+    first = -1;
   for (let i = 0; i < all.length; i++) {
     if (Number.isFinite(all[i])) at.push(i);
     else if (columns.some((c) => !Number.isNaN(c[i]))) {
@@ -314,53 +410,86 @@ function forward(all, table, columns, notes) {
     }
   }
   if (at.length + without === 0) throw new Wrong(`${table.name}: has no rows with numbers`);
-  if (at.length < MOST_BACK * (at.length + without)) throw new Wrong(`${table.name}: ${where(first)}, time: empty or not finite; every row needs a time`);
-  const t = Float64Array.from(at, (i) => all[i]), back = differences(t).map((d) => (d <= 0 ? 1 : 0)), count = back.reduce((n, x) => n + x, 0);
+  if (at.length < MOST_BACK * (at.length + without))
+    throw new Wrong(`${table.name}: ${where(first)}, time: empty or not finite; every row needs a time`);
+  const t = Float64Array.from(at, (i) => all[i]),
+    back = differences(t).map((d) => (d <= 0 ? 1 : 0)),
+    count = back.reduce((n, x) => n + x, 0);
   if (count > MOST_BACK * back.length) {
     const k = back.indexOf(1);
-    throw new Wrong(`${table.name}: ${where(at[k + 1])}, time: ${brief(t[k + 1], 10)} is ${t[k + 1] === t[k] ? "the same time as" : "earlier than"} ${where(at[k])} (${brief(t[k], 10)}); time must increase from row to row (${count} such rows)`);
+    throw new Wrong(
+      `${table.name}: ${where(at[k + 1])}, time: ${brief(t[k + 1], 10)} is ${t[k + 1] === t[k] ? "the same time as" : "earlier than"} ${where(at[k])} (${brief(t[k], 10)}); time must increase from row to row (${count} such rows)`,
+    );
   }
   const done = straight(t);
   if (without) notes.push(`time: ${without} entries without a time are left out`);
   notes.push(...done.notes.map((x) => `time: ${x}`));
-  if (done.kept.length < MOST_BACK * all.length && count) throw new Wrong(`${table.name}: time does not go on in ${count} rows; time must increase from row to row`);
+  if (done.kept.length < MOST_BACK * all.length && count)
+    throw new Wrong(
+      `${table.name}: time does not go on in ${count} rows; time must increase from row to row`,
+    );
   return { time: done.time, keep: done.kept.map((k) => at[k]) };
 }
 
-const LATE_ROWS = 8, LATE_TIME = 0.5;   // an entry that is out of order belongs before so many, and so many seconds, at most
-const BRIDGED = 60;                      // s: what is left of a jump ahead
+const LATE_ROWS = 8,
+  LATE_TIME = 0.5; // an entry that is out of order belongs before so many, and so many seconds, at most
+const BRIDGED = 60; // s: what is left of a jump ahead
 
 // Times that increase, as scripts/tse/log/clock.py puts them right: {time, kept: which entries, notes}.
 function straight(given) {
-  const notes = [], step = differences(given), kept = [...given.keys()];
-  if (given.length < 2 || (step.every((d) => d > 0) && step.every((d) => d <= LONGEST_STEP))) return { time: given, kept, notes };
-  const ahead = step.filter((d) => d > 0), usual = ahead.length ? median(ahead) : 0.01;
-  const t = Float64Array.from(given), late = new Set(), sets = [];
+  const notes = [],
+    step = differences(given),
+    kept = [...given.keys()];
+  if (given.length < 2 || (step.every((d) => d > 0) && step.every((d) => d <= LONGEST_STEP)))
+    return { time: given, kept, notes };
+  const ahead = step.filter((d) => d > 0),
+    usual = ahead.length ? median(ahead) : 0.01;
+  const t = Float64Array.from(given),
+    late = new Set(),
+    sets = [];
   let highest = t[0];
   for (let i = 1; i < t.length; i++) {
-    if (t[i] >= highest) { highest = t[i]; continue; }
-    const back = highest - t[i], again = t.subarray(i + 1, i + 1 + LATE_ROWS).findIndex((x) => x > highest);
-    if (back <= LATE_TIME && again >= 0 && again < Math.floor(LATE_ROWS / 2)) { late.add(i); continue; }
+    if (t[i] >= highest) {
+      highest = t[i];
+      continue;
+    }
+    const back = highest - t[i],
+      again = t.subarray(i + 1, i + 1 + LATE_ROWS).findIndex((x) => x > highest);
+    if (back <= LATE_TIME && again >= 0 && again < Math.floor(LATE_ROWS / 2)) {
+      late.add(i);
+      continue;
+    }
     sets.push([highest, back]);
     for (let k = i; k < t.length; k++) t[k] += back + usual;
     highest = t[i];
   }
-  if (sets.length) notes.push(`the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ${brief(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): what follows is bridged, one usual step later`);
+  if (sets.length)
+    notes.push(
+      `the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ${brief(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): what follows is bridged, one usual step later`,
+    );
   if (late.size) notes.push(`${late.size} entries are out of order: left out`);
-  let at = kept.filter((i) => !late.has(i)), time = Float64Array.from(at, (i) => t[i]);
+  let at = kept.filter((i) => !late.has(i)),
+    time = Float64Array.from(at, (i) => t[i]);
   const same = [...time.keys()].filter((i) => i + 1 < time.length && time[i + 1] === time[i]);
   if (same.length > 0.2 * time.length) {
     time = spread(time);
-    notes.push(`the clock is coarser than the entries (${Math.round((100 * same.length) / time.length)} % share a time): they are spread over its ticks`);
+    notes.push(
+      `the clock is coarser than the entries (${Math.round((100 * same.length) / time.length)} % share a time): they are spread over its ticks`,
+    );
   } else if (same.length) {
-    notes.push(`${same.length} entries have the time of the next one (first at ${time[same[0]].toFixed(3)} s): left out`);
+    notes.push(
+      `${same.length} entries have the time of the next one (first at ${time[same[0]].toFixed(3)} s): left out`,
+    );
     const gone = new Set(same);
     at = at.filter((_, i) => !gone.has(i));
     time = time.filter((_, i) => !gone.has(i));
   }
-  const jump = differences(time), far = jump.findIndex((d) => d > LONGEST_STEP);
+  const jump = differences(time),
+    far = jump.findIndex((d) => d > LONGEST_STEP);
   if (far >= 0) {
-    notes.push(`the clock jumps ahead by ${brief(jump[far])} s at ${time[far].toFixed(3)} s: bridged, a gap of ${BRIDGED} s is left`);
+    notes.push(
+      `the clock jumps ahead by ${brief(jump[far])} s at ${time[far].toFixed(3)} s: bridged, a gap of ${BRIDGED} s is left`,
+    );
     let off = 0;
     time = time.map((x, i) => {
       if (i && jump[i - 1] > LONGEST_STEP) off += jump[i - 1] - BRIDGED;
@@ -372,10 +501,12 @@ function straight(given) {
 
 // Entries that share a tick, spread evenly up to the next one.
 function spread(t) {
-  const ticks = Float64Array.from(new Set(t)).sort(), count = new Map();
+  const ticks = Float64Array.from(new Set(t)).sort(),
+    count = new Map();
   for (const x of t) count.set(x, (count.get(x) ?? 0) + 1);
   const usual = ticks.length > 1 ? median(differences(ticks)) : 0.01;
-  const whole = ticks.map((x, i) => (i + 1 < ticks.length ? ticks[i + 1] : x + usual) - x), most = 2 * median(whole);
+  const whole = ticks.map((x, i) => (i + 1 < ticks.length ? ticks[i + 1] : x + usual) - x),
+    most = 2 * median(whole);
   const length = new Map([...ticks].map((x, i) => [x, Math.min(whole[i], most)]));
   let place = 0;
   return t.map((x, i) => {
@@ -387,6 +518,13 @@ function spread(t) {
 // What the rows themselves say of sign and ratio of the steering: {gain: the logged angle over the road wheels', sd: of its logarithm},
 // the understeer of cars taken out; null where the log does not turn enough to tell.
 function steeringGain(rows, car) {
-  const d = smoothedChannels(liveliest(rows, PAGE.check.mostRows)), s = steeringFit(d.steer_angle, d.wheel_speed_rear.map((w) => w * car.wheel_radius_rear), d.yaw_rate);
-  return s && s.share > PAGE.check.enough.steer_angle && s.perCurvature !== 0 ? { gain: s.perCurvature / (car.lf + car.lr), sd: s.sd } : null;
+  const d = smoothedChannels(liveliest(rows, PAGE.check.mostRows)),
+    s = steeringFit(
+      d.steer_angle,
+      d.wheel_speed_rear.map((w) => w * car.wheel_radius_rear),
+      d.yaw_rate,
+    );
+  return s && s.share > PAGE.check.enough.steer_angle && s.perCurvature !== 0
+    ? { gain: s.perCurvature / (car.lf + car.lr), sd: s.sd }
+    : null;
 }

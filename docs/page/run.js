@@ -1,10 +1,10 @@
 // run.js - the filter over a log, in slices so that the page stays alive, and the table that comes out: the columns, the order and
 // the digits of `tselab estimate --out`.
 
-const SLICE = 14;            // ms of work between two looks at the page
+const SLICE = 14; // ms of work between two looks at the page
 const MOST_ROWS = 1_000_000; // 2.8 h at 100 Hz: 70 columns of 8 bytes each are 0.5 GB
 
-const DRIVEN = { both: 0, front: 1, rear: 2 };    // the setting driven_axle
+const DRIVEN = { both: 0, front: 1, rear: 2 }; // the setting driven_axle
 
 // Lets the page breathe: returns when it may go on. `said(what, share)` is called now and then.
 function breather(said = () => {}) {
@@ -13,27 +13,37 @@ function breather(said = () => {}) {
   return async (what = "", share = 0) => {
     if (performance.now() - since < SLICE) return;
     said(what, share);
-    await new Promise((go) => { channel.port1.onmessage = go; channel.port2.postMessage(0); });
+    await new Promise((go) => {
+      channel.port1.onmessage = go;
+      channel.port2.postMessage(0);
+    });
     since = performance.now();
   };
 }
 
-const tooLong = (name, rows) => new Wrong(`${name}: has ${rows} rows; this page takes ${MOST_ROWS}. The program tselab takes any number`);
+const tooLong = (name, rows) =>
+  new Wrong(`${name}: has ${rows} rows; this page takes ${MOST_ROWS}. The program tselab takes any number`);
 
 // Settings of a run as `tselab estimate` makes them of a vehicle file that says everything: the sampling is that of the log.
 function setSampling(desk, sampleTime) {
   if (sampleTime === null) return [];
-  const f = desk.lib.field("config", "sample_time"), gap = desk.lib.field("config", "max_gap");
+  const f = desk.lib.field("config", "sample_time"),
+    gap = desk.lib.field("config", "max_gap");
   const used = Math.min(Math.max(sampleTime, f.lo), f.hi);
   desk.set("sample_time", used);
   desk.set("max_gap", Math.min(Math.max(gap.def, PAGE.rules.gapInSamples * sampleTime), gap.hi));
-  return Math.abs(used - sampleTime) > 1e-6 ? [`rows are ${brief(sampleTime)} s apart; the nearest sample_time the filter knows is ${brief(used)} s`] : [];
+  return Math.abs(used - sampleTime) > 1e-6
+    ? [`rows are ${brief(sampleTime)} s apart; the nearest sample_time the filter knows is ${brief(used)} s`]
+    : [];
 }
 
 // One signal, the vehicle's speed, logged as that of both axles (scripts/tse/car/config.py): the filter is set so, and the note says so.
 function setWheels(desk, rows) {
-  const r = PAGE.rules, { wheel_speed_front: front, wheel_speed_rear: rear } = rows.data;
-  let low = Infinity, high = -Infinity, many = 0;
+  const r = PAGE.rules,
+    { wheel_speed_front: front, wheel_speed_rear: rear } = rows.data;
+  let low = Infinity,
+    high = -Infinity,
+    many = 0;
   for (let i = 0; i < rear.length; i++) {
     const ratio = front[i] / rear[i];
     if (!(Math.abs(rear[i]) > r.rolling) || !Number.isFinite(ratio)) continue;
@@ -51,14 +61,24 @@ function generationOf(name) {
   if (name.endsWith("_secant")) return 4;
   if (/^(grip|noise_wheel_|innovation_|nis_)/.test(name) || name === "sideslip_sd") return 3;
   if (name === "fault_factor") return 4;
-  if (/^(p_|change_|discrepancy_|lag_)/.test(name) || name === "fault_channel" || name === "estimate_age") return 2;
+  if (/^(p_|change_|discrepancy_|lag_)/.test(name) || name === "fault_channel" || name === "estimate_age")
+    return 2;
   return name.endsWith("_spread_seen") || name.startsWith("noise_") ? 1 : 0;
 }
 
 function columnsOf(lib) {
-  const fields = lib.tables.output.map((f, i) => [generationOf(f.name), i, f.name]).sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+  const fields = lib.tables.output
+    .map((f, i) => [generationOf(f.name), i, f.name])
+    .sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const of = (least, most) => fields.filter((f) => f[0] >= least && f[0] <= most).map((f) => f[2]);
-  return ["time", ...of(0, 1), ...STIFFNESS.map((s) => `${s}_reason`), ...of(2, 3), "grip_reason", ...of(4, 4)];
+  return [
+    "time",
+    ...of(0, 1),
+    ...STIFFNESS.map((s) => `${s}_reason`),
+    ...of(2, 3),
+    "grip_reason",
+    ...of(4, 4),
+  ];
 }
 
 // Estimates of all rows so far: columns as `tselab estimate` has them, reasons as codes (-1: the row was refused).
@@ -68,13 +88,18 @@ class Table {
     this.time = new Float64Array(rows);
     this.rows = 0;
     this.columns = {};
-    this.valid = Object.fromEntries(STIFFNESS.map((s) => [s, 0]));     // rows in which each is
+    this.valid = Object.fromEntries(STIFFNESS.map((s) => [s, 0])); // rows in which each is
     this.made = lib.tables.output.map((f) => {
       const stiffness = STIFFNESS.find((s) => f.name === s || f.name.startsWith(`${s}_`));
-      const reason = f.name.endsWith("_valid") ? f.name.replace(/valid$/, "reason") : null;      // of grip, too
+      const reason = f.name.endsWith("_valid") ? f.name.replace(/valid$/, "reason") : null; // of grip, too
       this.columns[f.name] = f.kind === "r" ? new Float64Array(rows) : new Int16Array(rows);
       if (reason) this.columns[reason] = new Int8Array(rows);
-      return { name: f.name, scale: stiffness && f.unit === "1" ? nominal[stiffness] : null, reason, stiffness };
+      return {
+        name: f.name,
+        scale: stiffness && f.unit === "1" ? nominal[stiffness] : null,
+        reason,
+        stiffness,
+      };
     });
   }
 
@@ -96,7 +121,11 @@ class Table {
     this.rows += n;
   }
 
-  reasonText(code) { return code < 0 ? "row refused" : this.lib.tables.reason.find((f) => f.offset === code)?.name ?? "unknown"; }
+  reasonText(code) {
+    return code < 0
+      ? "row refused"
+      : (this.lib.tables.reason.find((f) => f.offset === code)?.name ?? "unknown");
+  }
 }
 
 // Run the filter over checked rows. `seen(table)`: after every slice; `stopped()`: the rows so far are kept.
@@ -104,11 +133,14 @@ async function estimate(desk, rows, seen, stopped) {
   const nominal = Object.fromEntries(STIFFNESS.map((s) => [s, desk.completed()[NOMINAL[s]]]));
   if (rows.time.length > MOST_ROWS) throw tooLong(rows.name, rows.time.length);
   desk.start();
-  const table = new Table(desk.lib, rows.time.length, nominal), breathe = breather(() => seen(table));
-  const data = desk.lib.channels.map((f) => rows.data[f.name]), values = new Float64Array(data.length);
+  const table = new Table(desk.lib, rows.time.length, nominal),
+    breathe = breather(() => seen(table));
+  const data = desk.lib.channels.map((f) => rows.data[f.name]),
+    values = new Float64Array(data.length);
   let before = rows.time[0] - (rows.sampleTime || 0.01);
   while (table.rows < rows.time.length && !stopped()) {
-    const first = table.rows, n = Math.min(desk.rows, rows.time.length - first);
+    const first = table.rows,
+      n = Math.min(desk.rows, rows.time.length - first);
     for (let i = 0; i < n; i++) {
       for (let k = 0; k < data.length; k++) values[k] = data[k][first + i];
       desk.put(i, rows.time[first + i] - before, values);
@@ -124,7 +156,8 @@ async function estimate(desk, rows, seen, stopped) {
 
 // The table as CSV, in parts.
 async function csvOf(table, breathe) {
-  const names = columnsOf(table.lib), parts = [`${names.join(",")}\n`];
+  const names = columnsOf(table.lib),
+    parts = [`${names.join(",")}\n`];
   const cell = names.map((name) => {
     const column = name === "time" ? table.time : table.columns[name];
     if (name.endsWith("_reason")) return (i) => table.reasonText(column[i]);
@@ -143,10 +176,15 @@ async function csvOf(table, breathe) {
 
 // The rows that went in, as a log for `tselab estimate`.
 function logOf(rows, lib) {
-  const channels = lib.channels.map((f) => f.name), truth = Object.keys(rows.truth ?? {});
+  const channels = lib.channels.map((f) => f.name),
+    truth = Object.keys(rows.truth ?? {});
   const lines = [["time", ...channels, ...truth.map((s) => `ref_${s}`)].join(",")];
   for (let i = 0; i < rows.time.length; i++) {
-    lines.push([rows.time[i], ...channels.map((c) => rows.data[c][i]), ...truth.map((s) => rows.truth[s][i])].map(shortest).join(","));
+    lines.push(
+      [rows.time[i], ...channels.map((c) => rows.data[c][i]), ...truth.map((s) => rows.truth[s][i])]
+        .map(shortest)
+        .join(","),
+    );
   }
   return `${lines.join("\n")}\n`;
 }
@@ -156,8 +194,11 @@ function logOf(rows, lib) {
 function vehicleOf(desk, name) {
   const settings = desk.completed();
   const line = (n) => {
-    const f = desk.lib.field("config", n), about = `${f.unit}, ${f.lo} .. ${f.hi}: ${mayBeUnset(f) ? f.text.replace(/; 0: .*/, "") : f.text}`;
-    return n === "mass" && isUnset(f, desk.get(n)) ? `# mass =  # ${about}; not known` : `${n} = ${shortest(settings[n])}  # ${about}`;
+    const f = desk.lib.field("config", n),
+      about = `${f.unit}, ${f.lo} .. ${f.hi}: ${mayBeUnset(f) ? f.text.replace(/; 0: .*/, "") : f.text}`;
+    return n === "mass" && isUnset(f, desk.get(n))
+      ? `# mass =  # ${about}; not known`
+      : `${n} = ${shortest(settings[n])}  # ${about}`;
   };
   const [vehicle, uncertain, sensors] = desk.lib.groups.map((g) => g.map(line).join("\n"));
   const driven = Object.keys(DRIVEN).find((axle) => DRIVEN[axle] === desk.get("driven_axle"));
@@ -166,12 +207,22 @@ function vehicleOf(desk, name) {
 
 // The built-in example: a drive of tselab's manoeuvres in the project's simulator, with its truth.
 function exampleOf(desk) {
-  const e = PAGE.example, n = e.rows, { lib } = desk, inputs = { steer_angle: doublesOf(e.steer_angle), wheel_torque_front: doublesOf(e.wheel_torque_front) };
+  const e = PAGE.example,
+    n = e.rows,
+    { lib } = desk,
+    inputs = { steer_angle: doublesOf(e.steer_angle), wheel_torque_front: doublesOf(e.wheel_torque_front) };
   desk.exact();
   for (const [name, value] of Object.entries(e.settings)) desk.set(name, value, "simConfig");
   desk.simStart();
   const time = Float64Array.from({ length: n }, (_, i) => Math.round(i * e.step * 1e9) / 1e9);
-  const rows = { name: "built-in example", time, data: {}, truth: {}, notes: [], sampleTime: median(differences(time)) };
+  const rows = {
+    name: "built-in example",
+    time,
+    data: {},
+    truth: {},
+    notes: [],
+    sampleTime: median(differences(time)),
+  };
   for (const f of lib.channels) rows.data[f.name] = new Float64Array(n);
   for (const s of STIFFNESS) rows.truth[s] = new Float64Array(n);
   for (let i = 0; i < n; i++) {

@@ -6,9 +6,14 @@ async function begin() {
   const bytes = Uint8Array.from(atob(PAGE.wasm), (c) => c.charCodeAt(0));
   const lib = await Library.load(bytes);
   $("version").textContent = lib.version;
-  $("built").textContent = PAGE.parquet ? "Reads CSV and Parquet." : "Reads CSV; built without npm, so without Parquet and vehicle files.";
+  $("built").textContent = PAGE.parquet
+    ? "Reads CSV and Parquet."
+    : "Reads CSV; built without npm, so without Parquet and vehicle files.";
   const log = new LogPane(lib, lib.desk(0));
-  const drive = new DrivePane(lib, lib.desk(1), (rows, settings) => { choose("log"); return log.adopt(rows, settings); });
+  const drive = new DrivePane(lib, lib.desk(1), (rows, settings) => {
+    choose("log");
+    return log.adopt(rows, settings);
+  });
   const tabs = ["log", "drive"];
   choose = (name, focus = false) => {
     for (const t of tabs) {
@@ -23,14 +28,31 @@ async function begin() {
   };
   for (const t of tabs) {
     $(`tab-${t}`).onclick = () => choose(t);
-    $(`tab-${t}`).onkeydown = (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") choose(tabs.find((x) => x !== t), true); };
+    $(`tab-${t}`).onkeydown = (e) => {
+      if (e.key === "ArrowLeft" || e.key === "ArrowRight")
+        choose(
+          tabs.find((x) => x !== t),
+          true,
+        );
+    };
   }
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { log.chart.later(); drive.show(); });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    log.chart.later();
+    drive.show();
+  });
   // paper is white: what is drawn is drawn anew, with the colours of day
-  for (const [event, on] of [["beforeprint", true], ["afterprint", false]]) {
-    addEventListener(event, () => { document.documentElement.classList.toggle("print", on); log.chart.draw(); drive.chart.draw(); drive.look(); });
+  for (const [event, on] of [
+    ["beforeprint", true],
+    ["afterprint", false],
+  ]) {
+    addEventListener(event, () => {
+      document.documentElement.classList.toggle("print", on);
+      log.chart.draw();
+      drive.chart.draw();
+      drive.look();
+    });
   }
-  window.tse = { lib, log, drive };        // for the browser's console, and the test
+  window.tse = { lib, log, drive }; // for the browser's console, and the test
 }
 
 begin().catch((error) => {

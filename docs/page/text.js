@@ -13,8 +13,12 @@ function shortestSingle(x) {
   const single = Math.fround(x);
   if (!Number.isFinite(single) || single === 0) return shortest(single);
   for (let digits = 1; digits < 9; digits++) {
-    const [more, power] = single.toExponential(digits).split("e"), half = more.endsWith("5") && Number(`${more}e${power}`) === single;
-    const text = half && "02468".includes(more.at(-2)) ? `${more.slice(0, -1)}e${power}` : single.toExponential(digits - 1);
+    const [more, power] = single.toExponential(digits).split("e"),
+      half = more.endsWith("5") && Number(`${more}e${power}`) === single;
+    const text =
+      half && "02468".includes(more.at(-2))
+        ? `${more.slice(0, -1)}e${power}`
+        : single.toExponential(digits - 1);
     if (Math.fround(Number(text)) === single) return shortest(Number(text));
   }
   return shortest(Number(single.toPrecision(9)));
@@ -36,7 +40,8 @@ function wordOf(text) {
 
 const MISSING = new Set(["", "nan", "na", "n/a", "null", "none", "-nan", "#n/a", "#na", "<na>", "-"]);
 const isNumber = (cell) => /^[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$/.test(cell);
-const isClock = (cell) => /^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T])?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?$/.test(cell);
+const isClock = (cell) =>
+  /^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T])?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?$/.test(cell);
 const isData = (cell) => isNumber(cell) || isClock(cell) || MISSING.has(cell.toLowerCase());
 
 // Something that is wrong with what somebody gave; the text says where, and what is allowed.
@@ -51,11 +56,15 @@ function decode(bytes, name) {
   try {
     text = new TextDecoder("utf-8", { fatal: true }).decode(bytes);
   } catch {
-    const control = bytes.subarray(0, 4096).reduce((n, c) => n + (c < 32 && ![9, 10, 12, 13, 26, 27].includes(c)), 0);
+    const control = bytes
+      .subarray(0, 4096)
+      .reduce((n, c) => n + (c < 32 && ![9, 10, 12, 13, 26, 27].includes(c)), 0);
     text = control > 8 ? "\0" : new TextDecoder("windows-1252").decode(bytes);
   }
   if (text.slice(0, 65536).includes("\0")) {
-    throw new Wrong(`${name}: is a binary file that this page does not read; it reads CSV${PAGE.parquet ? " and Parquet" : ""}. For MF4, BLF, ROS bags and MAT there is the program tselab: 'tselab estimate --help'`);
+    throw new Wrong(
+      `${name}: is a binary file that this page does not read; it reads CSV${PAGE.parquet ? " and Parquet" : ""}. For MF4, BLF, ROS bags and MAT there is the program tselab: 'tselab estimate --help'`,
+    );
   }
   return text;
 }
@@ -63,56 +72,89 @@ function decode(bytes, name) {
 function cellsOf(line, separator) {
   if (!line.includes('"')) return line.split(separator).map((c) => c.trim());
   const out = [];
-  let cell = "", quoted = false;
+  let cell = "",
+    quoted = false;
   for (let i = 0; i < line.length; i++) {
     const c = line[i];
     if (c === '"') {
-      if (quoted && line[i + 1] === '"') { cell += c; i++; } else quoted = !quoted;
-    } else if (c === separator && !quoted) { out.push(cell.trim()); cell = ""; } else cell += c;
+      if (quoted && line[i + 1] === '"') {
+        cell += c;
+        i++;
+      } else quoted = !quoted;
+    } else if (c === separator && !quoted) {
+      out.push(cell.trim());
+      cell = "";
+    } else cell += c;
   }
   out.push(cell.trim());
   return out;
 }
 
-const HEAD = 400;   // lines that are looked at to find out what a table is like
+const HEAD = 400; // lines that are looked at to find out what a table is like
 const SEPARATORS = { ",": "comma", ";": "semicolon", "\t": "tab", "|": "|" };
 
 // What a table of text is like: separator, decimal, line of the names, names, units, first line of data.
 function dialectOf(name, lines) {
-  const head = lines.slice(0, HEAD), filled = head.filter((x) => x.trim());
+  const head = lines.slice(0, HEAD),
+    filled = head.filter((x) => x.trim());
   if (!filled.length) throw new Wrong(`${name}: is empty`);
   const tail = filled.slice(Math.floor(filled.length / 3));
-  let separator = "", worth = 0;
+  let separator = "",
+    worth = 0;
   for (const s of Object.keys(SEPARATORS)) {
-    const rows = tail.map((x) => cellsOf(x, s)), counts = new Map();
+    const rows = tail.map((x) => cellsOf(x, s)),
+      counts = new Map();
     for (const r of rows) counts.set(r.length, (counts.get(r.length) ?? 0) + 1);
     const [width, often] = [...counts].sort((a, b) => b[1] - a[1])[0];
     if (width < 2) continue;
-    const cells = rows.slice(0, 50).flat(), numeric = cells.filter(isData).length / cells.length;
+    const cells = rows.slice(0, 50).flat(),
+      numeric = cells.filter(isData).length / cells.length;
     let value = (often / tail.length) * (0.2 + numeric) * (s === "," ? 0.9 : 1) + 1e-3 * width;
-    if (s === "," && tail.slice(0, 3).some((x) => /[;\t]/.test(x))) value *= 0.5;   // a decimal comma
+    if (s === "," && tail.slice(0, 3).some((x) => /[;\t]/.test(x))) value *= 0.5; // a decimal comma
     if (value > worth) [separator, worth] = [s, value];
   }
-  if (!separator) throw new Wrong(`${name}: is no table: no comma, semicolon, tab or | separates its lines into columns`);
-  const cells = head.map((x) => cellsOf(x, separator)), widths = new Map();
+  if (!separator)
+    throw new Wrong(`${name}: is no table: no comma, semicolon, tab or | separates its lines into columns`);
+  const cells = head.map((x) => cellsOf(x, separator)),
+    widths = new Map();
   const numeric = (c) => c.some(isNumber) && c.filter(isData).length >= 0.5 * c.length;
   for (const c of cells) if (numeric(c)) widths.set(c.length, (widths.get(c.length) ?? 0) + 1);
-  if (!widths.size) throw new Wrong(`${name}: ${filled.length < 2 ? "has a header but no rows" : "no line of it is numbers"}; the first line names the columns, each further line is a row`);
+  if (!widths.size)
+    throw new Wrong(
+      `${name}: ${filled.length < 2 ? "has a header but no rows" : "no line of it is numbers"}; the first line names the columns, each further line is a row`,
+    );
   const width = [...widths].sort((a, b) => b[1] - a[1])[0][0];
-  const first = cells.findIndex((c, i) => c.length === width && numeric(c) && (i + 1 >= cells.length || cells[i + 1].length === width || !head[i + 1].trim()));
-  let header = first - 1, units = null;
-  const isUnits = (c) => c.some(Boolean) && c.filter((u) => u && (unitOf(u) !== null || ["-", "1", "[-]", "[]"].includes(u))).length > 0.6 * c.filter(Boolean).length;
+  const first = cells.findIndex(
+    (c, i) =>
+      c.length === width &&
+      numeric(c) &&
+      (i + 1 >= cells.length || cells[i + 1].length === width || !head[i + 1].trim()),
+  );
+  let header = first - 1,
+    units = null;
+  const isUnits = (c) =>
+    c.some(Boolean) &&
+    c.filter((u) => u && (unitOf(u) !== null || ["-", "1", "[-]", "[]"].includes(u))).length >
+      0.6 * c.filter(Boolean).length;
   while (header >= 0 && cells[header].length < width) header--;
   if (header > 0 && isUnits(cells[header])) {
     units = cells[header].map((u) => u.replace(/^[[(]|[\])]$/g, ""));
     header--;
     while (header >= 0 && cells[header].length < width) header--;
   }
-  if (header < 0) throw new Wrong(`${name}: the first line must name the columns; it is "${lines[0].slice(0, 60)}"`);
+  if (header < 0)
+    throw new Wrong(`${name}: the first line must name the columns; it is "${lines[0].slice(0, 60)}"`);
   const sample = cells.slice(first).flat();
   const comma = sample.filter((c) => /^[-+]?\d*,\d+([eE][-+]?\d+)?$/.test(c)).length;
   const point = sample.filter((c) => /^[-+]?\d*\.\d+([eE][-+]?\d+)?$/.test(c)).length;
-  return { separator, decimal: comma > point ? "," : ".", header, names: cells[header].slice(0, width), units, first };
+  return {
+    separator,
+    decimal: comma > point ? "," : ".",
+    header,
+    names: cells[header].slice(0, width),
+    units,
+    first,
+  };
 }
 
 // A table of text. Returned: columns {name, unit, values (NaN: missing), bad: {count, line, text} of cells that are no numbers},
@@ -128,16 +170,26 @@ async function readText(name, bytes, breathe) {
     notes.push(`line ${lines.length}, the last, does not end: it may be cut inside a number and is left out`);
     lines.pop();
   } else throw new Wrong(`${name}: has one row, and its line does not end: it may be cut inside a number`);
-  if (lines.length - d.first > MOST_ROWS + HEAD) throw tooLong(name, lines.length - d.first);      // before minutes go into reading it
-  const width = d.names.length, most = lines.length - d.first, comma = d.decimal === ",";
-  const columns = d.names.map((n, i) => ({ name: n, unit: d.units?.[i] ?? "", values: new Float64Array(most), bad: null }));
+  if (lines.length - d.first > MOST_ROWS + HEAD) throw tooLong(name, lines.length - d.first); // before minutes go into reading it
+  const width = d.names.length,
+    most = lines.length - d.first,
+    comma = d.decimal === ",";
+  const columns = d.names.map((n, i) => ({
+    name: n,
+    unit: d.units?.[i] ?? "",
+    values: new Float64Array(most),
+    bad: null,
+  }));
   const line = new Int32Array(most);
   let rows = 0;
   for (let at = d.first; at < lines.length; at++) {
     if (at % 2000 === 0) await breathe(`reading ${name}`, at / lines.length);
     if (!lines[at].trim()) continue;
     const cells = cellsOf(lines[at], d.separator);
-    if (cells.length > width) throw new Wrong(`${name}: line ${at + 1}: ${cells.length} cells, but the header (line ${d.header + 1}) names ${width} columns`);
+    if (cells.length > width)
+      throw new Wrong(
+        `${name}: line ${at + 1}: ${cells.length} cells, but the header (line ${d.header + 1}) names ${width} columns`,
+      );
     for (let k = 0; k < width; k++) {
       const cell = cells[k] ?? "";
       let value = cell === "" ? NaN : numberOf(cell, comma);
@@ -155,7 +207,9 @@ async function readText(name, bytes, breathe) {
   if (!rows) throw new Wrong(`${name}: has a header but no rows`);
   for (const c of columns) c.values = c.values.subarray(0, rows);
   if (d.separator !== "," || d.decimal !== "." || d.header || d.units) {
-    notes.push(`read as CSV with ${SEPARATORS[d.separator]} and decimal ${d.decimal === "," ? "comma" : "point"}${d.header ? `, names in line ${d.header + 1}` : ""}${d.units ? ", a row of units" : ""}`);
+    notes.push(
+      `read as CSV with ${SEPARATORS[d.separator]} and decimal ${d.decimal === "," ? "comma" : "point"}${d.header ? `, names in line ${d.header + 1}` : ""}${d.units ? ", a row of units" : ""}`,
+    );
   }
   return { name, columns: columns.filter((c) => c.name), line: line.subarray(0, rows), place: "line", notes };
 }
@@ -168,11 +222,16 @@ function clockOf(cell) {
 
 // A Parquet file, by hyparquet; every column of numbers.
 async function readParquet(name, bytes, breathe) {
-  if (!PAGE.parquet) throw new Wrong(`${name}: this copy of the page was built without its reader of Parquet (npm was not there); a CSV is read`);
-  const columns = [], file = bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.byteLength);
+  if (!PAGE.parquet)
+    throw new Wrong(
+      `${name}: this copy of the page was built without its reader of Parquet (npm was not there); a CSV is read`,
+    );
+  const columns = [],
+    file = bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.byteLength);
   let rows = 0;
   try {
-    const meta = parquet.parquetMetadata(file), schema = parquet.parquetSchema(meta);
+    const meta = parquet.parquetMetadata(file),
+      schema = parquet.parquetSchema(meta);
     rows = Number(meta.num_rows);
     for (const [i, child] of schema.children.entries()) {
       await breathe(`reading ${name}`, i / schema.children.length);
@@ -181,8 +240,15 @@ async function readParquet(name, bytes, breathe) {
       const take = ({ columnData, rowStart }) => {
         for (let k = 0; k < columnData.length; k++) values[rowStart + k] = numberIn(columnData[k]);
       };
-      await parquet.parquetRead({ file, metadata: meta, columns: [child.element.name], onChunk: take, compressors: parquet.compressors });
-      if (values.some((x) => !Number.isNaN(x))) columns.push({ name: child.element.name, unit: "", values, bad: null });
+      await parquet.parquetRead({
+        file,
+        metadata: meta,
+        columns: [child.element.name],
+        onChunk: take,
+        compressors: parquet.compressors,
+      });
+      if (values.some((x) => !Number.isNaN(x)))
+        columns.push({ name: child.element.name, unit: "", values, bad: null });
     }
   } catch (error) {
     throw new Wrong(`${name}: is not a Parquet file that can be read: ${error.message}`);

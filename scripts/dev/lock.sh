@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Write the lock files anew: scripts/lock.txt, what scripts/setup.sh installs and what builds the site, and scripts/lock-release.txt, what a release is made
+# Write the lock files anew: scripts/lock.txt, what scripts/setup.sh installs and what builds the site, and scripts/dev/lock-release.txt, what a release is made
 # with. Versions that are in them stay where they can; scripts/dev/lock.sh --upgrade takes the newest. Needs the program uv.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

@@ -23,7 +23,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "docs" / "page"
 SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # what the page of `tselab live` has, too
 BUILD = ROOT / "build" / "page"
@@ -193,8 +193,8 @@ def known() -> dict[str, Any]:
         factors[si] = {spelling: value for spelling, value in found.items() if value is not None}
     return {
         "spelt": units.SPELLINGS, "factors": factors, "atEnd": _AT_END,
-        "roles": vocabulary.ROLES, "not": vocabulary.NOT, "places": vocabulary.PLACES,
-        "names": verdict.NAMES, "wheel": vocabulary.WHEEL.pattern, "noWheel": vocabulary.NO_WHEEL.pattern,
+        "roles": vocabulary.ROLE_WORDS, "not": vocabulary.NOT_ROLE_WORDS, "places": vocabulary.PLACE_WORDS,
+        "names": verdict.NAMES, "wheel": vocabulary.WHEEL_WORDS.pattern, "noWheel": vocabulary.NO_WHEEL_WORDS.pattern,
         "rules": {
             "required": vehicle.REQUIRED, "descriptive": [*vehicle.DESCRIPTIVE, *vehicle.HINT_ONLY],
             "gapInSamples": config.GAP_IN_SAMPLES, "speedGain": simulate.SPEED_GAIN, "brakeFront": simulate.BRAKE_FRONT,
@@ -203,15 +203,15 @@ def known() -> dict[str, Any]:
         },
         "double": estimate.DOUBLE,
         "check": {
-            "causes": agree.CAUSES, "wheelCauses": agree.WHEEL_CAUSES, "figures": agree.FIGURES, "sd": agree.SD,
-            "unknownTrack": agree.UNKNOWN_TRACK, "unknownTrackSd": agree.UNKNOWN_TRACK_SD, "price": agree.PRICE,
-            "wrongSign": agree.WRONG_SIGN, "vanished": agree.VANISHED, "enough": agree.ENOUGH, "slack": agree.SLACK,
-            "odd": agree.ODD,
-            "well": agree.WELL, "far": agree.FAR, "handling": agree.HANDLING, "usualRatio": agree.USUAL_RATIO,
-            "unsaid": scales.UNSAID,
-            "turned": agree.TURNED, "aside": agree.ASIDE, "asideShare": agree.ASIDE_SHARE,
-            "rate": physics.RATE, "smooth": physics.SMOOTH, "moving": physics.MOVING, "fewest": physics.FEWEST,
-            "mostRows": MOST_CHECKED,
+            "causes": agree.CAUSES, "wheelCauses": agree.WHEEL_CAUSES, "figures": agree.FIGURES, "sd": agree.FIGURE_SD,
+            "unknownTrack": agree.UNKNOWN_TRACK, "unknownTrackSd": agree.UNKNOWN_TRACK_SD, "price": agree.CAUSE_PRICE,
+            "wrongSign": agree.SIGN_PRICE, "vanished": agree.LOST_FIGURE_PRICE, "enough": agree.MIN_FIT,
+            "slack": agree.FIT_SLACK, "odd": agree.FREE_FACTOR_PRICE,
+            "well": agree.EXPLAINED, "far": agree.MAX_UNEXPLAINED, "handling": agree.MAX_HANDLING,
+            "usualRatio": agree.USUAL_STEERING_RATIO, "unsaid": scales.OTHER_UNIT_COST,
+            "turned": agree.MIN_IMU_TURN, "aside": agree.SIDE_LEVER, "asideShare": agree.MIN_SIDE_SHARE,
+            "rate": physics.COMPARISON_RATE, "smooth": physics.MEAN_TIME, "moving": physics.MOVING_SPEED,
+            "fewest": physics.MIN_ROWS, "mostRows": MOST_CHECKED,
             "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.MIN_TURN_SHARE,
         },
     }  # fmt: skip

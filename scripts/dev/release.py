@@ -4,7 +4,7 @@
     scripts/dev/release.sh 0.2.0 --only wheels --platforms win_amd64      a part
     scripts/dev/release.sh 0.2.0 --twice                                  two times, in two folders, and byte by byte the same
 
-The same commit and the same tools (scripts/lock-release.txt) give the same bytes: all is built from an export of the commit, in a
+The same commit and the same tools (scripts/dev/lock-release.txt) give the same bytes: all is built from an export of the commit, in a
 folder of its own, archives carry the commit's time and no owner, and every library is compiled by the same compiler, zig's.
 """
 

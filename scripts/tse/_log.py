@@ -15,9 +15,9 @@ from tse._base import Array
 from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.car.vehicle import Vehicle
-from tse.channels.log import of_car, read_frame
+from tse.channels.log import adapt_to_car, read_frame
 from tse.channels.log import read_log as _read_log
-from tse.channels.proposal import Line, Proposal, headline, listing, propose, toml_text
+from tse.channels.proposal import Line, Proposal, format_headline, format_signals, list_signals, propose
 from tse.channels.signals import find_signals
 from tse.library.errors import UserError
 from tse.library.files import write_atomically
@@ -124,7 +124,7 @@ def checked(log: LogLike, car: Vehicle, name: str = "log") -> Checked:
     """Whatever holds a log, as the commands have it; `name` of one that is in no file. TypeError: it holds none."""
     if isinstance(log, str | os.PathLike):
         return read_log(log, car)._checked
-    return of_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
+    return adapt_to_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
 
 
 def known_road(road: PathLike | Road | None) -> Road | None:
@@ -171,13 +171,17 @@ class Signals(Shown):
 
     @property
     def _lines(self) -> list[Line]:
-        return listing(self._recording, self._proposal)
+        return list_signals(self._recording, self._proposal)
 
     @property
     def words(self) -> tuple[str, ...]:
         """A sentence for each guess, and what was not found."""
         missing = [f"not found: {', '.join(self.missing)}"] if self.missing else []
-        return (*map(headline, self._proposal.guesses), *missing, *(f"warning: {w}" for w in self.warnings))
+        return (
+            *map(format_headline, self._proposal.guesses),
+            *missing,
+            *(f"warning: {w}" for w in self.warnings),
+        )
 
     @property
     def toml(self) -> str:
@@ -185,7 +189,7 @@ class Signals(Shown):
         return self._text(self._recording.path.parent)
 
     def _text(self, folder: Path) -> str:
-        return toml_text(self._recording, self._proposal, self._how, folder)
+        return format_signals(self._recording, self._proposal, self._how, folder)
 
     def write(self, path: PathLike) -> Path:
         """Write signals.toml, for read_log() and the commands; one that is there is replaced."""

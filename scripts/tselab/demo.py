@@ -15,7 +15,7 @@ import pandas as pd
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
-from tse.channels.proposal import propose, toml_text
+from tse.channels.proposal import format_signals, propose
 from tse.estimation.estimate import estimate, estimate_to, write_estimates, write_table
 from tse.estimation.verdict import NAMES
 from tse.gaps.run.output import write_all
@@ -221,7 +221,7 @@ def logged(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
     recording = read_recording(out / "drive.mf4")
     proposal = propose(recording, car)
     with write_atomically(out / "signals.toml") as file:
-        file.write(toml_text(recording, proposal))
+        file.write(format_signals(recording, proposal))
     prepared = prepare(out / "drive.mf4", out / "car.toml", None, None, {}, "default", {}, Reading())
     est = estimate_to(out / "est.csv", prepared.log, prepared.config)
 

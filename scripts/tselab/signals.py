@@ -63,7 +63,7 @@ def signals(
     Exit code: 0 all channels found, 3 some are missing, 2 bad input.
     """
     from tse.car.vehicle import read_vehicle
-    from tse.channels.proposal import listing, propose, toml_text
+    from tse.channels.proposal import format_signals, list_signals, propose
     from tse.channels.signals import find_signals
     from tse.library.errors import UserError
     from tse.library.files import check_writable, write_atomically
@@ -77,7 +77,7 @@ def signals(
     _, how = find_signals(log_path, None, databases)
     recording = read_recording(log_path, how)
     proposal = propose(recording, car)
-    lines = listing(recording, proposal)
+    lines = list_signals(recording, proposal)
     if as_json:
         say_json(_as_json(recording, proposal, lines))
     else:
@@ -88,13 +88,13 @@ def signals(
                 f"{log_path}: nothing could be guessed, so {out} is not written: write it by hand, see 'tselab estimate --help'"
             )
         with write_atomically(out) as file:
-            file.write(toml_text(recording, proposal, how, out.parent))
+            file.write(format_signals(recording, proposal, how, out.parent))
         click.echo(f"Written to {out}", err=as_json)
     return 3 if proposal.missing else 0
 
 
 def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bool) -> str:
-    from tse.channels.proposal import headline
+    from tse.channels.proposal import format_headline
     from tse.report.tables import text_table
 
     rows = [["signal", "unit", "Hz", "least", "most", "missing", "proposed for"]]
@@ -116,7 +116,7 @@ def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bo
         parts.append(f"and {len(lines) - len(shown)} more, which --all lists")
     parts.append("")
     for g in proposal.guesses:
-        parts += [headline(g), *(f"  {f}" for f in g.figures)]
+        parts += [format_headline(g), *(f"  {f}" for f in g.figures)]
     if proposal.missing:
         parts.append(f"not found: {', '.join(proposal.missing)}")
         parts += [

@@ -1,4 +1,5 @@
-"""Channels that contradict each other throughout are wrong; a car that slides, or a motorway, is not."""
+"""Channels that always contradict each other are wrong; a sliding car or a motorway is
+not."""
 
 from __future__ import annotations
 
@@ -14,8 +15,10 @@ WHEELBASE, RADIUS = 2.7, 0.31
 
 
 def drive(seconds: float, speed: float, across: float, left: float = 0.0, seed: int = 1) -> pd.DataFrame:
-    """Return a drive by kinematics: bends of so much lateral acceleration [m/s2, rms], speed that
-    comes and goes by 2 m/s and is larger by so much in bends to the left, noise."""
+    """Return a log by kinematics, with noise.
+
+    `across`: lateral acceleration, m/s2 (rms). `left`: additional speed in bends to the
+    left, m/s. The speed varies by 2 m/s."""
     rng, time = np.random.default_rng(seed), np.arange(0.0, seconds, 0.02)
     bend = np.sin(0.35 * time) * np.sign(np.sin(0.043 * time + 0.5))
     v = speed + 2.0 * np.sin(0.2 * time) + left * bend
@@ -37,12 +40,14 @@ def drive(seconds: float, speed: float, across: float, left: float = 0.0, seed: 
 
 
 def said(table: pd.DataFrame) -> list[str]:
+    """Return the warnings about a log."""
     return check_units(read_frame(table), WHEELBASE, RADIUS, RADIUS, 15.0)
 
 
 def test_a_car_that_slides_for_half_its_drive_has_its_steering_angle_the_right_way() -> None:
-    """It steers against the bend, as a car whose rear slides does, six times as hard as it
-    drove before: over the whole log the steering angle goes against the yaw rate."""
+    """The car countersteers, with six times the lateral acceleration of the drive before.
+
+    Over the whole log, steering angle and yaw rate have a negative correlation."""
     table, slide = drive(180.0, 15.0, 0.5), drive(180.0, 15.0, 3.0, seed=2)
     slide["steer_angle"] *= -1.0
     assert said(table) == [] and len(said(slide)) == 1
@@ -60,8 +65,10 @@ def test_a_sign_that_is_wrong_throughout_is_found(channel: str) -> None:
 
 
 def test_a_motorway_on_which_radii_grow_with_speed_and_load_is_no_mistake() -> None:
-    """33 m/s and 0.5 m/s2, faster in the bends to the left: front wheels are 0.3 % larger, and
-    smaller by 2e-6 s2/m2 of the square of the speed and by the load in a bend."""
+    """At 33 m/s and 0.5 m/s2, faster in bends to the left, the front radius is 0.3 %
+    larger.
+
+    It changes by 2e-6 s2/m2 times the square of the speed, and with the load in bends."""
     table = drive(300.0, 33.0, 0.5, left=3.0)
     v = RADIUS * table["wheel_speed_rear"]
     front = 1.0 - 0.003 + 2e-6 * v**2 + 4e-4 * np.abs(table["accel_y"])
@@ -77,18 +84,36 @@ def test_wheels_of_one_side_are_still_found() -> None:
     assert text.startswith("check the wheels")
 
 
-STREET = Config({"mass": 1800.0, "lf": 1.25, "lr": 1.45, "wheel_radius_front": RADIUS, "wheel_radius_rear": RADIUS,
-                 "cornering_stiffness_front": 1.1e5, "cornering_stiffness_rear": 1.4e5})  # fmt: skip
+STREET = Config(
+    {
+        "mass": 1800.0,
+        "lf": 1.25,
+        "lr": 1.45,
+        "wheel_radius_front": RADIUS,
+        "wheel_radius_rear": RADIUS,
+        "cornering_stiffness_front": 1.1e5,
+        "cornering_stiffness_rear": 1.4e5,
+    }
+)
 
 
-@pytest.mark.parametrize(("late", "ahead", "filtered", "wrong"), [
-    (0.0, 0.0, False, ""), (0.05, 0.0, False, ""), (0.2, 0.0, False, "later"), (-0.2, 0.0, False, "earlier"),
-    (0.0, -2.5, False, "later"), (0.0, 2.5, False, "earlier"), (0.0, 0.0, True, "later"),
-])  # fmt: skip
-def test_an_accel_y_that_comes_when_the_car_does_not_turn_is_said(
+@pytest.mark.parametrize(
+    ("late", "ahead", "filtered", "wrong"),
+    [
+        (0.0, 0.0, False, ""),
+        (0.05, 0.0, False, ""),
+        (0.2, 0.0, False, "later"),
+        (-0.2, 0.0, False, "earlier"),
+        (0.0, -2.5, False, "later"),
+        (0.0, 2.5, False, "earlier"),
+        (0.0, 0.0, True, "later"),
+    ],
+)
+def test_an_accel_y_that_is_late_against_the_yaw_rate_is_reported(
     late: float, ahead: float, filtered: bool, wrong: str
 ) -> None:
-    """Late, low-passed at 1 Hz, or of an IMU that is metres away; what the vehicle file says of it is not said."""
+    """Late, low-passed at 1 Hz, or of an IMU metres away: no warning if the vehicle file
+    states it."""
     table = drive(180.0, 15.0, 2.0)
     time = table["time"].to_numpy()
     v = RADIUS * table["wheel_speed_rear"]
@@ -118,7 +143,7 @@ def test_a_course_of_the_compass_is_found(sense: float) -> None:
 
 @pytest.mark.parametrize("run", [1, 10])
 def test_zeros_that_were_written_for_missing_values_are_missing(run: int) -> None:
-    """Isolated, or a tenth of a second long. A channel that passes through zero keeps its zeros."""
+    """Single zeros, or runs of 0.1 s. A channel that passes through 0 keeps its zeros."""
     table = drive(60.0, 15.0, 2.0)
     rng = np.random.default_rng(5)
     gone = np.repeat(rng.random(len(table) // run + 1) < 0.1, run)[: len(table)]

@@ -30,7 +30,7 @@ from trade_files import (
 )  # fmt: skip
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
-from tse.channels.proposal import listing, propose, toml_text
+from tse.channels.proposal import format_signals, list_signals, propose
 from tse.library.errors import UserError
 from tse.log.rows import Reading
 from tse.readers.readers import read_recording
@@ -85,8 +85,8 @@ def try_all(path: Path, target: Path, seed: str, car) -> None:
         try:
             found = read_recording(path)
             proposal = propose(found, car)
-            listing(found, proposal)
-            (path.parent / "signals.toml").write_text(toml_text(found, proposal), encoding="utf-8")
+            list_signals(found, proposal)
+            (path.parent / "signals.toml").write_text(format_signals(found, proposal), encoding="utf-8")
             read_log(path, reading=Reading(car=car))
         except UserError as error:
             assert str(error).strip(), f"{seed} {i}"

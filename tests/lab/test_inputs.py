@@ -1,4 +1,4 @@
-"""The small inputs that were read wrong, as they are kept beside this checkout: each gives what the clean log gives."""
+"""Small inputs that were once misread: each gives the estimate of the clean log."""
 
 import shutil
 from pathlib import Path
@@ -10,26 +10,44 @@ import pytest
 from conftest import tselab_here
 
 INPUTS = Path(__file__).parents[3] / "shared" / "inputs"
-ODD = ("05a-comment-without-signal", "05b-comment-without-kind", "05c-value-table-of-no-signal", "05d-name-with-digit",
-       "05e-factor-point-25", "05f-one-id-too-long", "10-unit-km^h", "car")  # fmt: skip
-SAME = {  # of the clean log; the database of a bus
+ODD = (
+    "05a-comment-without-signal",
+    "05b-comment-without-kind",
+    "05c-value-table-of-no-signal",
+    "05d-name-with-digit",
+    "05e-factor-point-25",
+    "05f-one-id-too-long",
+    "10-unit-km^h",
+    "car",
+)
+SAME = {  # the log, and the database of a bus
     **{name: ("05-10-16-frames.log", f"{name}.dbc") for name in ODD},
     **{name: (name, "car.dbc") for name in ("18-asc-relative.asc", "19-asc-negative.asc")},
-    **{name: (name, "") for name in ("01-vbox.vbo", "18a-wheels-5s-off.mf4", "18b-wheels-absolute.mf4", "19b-time-in-ms.mf4",
-                                     "25-three-header-rows.csv", "27-quoted-decimal-comma.csv", "28-hhmmss.csv")},
-}  # fmt: skip
+    **{
+        name: (name, "")
+        for name in (
+            "01-vbox.vbo",
+            "18a-wheels-5s-off.mf4",
+            "18b-wheels-absolute.mf4",
+            "19b-time-in-ms.mf4",
+            "25-three-header-rows.csv",
+            "27-quoted-decimal-comma.csv",
+            "28-hhmmss.csv",
+        )
+    },
+}
 STIFFNESS = ["cx_front", "cy_front", "cy_rear"]
 
 
 @pytest.fixture(scope="module", autouse=True)
 def beside():
-    """The inputs, or nothing to test."""
+    """Skip the tests without the inputs."""
     if not (INPUTS / "known.toml").is_file():
         pytest.skip("the inputs are not beside this checkout")
 
 
 def estimated(folder: Path, log: Path) -> pd.Series:
-    """Stiffness at the end."""
+    """Return the stiffness at the end of a log."""
     done = tselab_here("estimate", log, "--vehicle", INPUTS / "known.toml", "--out", folder / "est.csv")
     assert done.code in (0, 3), done.err
     assert "messages are lost" not in done.err and "gap" not in done.err, done.err
@@ -38,7 +56,7 @@ def estimated(folder: Path, log: Path) -> pd.Series:
 
 @pytest.fixture(scope="module")
 def wanted(tmp_path_factory, beside):
-    """Stiffness by the clean log."""
+    """Return the stiffness of the clean log."""
     return estimated(tmp_path_factory.mktemp("clean"), INPUTS / "si.csv")
 
 
@@ -53,7 +71,7 @@ def test_an_input_gives_what_the_clean_log_gives(name, wanted, tmp_path):
     assert done.code == 0, done.err
     assert ("warning: the unit 'km^h'" in done.out) == (name == "10-unit-km^h")
     if name in ("27-quoted-decimal-comma.csv", "28-hhmmss.csv"):
-        (tmp_path / "signals.toml").unlink()  # it has the names of tse
+        (tmp_path / "signals.toml").unlink()  # the log has the names of the library
     np.testing.assert_allclose(estimated(tmp_path, tmp_path / log) / wanted, 1.0, atol=0.03)
 
 
@@ -73,5 +91,5 @@ def test_a_gear_is_no_steering_angle():
     assert (
         done.code == 3
         and "steer_angle = " not in done.out
-        and "  steer_angle: no signal has a name like it" in done.out
+        and "  steer_angle: no signal has a similar name" in done.out
     )

@@ -28,7 +28,7 @@ from log_formats import RADIUS as RADII
 from tse.car.vehicle import read_vehicle
 from tse.channels import physics
 from tse.channels.log import read_log
-from tse.channels.look import _sign_bit
+from tse.channels.look import _find_sign_bit
 from tse.channels.proposal import propose
 from tse.channels.signals import read_signals
 from tse.library.core import STIFFNESS
@@ -329,9 +329,9 @@ def test_the_ratio_of_a_straight_drive_is_not_drawn_down_by_the_noise_of_the_gyr
     of 16.9."""
     rng = np.random.default_rng(3)
     v = np.full(5000, 22.0)
-    r, noise = (physics.smoothed(rng.normal(0, 0.02, 6000))[500:-500] for _ in range(2))
+    r, noise = (physics.smooth(rng.normal(0, 0.02, 6000))[500:-500] for _ in range(2))
     angle = RATIO * 2.7 * r / v * (1 + physics.UNDERSTEER * v**2)
-    found = physics.steering(angle, v, r + 0.7 * noise)
+    found = physics.fit_steering(angle, v, r + 0.7 * noise)
     assert 0.55 < found.share < 0.8
     off = abs(np.log(found.per_curvature / (RATIO * 2.7)))
     assert off < 2.0 * found.sd and off < 0.25 and found.sd < 0.4
@@ -448,7 +448,7 @@ def test_a_bit_whose_name_is_less_alike_is_no_sign(bit, wanted):
     """The values fit, but the two names share only 7 of 12 letters."""
     time = 0.01 * np.arange(2000)
     turn = np.sin(time)
-    assert _sign_bit("ESP_Gierrate", time, np.abs(turn), {bit: (bit, time, 1.0 * (turn < 0))}) == wanted
+    assert _find_sign_bit("ESP_Gierrate", time, np.abs(turn), {bit: (bit, time, 1.0 * (turn < 0))}) == wanted
 
 
 @pytest.mark.parametrize(("late", "says"), [(0.0, False), (0.12, True)])

@@ -13,7 +13,7 @@ from tse.car.vehicle import read_vehicle
 from tse.channels import raster
 from tse.channels.log import read_log
 from tse.channels.mapping import Series
-from tse.channels.raster import entries, on_raster, rate_of, resample
+from tse.channels.raster import find_rate, resample, resample_channels, select_entries
 from tse.estimation import estimate
 from tse.library.core import Config, library
 from tse.library.errors import UserError
@@ -290,8 +290,8 @@ def test_times_that_jitter_are_taken_as_they_are():
 
 def test_held_values_are_entries_where_they_are_new():
     held = np.repeat(np.sin(np.arange(0, 20, 0.05)), 5)
-    t, x = entries(Series("steer_angle", np.arange(len(held)) * 0.01, held))
-    assert rate_of(t) == pytest.approx(20) and len(t) == pytest.approx(400, abs=3)
+    t, x = select_entries(Series("steer_angle", np.arange(len(held)) * 0.01, held))
+    assert find_rate(t) == pytest.approx(20) and len(t) == pytest.approx(400, abs=3)
     at = np.searchsorted(t, 10.0 - 1e-9)
     assert t[at] == pytest.approx(10.0) and x[at] == pytest.approx(np.sin(10.0))
 
@@ -299,7 +299,7 @@ def test_held_values_are_entries_where_they_are_new():
 def test_a_value_that_stands_still_is_no_hole():
     """On a straight road, the steering-wheel angle stays the same for seconds."""
     x = np.repeat(np.maximum(np.sin(np.arange(0, 60, 0.05)), 0.0), 5)
-    t, _ = entries(Series("steer_angle", np.arange(len(x)) * 0.01, x))
+    t, _ = select_entries(Series("steer_angle", np.arange(len(x)) * 0.01, x))
     assert np.diff(t).max() < 0.11
 
 
@@ -322,7 +322,7 @@ def table(**late: float) -> dict[str, Series]:
 
 
 def test_gaps_stay_gaps_and_only_of_the_channel_that_has_them():
-    rows = on_raster(table(), None)
+    rows = resample_channels(table(), None)
     assert rows.rate == 100 and np.diff(rows.time) == pytest.approx(0.01)
     missing = rows.time[np.isnan(rows.value["accel_y"])]
     assert missing.min() == pytest.approx(10.0, abs=0.02) and missing.max() == pytest.approx(12.0, abs=0.02)
@@ -335,7 +335,7 @@ def test_a_gap_of_all_channels_is_no_rows():
         n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)])
         for n, s in table().items()
     }
-    rows = on_raster(all_gone, None)
+    rows = resample_channels(all_gone, None)
     assert np.diff(rows.time).max() == pytest.approx(4.0, abs=0.15) and (np.diff(rows.time) > 0.02).sum() == 1
 
 
@@ -345,14 +345,14 @@ def test_channels_of_one_entry_are_a_row_and_of_none_no_row(count):
         n: Series(n, s.time[:count] + 1e-3 * k, s.value[:count], 0.01)
         for k, (n, s) in enumerate(table().items())
     }
-    rows = on_raster(found, None)
+    rows = resample_channels(found, None)
     assert len(rows.time) == count
     assert {n: x.tolist() for n, x in rows.value.items()} == {n: s.value.tolist() for n, s in found.items()}
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0, 1000.0])
 def test_any_rate(rate):
-    rows = on_raster(table(), rate)
+    rows = resample_channels(table(), rate)
     assert np.median(np.diff(rows.time)) == pytest.approx(1 / rate)
     good = np.isfinite(rows.value["yaw_rate"])
     assert np.abs(rows.value["yaw_rate"] - np.sin(rows.time + 8))[good].max() < 0.01
@@ -363,7 +363,7 @@ def test_an_even_table_is_left_as_it_is():
     x = {
         n: Series(n, t, np.random.default_rng(1).standard_normal(len(t))) for n in ("steer_angle", "yaw_rate")
     }
-    rows = on_raster(x, None)
+    rows = resample_channels(x, None)
     assert rows.time is t and rows.value["yaw_rate"] is x["yaw_rate"].value and rows.rate == pytest.approx(50)
 
 

@@ -16,8 +16,8 @@ from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, make_vehicle, read_vehicle
 from tse.channels.agree import check_units
 from tse.channels.log import read_frame, read_log
-from tse.channels.proposal import propose, toml_text
-from tse.channels.raster import _nearest
+from tse.channels.proposal import format_signals, propose
+from tse.channels.raster import _place_entries
 from tse.channels.signals import read_signals
 from tse.estimation.estimate import estimate
 from tse.identify.data import prepare
@@ -173,7 +173,7 @@ def test_a_course_that_wraps_is_averaged_along_the_shorter_way(drive: pd.DataFra
 def test_on_a_raster_each_entry_is_in_one_row() -> None:
     time = np.arange(100) * 0.01
     t = np.array([0.003, 0.1049, 0.2, 0.305, 5.0])
-    out = _nearest(t, np.arange(5.0), time)
+    out = _place_entries(t, np.arange(5.0), time)
     assert np.flatnonzero(np.isfinite(out)).tolist() in ([0, 10, 20, 30], [0, 10, 20, 31])
     assert np.nanmax(out) == 3
 
@@ -319,7 +319,7 @@ def test_a_pressure_becomes_a_switch_by_signals_toml(its_car, driven: pd.DataFra
     assert torque is not None and torque.name == ("FrontAxleTorque",) and torque.unsure
     assert proposal["wheel_torque_rear"] is None
     path = tmp_path / "signals.toml"
-    path.write_text(toml_text(recording, proposal), encoding="utf-8")
+    path.write_text(format_signals(recording, proposal), encoding="utf-8")
     assert read_signals(path).signals["brake"].above == pytest.approx(brake.above)
     log = read_log(tmp_path / "drive.csv", reading=Reading(signals=path, car=its_car))
     wrong = log.extra["brake"].to_numpy() != driven.brake.to_numpy()[: len(log)]

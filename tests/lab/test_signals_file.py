@@ -1,5 +1,5 @@
-"""signals.toml and logs that are wrong: each ends in a sentence that names the place and the remedy, or goes on and says what is
-missing."""
+"""Wrong signals.toml and wrong logs: an error names place and remedy, a warning the
+fault."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from tests.cars.logs import make_logs
 from tests.cars.real import DATA
 from tse.car.vehicle import default_vehicle, read_vehicle
 from tse.channels import look, physics
-from tse.channels.agree import check_car, check_units, stood, sure
+from tse.channels.agree import check_car, check_units, find_false_stops, select_certain
 from tse.channels.log import read_log
 from tse.channels.proposal import propose
 from tse.channels.signals import read_signals
@@ -42,42 +42,95 @@ unit = "g"
 name = "gier"
 unit = "deg/s"
 """
-FILES: dict[str, tuple[str, str, list[str]]] = {  # what is replaced, by what, what must be said
+FILES: dict[str, tuple[str, str, list[str]]] = {  # old text, new text, words of the message
     "no TOML": ('name = "lrw"', "name = = 3", ["not valid TOML", "line 2"]),
     "empty": (GOOD, "", ["names no channel", "tselab signals"]),
-    "table": ("[signals.steer_angle]", "[signal.steer_angle]", ["line 1", "[signal]", "did you mean signals?"]),
-    "channel": ("steer_angle]", "steering_angle]", ["line 1", "no such channel", "did you mean steer_angle?"]),
-    "key": ("ratio = 15.0", "ration = 15.0", ["line 4", "[signals.steer_angle] ration", "did you mean ratio?"]),
+    "table": (
+        "[signals.steer_angle]",
+        "[signal.steer_angle]",
+        ["line 1", "[signal]", "did you mean signals?"],
+    ),
+    "channel": (
+        "steer_angle]",
+        "steering_angle]",
+        ["line 1", "no such channel", "did you mean steer_angle?"],
+    ),
+    "key": (
+        "ratio = 15.0",
+        "ration = 15.0",
+        ["line 4", "[signals.steer_angle] ration", "did you mean ratio?"],
+    ),
     "no name": ('name = "lrw"\n', "", ["line 1", "name", "must be the name of a signal"]),
     "name of no signal": ('"lrw"', '"lrv"', ["'lrv'", "did you mean lrw?"]),
     "three wheels": ('["vl", "vr"]', '["vl", "vr", "hl"]', ["line 6", "two of them: left and right"]),
     "same wheel": ('["vl", "vr"]', '["vl", "vl"]', ["line 6", "cannot be both wheels"]),
     "two yaw rates": ('"gier"', '["gier", "aq"]', ["line 17", "two names are for wheels"]),
     "unit": ('unit = "deg/s"', 'unit = "degz"', ["line 18", "'degz' is no unit", "rad/s, deg/s"]),
-    "unit of another kind": ('unit = "deg/s"', 'unit = "Nm"', ["line 18", "cannot be turned into rad/s", "deg/s"]),
+    "unit of another kind": (
+        'unit = "deg/s"',
+        'unit = "Nm"',
+        ["line 18", "cannot be turned into rad/s", "deg/s"],
+    ),
     "sign": ("ratio = 15.0", "ratio = 15.0\nsign = 2", ["line 5", "sign: 2 is not allowed; 1 and -1"]),
     "ratio": ("ratio = 15.0", "ratio = 0.1", ["line 4", "ratio: 0.1 is out of range; allowed: 0.5 .. 100"]),
     "ratio as text": ("ratio = 15.0", 'ratio = "15"', ["line 4", "'15' is no number", "0.5 .. 100"]),
     "ratio of one row": ("ratio = 15.0", "ratio = [[0, 15]]", ["line 4", "two rows or more"]),
-    "ratio falls": ("ratio = 15.0", "ratio = [[0, 15], [-10, 14]]", ["line 4", "row 2: angles must increase: -10 follows 0"]),
+    "ratio falls": (
+        "ratio = 15.0",
+        "ratio = [[0, 15], [-10, 14]]",
+        ["line 4", "row 2: angles must increase: -10 follows 0"],
+    ),
     "ratio's range": ("ratio = 15.0", "ratio = [[0, 15], [10, 900]]", ["line 4", "row 2", "0.5 .. 100"]),
     "ratio of a wheel": ("[signals.accel_y]", "[signals.accel_y]\nratio = 15", ["ratio", "of steer_angle"]),
-    "latency in ms": ('unit = "g"', 'unit = "g"\nlatency = 20', ["line 16", "latency: 20 is out of range; allowed: -1 .. 1 s"]),
+    "latency in ms": (
+        'unit = "g"',
+        'unit = "g"\nlatency = 20',
+        ["line 16", "latency: 20 is out of range; allowed: -1 .. 1 s"],
+    ),
     "scale": ('unit = "g"', 'unit = "g"\nscale = 0', ["scale", "0 leaves nothing"]),
-    "radius": ("radius = 0.3\n[signals.wheel_speed_rear]", "radius = 33\n[signals.wheel_speed_rear]", ["line 8", "allowed: 0.05 .. "
-                                                            "5 m"]),
+    "radius": (
+        "radius = 0.3\n[signals.wheel_speed_rear]",
+        "radius = 33\n[signals.wheel_speed_rear]",
+        ["line 8", "allowed: 0.05 .. 5 m"],
+    ),
     "flag": ('unit = "g"', 'unit = "g"\nvalid = 1', ["valid", "the name of a signal"]),
-    "flag says all is wrong": ('unit = "g"', 'unit = "g"\nvalid = {name = "q", is = [5]}', ["100 %", "it has the values "
-                                                            "1", "is = [0]"]),
+    "flag says all is wrong": (
+        'unit = "g"',
+        'unit = "g"\nvalid = {name = "q", is = [5]}',
+        ["100 %", "it has the values 1", "is = [0]"],
+    ),
     "counter": ('unit = "g"', 'unit = "g"\ncounter = {name = "bz", modulo = 1}', ["counter", "modulo = 16"]),
-    "one wheel": ('[signals.wheel_speed_front]\nname = ["vl", "vr"]', '[signals.wheel_speed_front_left]\nname = "vl"',
-                  ["wheel_speed_front_right is needed, too"]),
-    "rate": ("[signals.steer_angle]", "[log]\nrate = 1e6\n[signals.steer_angle]", ["line 2", "rate", "2 .. 1000 Hz"]),
-    "time": ("[signals.steer_angle]", '[log]\ntime = "zait"\n[signals.steer_angle]', ["no column 'zait'", "did you mean zeit?"]),
-    "time's unit": ("[signals.steer_angle]", '[log]\ntime_unit = "m"\n[signals.steer_angle]', ["line 2", "'m' is no unit of time"]),
-    "database": ("[signals.steer_angle]", "[log]\ndatabases = 3\n[signals.steer_angle]", ["line 2", "databases", "list of files"]),
-    "log's key": ("[signals.steer_angle]", "[log]\nseperator = ';'\n[signals.steer_angle]", ["line 2", "did you mean separator?"]),
-}  # fmt: skip
+    "one wheel": (
+        '[signals.wheel_speed_front]\nname = ["vl", "vr"]',
+        '[signals.wheel_speed_front_left]\nname = "vl"',
+        ["wheel_speed_front_right is needed, too"],
+    ),
+    "rate": (
+        "[signals.steer_angle]",
+        "[log]\nrate = 1e6\n[signals.steer_angle]",
+        ["line 2", "rate", "2 .. 1000 Hz"],
+    ),
+    "time": (
+        "[signals.steer_angle]",
+        '[log]\ntime = "zait"\n[signals.steer_angle]',
+        ["no column 'zait'", "did you mean zeit?"],
+    ),
+    "time's unit": (
+        "[signals.steer_angle]",
+        '[log]\ntime_unit = "m"\n[signals.steer_angle]',
+        ["line 2", "'m' is no unit of time"],
+    ),
+    "database": (
+        "[signals.steer_angle]",
+        "[log]\ndatabases = 3\n[signals.steer_angle]",
+        ["line 2", "databases", "list of files"],
+    ),
+    "log's key": (
+        "[signals.steer_angle]",
+        "[log]\nseperator = ';'\n[signals.steer_angle]",
+        ["line 2", "did you mean separator?"],
+    ),
+}
 
 
 def table(rows: int = 1000) -> pd.DataFrame:
@@ -86,9 +139,17 @@ def table(rows: int = 1000) -> pd.DataFrame:
     turn = 0.2 * np.sin(t)
     v = 20 + np.sin(0.5 * t)
     wheels = {n: 3.6 * (v + s * 0.75 * turn) for n, s in (("vl", -1), ("vr", 1), ("hl", -1), ("hr", 1))}
-    return pd.DataFrame({"zeit": t, "lrw": np.degrees(15 * 2.7 * turn / v * 1.6),
-    **wheels, "aq": (v * turn + 0.3 * np.cos(3 * t)) / 9.80665, "gier": np.degrees(turn),
-                         "q": 1.0, "bz": np.arange(rows) % 16})  # fmt: skip
+    return pd.DataFrame(
+        {
+            "zeit": t,
+            "lrw": np.degrees(15 * 2.7 * turn / v * 1.6),
+            **wheels,
+            "aq": (v * turn + 0.3 * np.cos(3 * t)) / 9.80665,
+            "gier": np.degrees(turn),
+            "q": 1.0,
+            "bz": np.arange(rows) % 16,
+        }
+    )
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -136,9 +197,14 @@ def test_ratio_table_sign_bit_flag_counter_and_offset(tmp_path):
     x.loc[200, "bz"] = x.bz[199]
     x["gier"] += 3.0
     x.to_csv(tmp_path / "log.csv", index=False)
-    text = GOOD.replace("ratio = 15.0", 'ratio = [[-400, 10.0], [0, 15.0], [400, 20.0]]\nsign_bit = "vz"').replace(
-        'unit = "g"', 'unit = "g"\nvalid = "q"\ncounter = "bz"').replace('unit = "deg/s"', 'unit = "deg/s"\noffset = '
-                                                            '3.0')  # fmt: skip
+    changes = (
+        ("ratio = 15.0", 'ratio = [[-400, 10.0], [0, 15.0], [400, 20.0]]\nsign_bit = "vz"'),
+        ('unit = "g"', 'unit = "g"\nvalid = "q"\ncounter = "bz"'),
+        ('unit = "deg/s"', 'unit = "deg/s"\noffset = 3.0'),
+    )
+    text = GOOD
+    for old, new in changes:
+        text = text.replace(old, new)
     (tmp_path / "signals.toml").write_text(text)
     log = read_log(tmp_path / "log.csv")
     angle = np.where(x.vz > 0, -x.lrw, x.lrw)
@@ -158,7 +224,7 @@ def test_a_radius_that_nobody_says(tmp_path):
 
 @pytest.mark.parametrize("name", ["--signals", "signals.toml"])
 def test_a_file_beside_the_log_is_taken_unless_it_is_of_other_logs(name, drive, tmp_path):
-    """One that names nothing of a log in tse's own columns is not meant for it."""
+    """A file that names no column of a log with the library's names is ignored."""
     (tmp_path / "log.csv").write_text(drive.log.read_text())
     (tmp_path / "signals.toml").write_text(GOOD)
     if name == "--signals":
@@ -183,15 +249,23 @@ def test_a_file_beside_a_log_in_tse_s_names_is_taken_when_it_speaks_of_them(driv
     assert any("signals by" in n for n in log.notes)
 
 
-BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, what is in it, what must be said
+BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, contents, words of the message
     "empty MF4": ("x.mf4", b"", ["is empty"]),
     "MF4 that is none": ("x.mf4", b"hello " * 100, ["does not begin as .mf4 files do", "cut off"]),
     "MF4 cut off": ("x.mf4", b"MDF     4.10    tselab  ".ljust(90, b"\0"), ["damaged or cut off"]),
     "BLF without database": ("x.blf", b"LOGG".ljust(200, b"\0"), ["no database", "--database FILE"]),
-    "ASC without frames": ("x.asc", b"date Mon\nbase hex timestamps absolute\n", ["no database", "--database"]),
+    "ASC without frames": (
+        "x.asc",
+        b"date Mon\nbase hex timestamps absolute\n",
+        ["no database", "--database"],
+    ),
     "MCAP cut off": ("x.mcap", b"\x89MCAP0\r\n".ljust(60, b"\0"), ["damaged or cut off"]),
     "bag cut off": ("x.bag", b"#ROSBAG V2.0\n".ljust(60, b"\0"), ["damaged or cut off"]),
-    "db3 without metadata": ("x.db3", b"SQLite format 3\0".ljust(60, b"\0"), ["metadata.yaml", "give the folder"]),
+    "db3 without metadata": (
+        "x.db3",
+        b"SQLite format 3\0".ljust(60, b"\0"),
+        ["metadata.yaml", "give the folder"],
+    ),
     "Parquet cut off": ("x.parquet", b"PAR1".ljust(60, b"\0"), ["damaged or cut off"]),
     "MAT cut off": ("x.mat", b"MATLAB 5.0 MAT-file".ljust(128, b" ") + b"\1\2\3", ["damaged or cut off"]),
     "MAT 7.3 cut off": ("x.mat", b"\x89HDF\r\n\x1a\n".ljust(60, b"\0"), ["damaged or cut off"]),
@@ -199,16 +273,27 @@ BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, what is in it,
     "zip": ("x.zip", b"PK\3\4".ljust(60, b"\0"), ["unpack it first"]),
     "database for a log": ("x.dbc", b'VERSION ""\n', ["this is the database", "--database"]),
     "a picture": ("x.png", b"\x89PNG\r\n\x1a\n\0\0".ljust(60, b"\0"), ["binary file of no format", "MF4"]),
-    "no time": ("x.csv", b"lrw;vl\n1,5;2\n1,4;3\n1,3;3\n1,5;4\n", ["no column is a time", "[log] time", "step = 0.01"]),
+    "no time": (
+        "x.csv",
+        b"lrw;vl\n1,5;2\n1,4;3\n1,3;3\n1,5;4\n",
+        ["no column is a time", "[log] time", "step = 0.01"],
+    ),
     "names missing": ("x.csv", b"1;2;3\n2;3;4\n3;4;5\n", ["first line must name the columns"]),
-    "too few names": ("x.csv", b"zeit;lrw\n1;2;3\n2;3;4\n3;4;5\n", ["line 1 has 2 names, the rows have 3 cells"]),
-    "a row too long": ("x.csv", b"zeit;lrw\n" + b"0,1;2\n" * 20 + b"0,2;3;4;5\n" + b"0,3;4\n" * 5, ["not a well-formed "
-                                                            "CSV", "line 22"]),
+    "too few names": (
+        "x.csv",
+        b"zeit;lrw\n1;2;3\n2;3;4\n3;4;5\n",
+        ["line 1 has 2 names, the rows have 3 cells"],
+    ),
+    "a row too long": (
+        "x.csv",
+        b"zeit;lrw\n" + b"0,1;2\n" * 20 + b"0,2;3;4;5\n" + b"0,3;4\n" * 5,
+        ["not a well-formed CSV", "line 22"],
+    ),
     "words": ("x.txt", b"Dear colleague\nplease find the log attached\nbest regards\n", ["no table"]),
     "time of words": ("x.csv", b"zeit;lrw\nheute;1\ngestern;2\nmorgen;3\n", ["zeit", "is no time"]),
     "only header": ("x.csv", b"zeit;lrw;vl\n", ["header but no rows"]),
     "JSON": ("x.json", b"{}", ["save the table as Parquet or CSV"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BROKEN)
@@ -277,12 +362,13 @@ def test_a_time_that_is_none_is_refused_as_before(tmp_path, drive):
     assert done.code == 2 and "column time" in done.err and "soon" in done.err
 
 
-# ---- A wrong unit is the commonest error: the run says so.
+# ---- A wrong unit is the most frequent error: the run warns.
 
 
 @pytest.fixture(scope="module")
 def lively(tmp_path_factory):
-    """A log that turns, brakes and accelerates enough for the channels to be compared."""
+    """A log with enough bends, braking and acceleration for a comparison of the
+    channels."""
     path = tmp_path_factory.mktemp("units") / "log.csv"
     assert (
         tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 36, "--out", path).code == 0
@@ -320,27 +406,36 @@ def test_wrong_units_and_signs_are_named(lively, scale, hint):
 
 
 def test_a_scale_that_no_unit_has_is_said_without_one(lively):
-    """2.9 is no unit; with the wheels taken for rpm the car would hardly move, so nothing would speak against it."""
+    """The factor 2.9 is no unit. With wheel speeds in rpm the car would hardly move, and
+    lose figures."""
     said = warnings(lively, yaw_rate=2.9)
     assert "no unit that is often mixed up explains it" in said and "rpm" not in said and "factor" not in said
 
 
 def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_path):
-    """Neutral, and braked in every bend: half of the steering that cars need, which no unit explains."""
+    """A neutral van that brakes in every bend needs half of the usual steering; no unit
+    fits."""
     time = np.arange(0.0, 60.0, 0.01)
     v = 18.0 + 2.0 * np.sin(0.6 * time)
     r = 0.15 * np.sin(0.3 * time)
     car = default_vehicle()
     config = Config.exact(car.values)
     base, radius = config.lf + config.lr, config.wheel_radius_front
-    rows = {"time": time, "steer_angle": 0.6 * base * r / v, "yaw_rate": r, "accel_x": np.gradient(v, time), "accel_y": v * r,
-            "wheel_speed_front": v / radius, "wheel_speed_rear": v / radius}  # fmt: skip
+    rows = {
+        "time": time,
+        "steer_angle": 0.6 * base * r / v,
+        "yaw_rate": r,
+        "accel_x": np.gradient(v, time),
+        "accel_y": v * r,
+        "wheel_speed_front": v / radius,
+        "wheel_speed_rear": v / radius,
+    }
     pd.DataFrame(rows).to_csv(tmp_path / "log.csv", index=False)
     log = read_log(tmp_path / "log.csv")
     said = check_car(log, car, config)
-    assert len(said) == 1 and "braking in bends" in said[0] and not sure(said)
+    assert len(said) == 1 and "braking in bends" in said[0] and not select_certain(said)
     log.data["steer_angle"] *= 0.4
-    assert sure(check_car(log, car, config))
+    assert select_certain(check_car(log, car, config))
 
 
 @pytest.mark.parametrize("first, last", [(0.0, 1.0), (0.0, 2 / 3), (1 / 3, 1.0), (0.5, 1.0)])
@@ -348,20 +443,22 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
     "folder", sorted(DATA.glob("*/vehicle.toml")) or [None], ids=lambda p: p.parent.name if p else "none"
 )
 def test_no_part_of_a_real_log_is_left_out(folder, first, last, tmp_path):
-    """Two thirds of one had its accel_y just below what counts, and just above with wheels in km/h: it was said to be in them."""
+    """In two thirds of a log accel_y was just below MIN_FIT, and above it with wheels in
+    km/h."""
     if folder is None:
         pytest.skip("../shared/data is not here")
     car = read_vehicle(folder)
     rows = pd.read_csv(folder.parent / "data.csv")
     rows.iloc[int(first * len(rows)) : int(last * len(rows))].to_csv(tmp_path / "log.csv", index=False)
-    assert sure(check_car(read_log(tmp_path / "log.csv"), car, Config.exact(car.values))) == []
+    assert select_certain(check_car(read_log(tmp_path / "log.csv"), car, Config.exact(car.values))) == []
 
 
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
-    """At 25 m/s an understeer of -0.0016 s2/m2, which is among those tried, would need no steering in any bend."""
+    """At 25 m/s a car with an understeer of -0.0016 s2/m2 would need no steering in
+    bends."""
     v = np.full(4000, 25.0)
-    r = 0.1 * np.sin(np.arange(4000) / physics.RATE)
-    seen = physics.steering(16.0 * 2.75 * r / v * (1 + 0.002 * v**2), v, r)
+    r = 0.1 * np.sin(np.arange(4000) / physics.COMPARISON_RATE)
+    seen = physics.fit_steering(16.0 * 2.75 * r / v * (1 + 0.002 * v**2), v, r)
     assert seen is not None and seen.per_curvature == pytest.approx(16.0 * 2.75, rel=0.05)
 
 
@@ -388,7 +485,8 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
 
 @pytest.fixture(scope="module")
 def cars(tmp_path_factory):
-    """Cars that tse's model did not make, on roads that lean, climb and bend: road -> logs as tables, and the vehicle's facts."""
+    """Cars of another model, on roads with bank, grade and bends: logs and vehicles by
+    road."""
     return {road: make_logs(road, minutes=1.5, cars=2, seed=5) for road in ("highway", "mountain")}
 
 
@@ -406,19 +504,26 @@ def notes_of(car, folder, **columns) -> list[str]:
             log[c] = change(log[c])
     log.to_csv(folder / "log.csv", index=False)
     tracks = {a: v[f"track_{a}"] for a in ("front", "rear")}
-    return check_units(read_log(folder / "log.csv"), v["lf"] + v["lr"], v["wheel_radius_front"], v["wheel_radius_rear"],
-                       v["steering_ratio"], tracks)  # fmt: skip
+    return check_units(
+        read_log(folder / "log.csv"),
+        v["lf"] + v["lr"],
+        v["wheel_radius_front"],
+        v["wheel_radius_rear"],
+        v["steering_ratio"],
+        tracks,
+    )
 
 
 @pytest.mark.parametrize("road", ["highway", "mountain"])
 def test_right_logs_of_cars_that_nobody_made_here_get_no_note(road, cars, tmp_path):
-    """A car that understeers turns at 130 km/h by a third of what its angle says: no reason to ask about units."""
+    """At 130 km/h an understeering car has a third of the yaw rate of its steering
+    angle."""
     for car in cars[road]:
         assert notes_of(car, tmp_path) == []
 
 
 def test_kmh_taken_for_rad_per_s_is_noticed_by_the_track(cars, tmp_path):
-    """It is a factor of 1.05 .. 1.15 only: the wheels of an axle, against the yaw rate, tell."""
+    """The factor is only 1.05 .. 1.15. The wheels of an axle and the yaw rate show it."""
     for car in cars["mountain"]:
         radius = car.vehicle["wheel_radius_front"]
         found = notes_of(car, tmp_path, wheel_speed=lambda x, radius=radius: 3.6 * radius * x)
@@ -451,7 +556,8 @@ def test_swapped_axes_are_named(cars, tmp_path):
 
 
 def test_a_log_that_contradicts_itself_tells_nothing_and_teaches_nothing(lively, drive, tmp_path):
-    """With the steering turned round the filter finds some other car, and would be sure of it."""
+    """With an inverted steering angle, the filter fits another car with a small
+    variance."""
     table = pd.read_csv(lively)
     table["steer_angle"] *= -1
     table.to_csv(tmp_path / "log.csv", index=False)
@@ -464,7 +570,7 @@ def test_a_log_that_contradicts_itself_tells_nothing_and_teaches_nothing(lively,
 
 
 def test_wheels_that_stand_while_the_car_drives_are_a_note(lively, drive, tmp_path):
-    """And nothing of numpy's: smoothed over the step a speed is as good as 0, where the curvature is none."""
+    """No warning of numpy either: the smoothed speed is almost 0, so r/v is undefined."""
     table = pd.read_csv(lively)
     rows = (table.time > 10) & (table.time < 30)
     table.loc[rows, ["wheel_speed_front", "wheel_speed_rear"]] = 0.0
@@ -481,18 +587,18 @@ def test_a_car_that_stops_and_starts_gets_no_note_and_two_gaps_get_one(lively):
     log = read_log(lively)
     speed = np.clip(np.abs(20 - 5 * np.abs(log.time - 10)) - 10, 0, None) / 0.33
     log.data["wheel_speed_front"] = log.data["wheel_speed_rear"] = speed
-    assert (speed == 0).sum() > 300 and stood(log, 0.33, 0.33, 1.0) == []
+    assert (speed == 0).sum() > 300 and find_false_stops(log, 0.33, 0.33, 1.0) == []
     steady = np.full(len(log), 60.0)
     for seconds, said in ((((3, 6),), 1), (((3, 6), (8, 9)), 1), (((3, 3.3),), 0)):
         x = np.where(np.any([(log.time > a) & (log.time < b) for a, b in seconds], axis=0), 0.0, steady)
         log.data["wheel_speed_front"] = log.data["wheel_speed_rear"] = x
-        notes = stood(log, 0.33, 0.33, 1.0)
+        notes = find_false_stops(log, 0.33, 0.33, 1.0)
         assert len(notes) == said and ("2 times, first from 3.0" in "".join(notes)) == (len(seconds) > 1)
 
 
 @pytest.mark.parametrize("mistake", ["units", "axles"])
 def test_no_row_of_a_log_that_contradicts_itself_is_valid(mistake, drive, tmp_path):
-    """Also not before the filter knows: in a drive of a minute it finds exchanged axles after some seconds."""
+    """Not even at the start: the filter detects exchanged axles after some seconds."""
     simulated = (
         "simulate",
         "--maneuver",
@@ -531,7 +637,8 @@ def test_no_row_of_a_log_that_contradicts_itself_is_valid(mistake, drive, tmp_pa
 
 
 def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
-    """Rows in which the car stands or the filter starts do not count; what is over is not against the whole log."""
+    """Rows at standstill or during start do not count. A fault that is over is not the
+    log's."""
     reasons = np.array(["starting"] * 10 + ["implausible"] * 60 + ["valid"] * 30)
     table = pd.DataFrame(dict.fromkeys(("cx_front_reason", "cy_front_reason", "cy_rear_reason"), reasons))
     table = table.assign(fault_channel=4, fault_factor=-1.0)
@@ -547,7 +654,8 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
     ("before", "factor", "whole"), [(10.0, 0.0, True), (30.0, 0.0, False), (30.0, -1.0, True)]
 )
 def test_a_channel_that_fails_leaves_what_was_valid_before(before: float, factor: float, whole: bool) -> None:
-    """One that has agreed for 20 s, and is no factor of what it was, is no wrong unit or sign."""
+    """A channel that agreed for 20 s, and has no constant factor, has no wrong unit or
+    sign."""
     time = np.arange(0.0, 90.0, 0.1)
     names = ("cx_front_reason", "cy_front_reason", "cy_rear_reason")
     reasons = np.where(time > before, "implausible", "valid")
@@ -569,8 +677,8 @@ def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):
     assert any("accel_x is 0.03 in every row, while wheel_speed_rear changes" in n for n in log.notes)
 
 
-def test_a_log_of_many_signals_takes_no_longer_for_each(monkeypatch):
-    """Each is looked at for a flag once or twice, not once for every other."""
+def test_the_time_per_signal_does_not_grow_with_their_number(monkeypatch):
+    """Each signal is tested for a flag at most twice, not once for every other signal."""
     time = np.arange(0.0, 30.0, 0.02)
     rng = np.random.default_rng(2)
     walk = {
@@ -580,19 +688,19 @@ def test_a_log_of_many_signals_takes_no_longer_for_each(monkeypatch):
     }
     recording = Recording(Path("many"), "table", {n: Channel(n, time, x) for n, x in walk.items()})
     looked = []
-    valid = look._valid_value
-    monkeypatch.setattr(look, "_valid_value", lambda c: looked.append(c.name) or valid(c))
+    valid = look._find_valid_value
+    monkeypatch.setattr(look, "_find_valid_value", lambda c: looked.append(c.name) or valid(c))
     propose(recording)
     assert len(looked) <= 2 * len(walk)
 
 
 def test_steering_by_curvature_is_the_best_of_all_understeers():
-    """As one regression for each understeer says."""
+    """The result is that of one regression for each understeer."""
     rng = np.random.default_rng(3)
     v = 15.0 + 8.0 * np.sin(np.linspace(0, 9, 4000))
     r = 0.2 * np.sin(np.linspace(0, 80, 4000)) + 0.002 * rng.normal(size=4000)
     angle = 2.7 * r / v * (1 + 0.003 * v**2) + 0.01 + 0.001 * rng.normal(size=4000)
-    found = physics.steering(angle, v, r)
+    found = physics.fit_steering(angle, v, r)
     x = r / v * (1 + found.understeer * v**2)
     slope, offset = np.polyfit(x, angle, 1)
     share = np.corrcoef(x, angle)[0, 1] ** 2

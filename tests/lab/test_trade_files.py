@@ -27,10 +27,10 @@ from trade_files import (
     write_vbo,
 )  # fmt: skip
 from tse.car.vehicle import read_vehicle
-from tse.channels.counters import modulo_of
+from tse.channels.counters import find_modulo
 from tse.channels.log import read_log
-from tse.channels.proposal import propose, toml_text
-from tse.channels.vocabulary import place_of
+from tse.channels.proposal import format_signals, propose
+from tse.channels.vocabulary import find_place
 from tse.library.errors import UserError
 from tse.log.rows import Reading
 from tse.readers.databases import read_database
@@ -264,7 +264,7 @@ def test_a_counter_of_fifteen_values_loses_no_message(trip, car, tmp_path):
     ],
 )
 def test_how_far_a_counter_counts_is_read_from_it(counter, modulo):
-    assert modulo_of(counter.astype(float)) == modulo
+    assert find_modulo(counter.astype(float)) == modulo
 
 
 def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
@@ -329,9 +329,13 @@ def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip)
 )
 def test_the_corner_may_stand_anywhere_in_the_name_of_a_wheel(form, corners):
     names = [form.format(c) for c in corners.split()]
-    assert [place_of(n)[0] for n in names] == ["front_left", "front_right", "rear_left", "rear_right"], names
+    assert [find_place(n)[0] for n in names] == ["front_left", "front_right", "rear_left", "rear_right"], (
+        names
+    )
     lower = [n.lower() for n in names]
-    assert [place_of(n)[0] for n in lower] == ["front_left", "front_right", "rear_left", "rear_right"], lower
+    assert [find_place(n)[0] for n in lower] == ["front_left", "front_right", "rear_left", "rear_right"], (
+        lower
+    )
 
 
 def test_a_gear_is_no_angle_and_a_speed_of_the_receiver_no_acceleration(trip):
@@ -382,7 +386,7 @@ def test_the_clock_of_a_group_that_is_off_is_found_and_taken_off(ahead, says, tr
     assert len(said) == bool(says) and all(says in w for w in said), found.warnings
     assert found.missing == [] and found["yaw_rate"].sign == 1 and found["accel_x"].sign == 1
     assert found["wheel_speed_front"].clock == pytest.approx(ahead if says else 0.0, abs=0.03)
-    (tmp_path / "signals.toml").write_text(toml_text(read_recording(path), found))
+    (tmp_path / "signals.toml").write_text(format_signals(read_recording(path), found))
     log = read_log(path, reading=Reading(car=read_vehicle(car)))
     speed = 0.5 * (trip.rl + trip.rr).to_numpy() / read_vehicle(car).values["wheel_radius_rear"]
     wanted = np.interp(log.time, trip.time + (ahead if not says else 0.0), speed)

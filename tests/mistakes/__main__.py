@@ -4,25 +4,27 @@ import sys
 
 import numpy as np
 
-from tests.mistakes.drives import MISTAKES, SECONDS, STEP, drives
-from tests.mistakes.front_ends import FRONT_ENDS, ROOT, Said
+from tests.mistakes.drives import MISTAKES, SECONDS, STEP, make_drives
+from tests.mistakes.front_ends import FRONT_ENDS, ROOT, Response
 
 PAGE = ROOT / "scripts" / "results" / "mistakes.md"
 
-HEAD = """# Mistakes that logs are made with
+HEAD = """# Mistakes in logs
 
-`python -m tests.mistakes`: {mistakes} mistakes in two simulated drives of {seconds:.0f} s that turn, gain speed and brake, through
-six front ends. A cell is *valid and silent* where a stiffness is valid in the last half minute and nothing is said against the log.
+`python -m tests.mistakes`: {mistakes} mistakes in two simulated drives of {seconds:.0f} s with bends,
+acceleration and braking, through six front ends. *Valid and silent*: a stiffness is valid
+in the last 30 s, and there is no warning.
 
-**Valid and silent: {silent} of {cells}.** Without a mistake something is said against the log in {wrong} of {clean}{which}
+**Valid and silent: {silent} of {cells}.** Without a mistake there is a warning in {wrong} of {clean}{which}
 
-Of the first drive the car is known exactly, so that much is valid within two seconds: how long something was valid before the
-mistake showed is in brackets. `tselab` refuses a log that is often out of range. *named*: `fault_channel` and `fault_factor` of
-the last implausible row in C."""
+The car of the first drive is known exactly, so its stiffness is valid within two seconds.
+The time for which it was valid before the mistake was detected is in brackets. `tselab`
+refuses a log that is often out of range. *named*: `fault_channel` and `fault_factor` of the
+last implausible row in C."""
 
 
-def cell(said: Said) -> str:
-    """When something was said against the log, and what."""
+def format_cell(said: Response) -> str:
+    """Return the kind of the first warning about a log, and its time."""
     if said.silent:
         return "**valid and silent**"
     rows = np.flatnonzero(said.against)
@@ -36,8 +38,8 @@ def cell(said: Said) -> str:
     return f"{how}, {first * STEP:.0f} s" + (f" (valid for {before * STEP:.0f} s)" if before else "")
 
 
-def named(said: Said) -> str:
-    """What C says at the end."""
+def format_fault(said: Response) -> str:
+    """Return fault_channel and fault_factor of the last implausible row."""
     rows = np.flatnonzero(said.status == 10)
     if not len(rows):
         return ""
@@ -46,8 +48,10 @@ def named(said: Said) -> str:
 
 
 def main() -> int:
+    """Write the page; return 1 if a mistake was missed, or a correct log has a
+    warning."""
     silent, lines, wrong = 0, [], []
-    for drive in drives():
+    for drive in make_drives():
         lines += [
             "",
             f"## {drive.name}",
@@ -60,7 +64,7 @@ def main() -> int:
             for front_end in FRONT_ENDS.values():
                 found.append(front_end(drive, log))
                 silent += found[-1].silent
-            lines.append(f"| {mistake} | {' | '.join(map(cell, found))} | {named(found[0])} |")
+            lines.append(f"| {mistake} | {' | '.join(map(format_cell, found))} | {format_fault(found[0])} |")
             print(lines[-1], flush=True)
         for name, front_end in FRONT_ENDS.items():
             said = front_end(drive, drive.log)
@@ -68,9 +72,14 @@ def main() -> int:
                 wrong.append(f"{name}, {drive.name}")
     cells = len(FRONT_ENDS) * len(MISTAKES) * 2
     head = HEAD.format(
-        mistakes=len(MISTAKES), seconds=SECONDS, silent=silent, cells=cells, wrong=len(wrong), clean=2 * len(FRONT_ENDS),
+        mistakes=len(MISTAKES),
+        seconds=SECONDS,
+        silent=silent,
+        cells=cells,
+        wrong=len(wrong),
+        clean=2 * len(FRONT_ENDS),
         which=f": {'; '.join(wrong)}." if wrong else ".",
-    )  # fmt: skip
+    )
     PAGE.write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
     return 1 if silent or wrong else 0
 

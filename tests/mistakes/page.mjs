@@ -4,7 +4,9 @@ import fs from "node:fs";
 import vm from "node:vm";
 
 const job = JSON.parse(fs.readFileSync(process.argv[2], "utf8"));
-const code = ["core.js", "text.js", "map.js", "check.js", "run.js"].map((name) => fs.readFileSync(`${job.scripts}/${name}`, "utf8")).join("\n");
+const code = ["core.js", "text.js", "map.js", "check.js", "run.js"]
+  .map((name) => fs.readFileSync(`${job.scripts}/${name}`, "utf8"))
+  .join("\n");
 const work = `
 const lib = await Library.load(Uint8Array.from(atob(job.wasm), (c) => c.charCodeAt(0))), desk = lib.desk(0);
 if (job.known) desk.exact();
@@ -19,4 +21,4 @@ return { said, columns: Object.fromEntries(names.map((n) => [n, Array.from(table
 `;
 const run = vm.compileFunction(`return (async () => {${code}\n${work}})();`, ["PAGE", "job"], {});
 const text = JSON.stringify(await run({ ...job.page, example: null }, job));
-process.stdout.write(text, () => process.exit(0));   // the page's breather keeps a channel open
+process.stdout.write(text, () => process.exit(0)); // the page's breather keeps a channel open

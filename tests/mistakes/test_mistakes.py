@@ -1,4 +1,5 @@
-"""A log with a mistake is never valid and silent, through any front end (table: scripts/results/mistakes.md)."""
+"""No front end is valid and silent for a log with a mistake
+(scripts/results/mistakes.md)."""
 
 import re
 import shutil
@@ -6,36 +7,37 @@ import shutil
 import numpy as np
 import pytest
 
-from tests.mistakes.drives import CHANNELS, MISTAKES, OF_LOGS, STEP, Drive, drives
+from tests.mistakes.drives import CHANNELS, MISTAKES, OF_LOGS, STEP, Drive, make_drives
 from tests.mistakes.front_ends import FRONT_ENDS, page_maker
 
-ROWS = ("C", "Python")  # of rows, and of a whole log; the others take long (HEAVY, tests/conftest.py)
+# by rows, and by a whole log; the others are slow (HEAVY, tests/conftest.py)
+ROWS = ("C", "Python")
 
 
 @pytest.fixture(scope="module")
 def both() -> list[Drive]:
-    return drives()
+    return make_drives()
 
 
-def expect_said(mistake: str | None, front_end: str, both: list[Drive]) -> None:
+def expect_response(mistake: str | None, front_end: str, both: list[Drive]) -> None:
     for drive in both:
         said = FRONT_ENDS[front_end](drive, MISTAKES[mistake](drive) if mistake else drive.log)
         if mistake:
             assert not said.silent, drive.name
-        else:  # the car that is known exactly is valid: mistakes are not missed by default
+        else:  # the car that is known exactly is valid, so the test can fail
             assert said.silent == drive.known and not said.against.any() and said.words == (), drive.name
 
 
 @pytest.mark.parametrize("front_end", ROWS)
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
 def test_a_mistake_is_never_valid_and_silent(mistake: str | None, front_end: str, both: list[Drive]) -> None:
-    expect_said(mistake, front_end, both)
+    expect_response(mistake, front_end, both)
 
 
 @pytest.mark.parametrize("front_end", ROWS)
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_channel_that_is_frozen_never_ends_valid(channel: str, front_end: str, both: list[Drive]) -> None:
-    """What was valid before it stays so; from half a minute behind on nothing is."""
+    """Rows before the fault stay valid. From 30 s after it on, no row is."""
     log = dict(both[0].log)
     stuck = round(0.4 * len(log["time"]))
     log[channel] = np.where(np.arange(len(log["time"])) < stuck, log[channel], log[channel][stuck])
@@ -54,9 +56,9 @@ def test_what_only_a_whole_log_shows_is_said(mistake: str, both: list[Drive]) ->
         said = FRONT_ENDS["Python"](drive, change(drive))
         assert not said.valid.any() and words in " ".join(said.words), (drive.name, said.words)
         if degrees := re.search(r"about the vertical by (-?\d+) degrees", " ".join(said.words)):
-            assert abs(int(degrees[1]) - 30) <= 2, (
-                drive.name
-            )  # noise and slopes: below 2; the tangent in place of the sine: 27
+            # noise and grade: below 2; with the tangent in place of the sine it would be
+            # 27
+            assert abs(int(degrees[1]) - 30) <= 2, drive.name
 
 
 @pytest.mark.parametrize("front_end", [f for f in FRONT_ENDS if f not in ROWS])
@@ -71,7 +73,7 @@ def test_the_other_front_ends_say_what_the_library_says(
             page_maker.compilers()
         except page_maker.Failed as error:
             pytest.skip(str(error))
-    expect_said(mistake, front_end, both)
+    expect_response(mistake, front_end, both)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +97,5 @@ def test_the_channel_is_named_with_its_factor(
         at = int(said.against.nonzero()[0][-1])
         assert said.channel[at] == channel, drive.name
         if factor is not None:
-            assert said.factor[at] == pytest.approx(factor, rel=0.2), (
-                drive.name
-            )  # roll, pitch and slopes are in it
+            # contains roll, pitch and grade
+            assert said.factor[at] == pytest.approx(factor, rel=0.2), drive.name

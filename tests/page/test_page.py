@@ -1,5 +1,9 @@
-"""The page of scripts/dev/page.py in a real browser, from a file and without a network: the same bytes as `tselab estimate`, logs of
-other dialects, what is wrong is said, the simulator and the filter beside it. Pictures are left in build/site/shots."""
+"""The page of scripts/dev/page.py in a browser, from a file and without a network.
+
+Its estimates are the same bytes as those of `tselab estimate`. Other log formats, error
+messages, simulator and filter are tested, too. Screenshots are written to
+build/site/shots.
+"""
 
 import io
 import json
@@ -14,7 +18,7 @@ import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts" / "dev"))
+sys.path.insert(0, str(ROOT / "scripts"))
 import page  # noqa: E402
 
 from tse.car.vehicle import filter_values, read_vehicle  # noqa: E402
@@ -34,9 +38,10 @@ CHANNELS = ["steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "
 
 @pytest.fixture(scope="module")
 def built():
+    """Build the page; return its path."""
     for program in ("node", "npm"):
         if not shutil.which(program):
-            pytest.skip(f"{program} is not installed: the page is tried in a browser that node drives")
+            pytest.skip(f"{program} is not installed: it controls the browser of this test")
     try:
         page.compilers()
         page.modules()
@@ -48,6 +53,7 @@ def built():
 
 @pytest.fixture(scope="module")
 def browser():
+    """Return the path of a browser."""
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if found is None:
         pytest.skip(f"no browser is installed (looked for {', '.join(BROWSERS)})")
@@ -56,7 +62,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def drive():
-    """A drive of 20 s with noise."""
+    """Return a log of 20 s with noise."""
     config = Config.exact()
     plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=20.0, seed=3)
     return simulate(plan, config, SimConfig({"seed": 3, "wheel_speed_sd": 0.02, "steer_angle_sd": 2e-4})).log
@@ -64,7 +70,7 @@ def drive():
 
 @pytest.fixture(scope="module")
 def slow():
-    """One of 30 s at about 40 km/h."""
+    """Return a log of 30 s at about 40 km/h."""
     config = Config.exact()
     plan = maneuvers.build(
         "double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4
@@ -74,10 +80,10 @@ def slow():
 
 @pytest.fixture(scope="module")
 def logs(drive, slow, tmp_path_factory):
-    """Files to drop, by name. Those with the names of the library come first."""
+    """Return the log files for the page, by name."""
     folder = tmp_path_factory.mktemp("logs")
     rng = np.random.default_rng(1)
-    rough = drive.copy()  # cells that are missing, rows that are lost, a value that nothing can have, a gap
+    rough = drive.copy()  # missing cells, lost rows, an impossible value, a gap
     for name in CHANNELS:
         rough.loc[rng.random(len(rough)) < 0.02, name] = np.nan
     rough.loc[700, "accel_y"] = 999.0
@@ -86,7 +92,7 @@ def logs(drive, slow, tmp_path_factory):
     rough["time"] += 1.7e9  # a clock that counts from 1970
     write_table(drive, folder / "plain.csv")
     write_table(rough, folder / "rough.csv")
-    clock = drive.copy()  # entries that are late, doubled; a clock that is set back, and jumps ahead
+    clock = drive.copy()  # late and double rows; a clock that is set back and forward
     clock.loc[100, "time"] -= 0.035
     clock.loc[200, "time"] = clock.loc[201, "time"]
     clock.loc[500:, "time"] -= 3.0
@@ -105,11 +111,16 @@ def logs(drive, slow, tmp_path_factory):
     wheels = {
         f"v_{p} [km/h]": (slow[f"wheel_speed_{axle}"] * 0.33 + side * turn) * 3.6 for p, axle, side in corners
     }
-    german = pd.DataFrame({
-        "Zeit [s]": slow["time"], "LW_Lenkradwinkel [°]": -np.degrees(slow["steer_angle"]) * RATIO, **wheels,
-        "Gierrate [°/s]": np.degrees(slow["yaw_rate"]), "Querbeschleunigung [g]": slow["accel_y"] / 9.80665,
-        "Laengsbeschleunigung [g]": slow["accel_x"] / 9.80665,
-    })  # fmt: skip
+    german = pd.DataFrame(
+        {
+            "Zeit [s]": slow["time"],
+            "LW_Lenkradwinkel [°]": -np.degrees(slow["steer_angle"]) * RATIO,
+            **wheels,
+            "Gierrate [°/s]": np.degrees(slow["yaw_rate"]),
+            "Querbeschleunigung [g]": slow["accel_y"] / 9.80665,
+            "Laengsbeschleunigung [g]": slow["accel_x"] / 9.80665,
+        }
+    )
     german.to_csv(folder / "german.csv", sep=";", decimal=",", index=False, encoding="cp1252")
     text = (folder / "plain.csv").read_text().splitlines()
     (folder / "word.csv").write_text(
@@ -123,8 +134,8 @@ def logs(drive, slow, tmp_path_factory):
     return {p.stem: str(p) for p in sorted(folder.iterdir(), key=lambda p: p.stem)}
 
 
-def wrong_ones():
-    """What may be wrong with the channels of a log, each as what becomes of the log; None: of the car as it is."""
+def list_mistakes():
+    """Return mistakes by name, each as a function of the log."""
     deg, g = 180 / np.pi, 9.80665
 
     def of(**factors):
@@ -163,21 +174,28 @@ def wrong_ones():
 
 @pytest.fixture(scope="module")
 def checks(slow, tmp_path_factory):
-    """Logs whose channels do not agree; and one of other names that says no unit, in km/h, deg/s and g."""
+    """Return logs with mistakes, and one without units, in km/h, deg/s and g."""
     folder = tmp_path_factory.mktemp("checks")
     files = {}
     gentle = slow.assign(
         **{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")}
-    )  # deg/s fit the range, too
-    for i, (name, change) in enumerate(wrong_ones().items()):
+    )  # so that deg/s are inside the range, too
+    for i, (name, change) in enumerate(list_mistakes().items()):
         files[name] = str(folder / f"{i}.csv")
         write_table(change(gentle), files[name])
     turn = 0.8 * slow["yaw_rate"]
     corners = (("VL", "front", -1), ("VR", "front", 1), ("HL", "rear", -1), ("HR", "rear", 1))
     wheels = {f"v_{p}": (slow[f"wheel_speed_{axle}"] * 0.33 + side * turn) * 3.6 for p, axle, side in corners}
-    unsaid = pd.DataFrame({"Zeit": slow["time"], "Lenkradwinkel": np.degrees(slow["steer_angle"]) * RATIO, **wheels,
-                           "Gierrate": -np.degrees(slow["yaw_rate"]), "Querbeschleunigung": slow["accel_y"] / 9.80665,
-                           "Laengsbeschleunigung": slow["accel_x"] / 9.80665})  # fmt: skip
+    unsaid = pd.DataFrame(
+        {
+            "Zeit": slow["time"],
+            "Lenkradwinkel": np.degrees(slow["steer_angle"]) * RATIO,
+            **wheels,
+            "Gierrate": -np.degrees(slow["yaw_rate"]),
+            "Querbeschleunigung": slow["accel_y"] / 9.80665,
+            "Laengsbeschleunigung": slow["accel_x"] / 9.80665,
+        }
+    )
     files["unsaid"] = str(folder / "unsaid.csv")
     unsaid.to_csv(files["unsaid"], sep=";", decimal=",", index=False)
     return files
@@ -185,7 +203,7 @@ def checks(slow, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cars(tmp_path_factory):
-    """Vehicle files."""
+    """Return vehicle files by name."""
     folder = tmp_path_factory.mktemp("cars")
     lines = [
         "mass = 1500",
@@ -205,7 +223,7 @@ def cars(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def seen(built, browser, logs, cars, checks, tmp_path_factory):
-    """What the browser saw."""
+    """Return the state of the page in the browser, as browse.mjs writes it."""
     file = tmp_path_factory.mktemp("page") / "logs.json"
     file.write_text(json.dumps({"logs": logs, "cars": cars, "checks": checks}))
     command = [
@@ -222,20 +240,21 @@ def seen(built, browser, logs, cars, checks, tmp_path_factory):
     return json.loads(done.stdout)
 
 
-def of_tselab(folder, log, car):
-    """EST.csv of `tselab estimate`, as bytes; run here, because a process of its own is mostly imports."""
+def run_tselab(folder, log, car):
+    """Return EST.csv of `tselab estimate` as bytes, run in this process to save the
+    imports."""
     numbers = np.random.default_rng(1).standard_normal(1000).tolist()
     if pd.read_csv(io.StringIO("\n".join(["x", *map(repr, numbers)])))["x"].tolist() != numbers:
         pytest.skip(
-            f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not"
+            f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: update it"
         )
     (folder / "vehicle.toml").write_text(car)
     single.run(prepare(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None)
     return (folder / "est.csv").read_bytes()
 
 
-def command_line(folder, log, car):
-    """The same of the command itself."""
+def run_command(folder, log, car):
+    """Return EST.csv of the command itself as bytes."""
     (folder / "vehicle.toml").write_text(car)
     out = folder / "est.csv"
     command = [
@@ -263,7 +282,7 @@ def test_the_page_asks_no_network_and_reports_no_error(seen):
 def test_the_example_is_estimated_as_on_the_command_line_to_the_byte(seen, tmp_path):
     given = seen["logs"]["example"]
     (tmp_path / "log.csv").write_text(given["log"])
-    assert command_line(tmp_path, tmp_path / "log.csv", given["car"]) == given["est"].encode()
+    assert run_command(tmp_path, tmp_path / "log.csv", given["car"]) == given["est"].encode()
 
 
 @pytest.mark.parametrize("name", ["example", "drive", "rough", "german", "parquet"])
@@ -272,21 +291,21 @@ def test_its_estimates_are_those_of_the_command_line_to_the_byte(seen, name, tmp
     (tmp_path / "log.csv").write_text(given["log"])
     assert given["state"].startswith("Done"), given["state"]
     assert given["est"].count("\n") == given["log"].count("\n")
-    assert of_tselab(tmp_path, tmp_path / "log.csv", given["car"]) == given["est"].encode()
+    assert run_tselab(tmp_path, tmp_path / "log.csv", given["car"]) == given["est"].encode()
 
 
 @pytest.mark.parametrize("name", ["plain", "rough", "clock", "coarse"])
 def test_a_file_is_the_same_rows_here_and_there(seen, logs, name, tmp_path):
-    """What was dropped, not what the page handed out."""
+    """The file dropped on the page and the log it returns have the same rows."""
     given = seen["logs"][name]
-    there, here = of_tselab(tmp_path, Path(logs[name]), given["car"]), given["est"].encode()
+    there, here = run_tselab(tmp_path, Path(logs[name]), given["car"]), given["est"].encode()
     if name != "clock":  # the mean of a wheel that is missing may differ by its last bit
         assert there == here
     a, b = (pd.read_csv(io.BytesIO(x)) for x in (there, here))
     pd.testing.assert_frame_equal(a, b, rtol=1e-9, atol=1e-12)
 
 
-def test_the_built_in_example_is_a_drive_of_tselab(seen, tmp_path):
+def test_the_built_in_example_is_a_drive_run_tselab(seen, tmp_path):
     config = Config.exact()
     plan = maneuvers.build(
         page.DRIVE, config, sample_time=config.sample_time, duration=page.SECONDS, road=[page.ROAD]
@@ -305,7 +324,8 @@ def test_it_finds_the_road_change_of_the_example(seen):
 
 
 def test_a_german_log_is_understood(seen, slow, tmp_path):
-    """Semicolon, decimal comma, four wheels in km/h, degrees, g, a steering wheel that turns the other way."""
+    """Semicolon, decimal comma, four wheels in km/h, degrees, g, inverted steering wheel
+    angle."""
     german = seen["logs"]["german"]
     found = {channel: (m["unit"], m["sign"]) for channel, m in german["map"].items()}
     assert (
@@ -318,7 +338,7 @@ def test_a_german_log_is_understood(seen, slow, tmp_path):
         and found["wheel_speed_front"][0] == "km/h"
     )
     ratio = german["map"]["steer_angle"]["ratio"]
-    assert 0.85 * RATIO < ratio < 1.15 * RATIO  # under- and oversteer are in it
+    assert 0.85 * RATIO < ratio < 1.15 * RATIO  # contains understeer
     assert "ratio about" in german["hint"]
     (tmp_path / "log.csv").write_text(german["log"])
     rows = pd.read_csv(tmp_path / "log.csv")
@@ -348,7 +368,8 @@ def test_without_a_mass_nothing_is_valid_and_stiffness_follows_one_that_is_said_
 
 
 def test_what_nobody_said_is_that_of_the_class(seen, tmp_path):
-    """Of a log alone: the car and the sensors that the command takes for a file with these masses and lengths."""
+    """A log alone: car and sensors are those of `tselab` for the same mass and
+    lengths."""
     (tmp_path / "page.toml").write_text(seen["logs"]["plain"]["car"])
     page_says = read_vehicle(tmp_path / "page.toml").values
     needed = [
@@ -404,9 +425,10 @@ def test_every_control_has_a_name(seen):
     assert seen["nameless"] == []
 
 
-@pytest.mark.parametrize("name", wrong_ones())
+@pytest.mark.parametrize("name", list_mistakes())
 def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(seen, checks, name, tmp_path):
-    """The check stands in two languages, on rasters that are made in two ways: the same causes, figures within some per cent."""
+    """The page and the command report the same causes; their figures differ by a few
+    percent."""
     car = Config.exact()
     (tmp_path / "car.toml").write_text(
         "\n".join(
@@ -417,7 +439,7 @@ def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(s
     here = seen["checks"][name]
     try:
         expected = prepare(Path(checks[name]), tmp_path / "car.toml", None, None, {}, "default", {}).warnings
-    except UserError:  # values outside their range: here, too
+    except UserError:  # values outside their range: the page refuses them, too
         assert "outside the allowed range" in here["wrong"]
         return
     assert here["wrong"] == ""
@@ -439,7 +461,7 @@ def test_units_that_nobody_says_are_guessed_from_what_the_rows_have_to_do_with_e
     assert found["map"]["yaw_rate"]["sign"] == -1
     off = float(re.search(r"ratio about [\d.]+ \(± (\d+) %\)", found["hint"])[1]) / 100
     assert found["map"]["steer_angle"]["ratio"] == pytest.approx(RATIO, rel=off) and off < 0.35
-    assert found["ratio sd"] == pytest.approx(off / 1.96, abs=0.004)  # and the estimate is as loose
+    assert found["ratio sd"] == pytest.approx(off / 1.96, abs=0.004)  # and the sd of the estimate follows it
     assert seen["looseAfterCar"] == found["ratio sd"]
     assert found["against"] == found["wrong"] == ""
     assert "wheel speeds are in km/h" in found["hint"]
@@ -472,7 +494,7 @@ def test_keys_steer_and_take_over_from_the_driver(seen):
 
 
 def test_a_peak_of_one_row_is_drawn_from_far(seen):
-    """200 000 rows on 300 pixels."""
+    """A plot of 200 000 rows on 300 pixels shows it."""
     assert seen["peak"] == 1
 
 

@@ -1,5 +1,11 @@
-"""Do the channels of a log agree with each other? What physics wants of them, under every unit that may have been taken for
-another: where a wrong unit, sign or axis explains the log better than none, the run says so, with the factor."""
+"""Check whether the channels of a log agree with each other.
+
+Physics relates the channels of a car: a_y = v r, a_x = dv/dt and the like. Each relation
+is a figure, measured over expected, and about 1 if all units are right. check_units()
+compares the figures under every unit, sign and axis that is often mixed up. Where such a
+mistake explains the log better than the channels as they are, it returns a warning with
+the factor.
+"""
 
 from __future__ import annotations
 
@@ -18,49 +24,53 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
-# sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
-# cars of
-# tests/cars and the real logs); a_x pitch and grade; the steering compliance and a ratio that is not quite known
-SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
-UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m: passenger cars, when the vehicle file does not say
-PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: right logs are the rule
-WRONG_SIGN = 60.0  # squared sd of a sign that is wrong
-VANISHED = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
-ENOUGH = {
-    "accel_y": 0.9,
-    "accel_x": 0.8,
-    "steer_angle": 0.85,
-}  # correlation, or its square, from which a figure counts
-# below ENOUGH a figure counts, too, where another speed that is tried shows it: there other rows are those of a car that moves.
-# A real log had 0.898 of accel_y at its own speed and 0.913 at 0.85 of it, and was said to be in km/h
-SLACK = 0.05
-ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
-WELL = 0.10  # what a cause leaves, to be said to explain
-FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
-# of a logarithm, of the steering angle's figure: up to it a car that is braked in every bend may oversteer (0.48 of a neutral van),
-# so that it is said and the log is read
-HANDLING = 1.0
-G = 9.80665
-PERHAPS = "perhaps "  # before a cause that leaves more than WELL
-USUAL_RATIO = 15.0  # of a steering, when nobody says
+# sd of the logarithm of each figure in logs whose units are right. accel_y: roll and bank
+# of the road (0.91 .. 1.10 for the cars of tests/cars and the real logs). accel_x: pitch
+# and grade. steer_angle: compliance of the steering, and a steering ratio that is not
+# exactly known.
+FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
+UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m; of its logarithm: passenger cars
+CAUSE_PRICE = 6.0  # squared sd that a cause must explain to be reported: most logs are right
+SIGN_PRICE = 60.0  # squared sd of a wrong sign
+# Squared sd for a figure that is missing under one unit and present under another. At the
+# other speed, the car would not move in the rows that show the figure.
+LOST_FIGURE_PRICE = 30.0
+MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # min correlation (steering: share)
+# A figure below MIN_FIT by less than this counts if another tried speed lifts it above
+# MIN_FIT. Without it, each speed counts figures of other rows: a real log with 0.898 of
+# accel_y at its own speed, and 0.913 at 0.85 of it, was reported as km/h.
+FIT_SLACK = 0.05
+# Squared sd that a factor of no known unit must explain: CAUSE_PRICE, plus the choice of
+# a factor among all from 1/20 to 20 with the accuracy of FIGURE_SD
+FREE_FACTOR_PRICE = 12.0
+EXPLAINED = 0.10  # max logarithm of a figure after correction, for the cause to explain it
+MAX_UNEXPLAINED = 0.35  # max logarithm of a figure without a warning, if no cause explains it
+# Max logarithm of the figure of the steering angle that handling can cause. A car that
+# brakes in every bend may oversteer (0.48 for a neutral van). Up to here a warning is a
+# guess.
+MAX_HANDLING = 1.0
+STANDARD_GRAVITY = 9.80665
+PERHAPS = "perhaps "  # marks a cause that leaves more than EXPLAINED
+USUAL_STEERING_RATIO = 15.0  # if the vehicle file states none
 
-
-DEG = 180 / np.pi
-# Units that are mixed up, of a channel: how many times too large it is then, to be multiplied by that power of the steering
-# ratio; the unit, "" for a sign; in words. The page has these tables, too (docs/page/check.js).
+DEG_PER_RAD = 180 / np.pi
+# Mistakes of one channel: channel; factor by which it is too large; power of the steering
+# ratio that multiplies the factor; unit, "" for a sign; text. docs/page/check.js uses
+# these tables, too.
 CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
-    ("yaw_rate", DEG, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
-    ("steer_angle", DEG, 0, "deg", "steer_angle is in degrees (multiply by pi/180)"),
+    ("yaw_rate", DEG_PER_RAD, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
+    ("steer_angle", DEG_PER_RAD, 0, "deg", "steer_angle is in degrees (multiply by pi/180)"),
     ("steer_angle", 1.0, 1, "rad", "steer_angle is the steering-wheel angle (divide by the steering ratio)"),
-    ("steer_angle", DEG, 1, "deg", "steer_angle is the steering-wheel angle in degrees"),
-    ("accel_y", 1 / G, 0, "g", "accel_y is in g (multiply by 9.81)"),
-    ("accel_x", 1 / G, 0, "g", "accel_x is in g (multiply by 9.81)"),
+    ("steer_angle", DEG_PER_RAD, 1, "deg", "steer_angle is the steering-wheel angle in degrees"),
+    ("accel_y", 1 / STANDARD_GRAVITY, 0, "g", "accel_y is in g (multiply by 9.81)"),
+    ("accel_x", 1 / STANDARD_GRAVITY, 0, "g", "accel_x is in g (multiply by 9.81)"),
     ("steer_angle", -1.0, 0, "", "steer_angle is positive to the right (change its sign; left is positive)"),
     ("accel_y", -1.0, 0, "", "accel_y is positive to the right (change its sign; left is positive)"),
     ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
     ("accel_x", -1.0, 0, "", "accel_x is positive to the rear (change its sign; forward is positive)"),
 )
-# The same of the wheel speeds, all four: a power of the wheels' radius. A diameter in its place doubles the speed.
+# Mistakes of all four wheel speeds: factor; power of the wheel radius that multiplies it;
+# unit; text. A diameter in place of a radius doubles the speed.
 WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (3.6, 1, "km/h", "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
     (1.0, 1, "m/s", "the wheel speeds are in m/s (divide by the wheel radius)"),
@@ -77,36 +87,35 @@ FIGURES = {
     "track_rear": "right less left rear wheel over yaw_rate x track",
 }
 
-
-LEAST_STOOD, FALL = (
-    0.5,
-    10.0,
-)  # s; m/s, in the rows before and after: a stop from 5 m/s in a row and a start to it
-OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows that count; s
-GAINS, SLOWS = 0.7, -2.0  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
-OFF_TORQUE, TORQUE_CORR = (
-    1.6,
-    0.7,
-)  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
-LEAST_SHARE = 0.25  # of the force, by one axle of two
-TURNED = 0.2  # of the other axis, that both accelerometers read: sine of 12 degrees; 0.13 of right cars, and of one of the two
-# m, by yaw rate, that front wheels roll faster than rear ones: no axle does, left and right do; share of it without what slip does
-ASIDE, ASIDE_SHARE = (0.5, 2.0), 0.5
-LATE_ACROSS = 0.1  # s; cars and logs whose IMU is where it should be have -0.06 .. 0.1
-ROWS_SLOW, OFF_TIME = (
-    20,
-    3.0,
-)  # rows further apart than the raster; factor of the change of speed over so many
-ODD_PIECES = 0.2  # of the pieces of a log may contradict a mistake that is in all of it
-PIECE = 20.0  # s: bends and changes of speed in it show a unit
-MOST_ROWS = (
-    1 << 19
-)  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
+MIN_FALSE_STOP = 0.5  # s: min duration of wheel speeds of 0
+MIN_FALSE_STEP = 10.0  # m/s: min sum of the steps to 0 and from 0; a stop from 5 m/s and a start to 5 m/s
+MAX_SPEED_RATIO = 1.25  # max ratio of a measured velocity to the speed of the wheels, and its inverse
+MIN_VELOCITY = 5.0  # m/s: slower rows are not compared
+CHANGE_TIME = 0.5  # s over which changes of a velocity or a course are compared
+DRIVING_GAIN = 0.7  # m/s2: above it the car does not brake
+COASTING_LOSS = -2.0  # m/s2: below it the car brakes
+MAX_FORCE_RATIO = 1.6  # max ratio of the force of both axles' torques to mass x accel_x, and its inverse
+MIN_TORQUE_CORR = 0.7  # min correlation of that force with accel_x
+MIN_AXLE_SHARE = 0.25  # min share of one axle in the force
+# Min share of the other axis in both accelerometers: sine of 12 degrees. Correct cars
+# have up to 0.13, in one of the two.
+MIN_IMU_TURN = 0.2
+# m: range of (front - rear wheel speed) / yaw rate if the wheels of one side are taken
+# for an axle. The share is that of its variance, without slip.
+SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
+MAX_LATE_ACROSS = 0.1  # s; cars and logs whose IMU is at its place have -0.06 .. 0.1
+SLOW_ROWS = 20  # rows over which accel_x is integrated, if rows are further apart than the raster
+MAX_TIME_RATIO = 3.0  # max ratio of the change of speed to this integral, and its inverse
+MAX_ODD_SHARE = 0.2  # max share of the pieces of a log that contradict a mistake in the whole log
+PIECE_TIME = 20.0  # s: long enough for bends and changes of speed that show a unit
+# Max rows from which noise and units are found: 87 minutes at 100 Hz. Of longer logs the
+# part with most motion is used.
+MAX_CHECKED_ROWS = 1 << 19
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A wrong unit: a channel is `factor` times what it should be."""
+    """A wrong unit or sign: a channel is `factor` times its true value."""
 
     channel: str
     factor: float
@@ -115,19 +124,34 @@ class Cause:
 
 @dataclass(frozen=True)
 class Figures:
-    """Measured over expected, and the sd of its logarithm; only those that this log shows."""
+    """The figures that a log shows: measured over expected, and sd of the logarithm."""
 
     value: dict[str, float]
     sd: dict[str, float]
-    sure: frozenset[str] = frozenset()  # by ENOUGH, not by SLACK less
+    sure: frozenset[str] = frozenset()  # those that reach MIN_FIT, without FIT_SLACK
 
-    def only(self, names: Collection[str]) -> Figures:
+    def select(self, names: Collection[str]) -> Figures:
+        """Return only these figures."""
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
 def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: Reading) -> list[CheckedLog]:
-    """Return the logs that can be read, or are, and whose channels agree: nothing is learnt of a car from others. One that is left
-    out is a note. UserError: all are."""
+    """Return the logs whose channels agree; a car is calibrated only from these.
+
+    Parameters
+    ----------
+    logs : sequence of Path or CheckedLog
+        Logs, or the files to read.
+    notes : list of str
+        Extended by the warnings of each log, and by the reason for each log left out.
+    reading : Reading
+        How files are read, and the car.
+
+    Raises
+    ------
+    UserError
+        No log can be used. The error is that of the first.
+    """
     found: list[CheckedLog] = []
     refused: list[UserError] = []
     car = reading.car or default_vehicle()
@@ -135,8 +159,8 @@ def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: 
         path = given.path if isinstance(given, CheckedLog) else given
         try:
             log = given if isinstance(given, CheckedLog) else read_log(given, reading=reading)
-            against = check_car(select_liveliest(log, MOST_ROWS), car, Config.exact(car.values))
-            if surely := sure(against):
+            against = check_car(select_liveliest(log, MAX_CHECKED_ROWS), car, Config.exact(car.values))
+            if surely := select_certain(against):
                 raise UserError(f"{path}: nothing is learnt from it: {'; '.join(surely)}")
             notes += [f"{path}: {text}" for text in against]
             found.append(log)
@@ -148,41 +172,46 @@ def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: 
     return found
 
 
-def sure(warnings: Sequence[str]) -> list[str]:
-    """Return of what check_car() says that which is no guess: roads that lean, or a tyre that fails, may look like a wrong unit."""
+def select_certain(warnings: Sequence[str]) -> list[str]:
+    """Return those warnings of check_car() that are certain.
+
+    The others begin with PERHAPS: a banked road or a failing tyre may look like a wrong
+    unit."""
     return [text for text in warnings if PERHAPS not in text]
 
 
 def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
-    """Return how the channels of a log of this car contradict each other: check_units() with its measures."""
+    """Return the warnings of check_units() for a log of this car."""
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
 def late_across(log: CheckedLog, config: Config) -> list[str]:
-    """Return that accel_y does not come when the car turns, but much later or earlier than the vehicle file says; [] if it does.
+    """Return a warning if accel_y comes much later or earlier than the yaw rate, else [].
 
-    It is speed times yaw rate and the change of the sideslip. Body roll, which comes later, is within LATE_ACROSS."""
+    Expected: accel_y = v r + the change of the lateral velocity, after the latency that
+    the vehicle file states. MAX_LATE_ACROSS leaves room for the lag of body roll."""
     if len(log) < 50 or not log.sample_time:
         return []
-    d = _smooth(log)
+    d = _smooth_channels(log)
     v = 0.5 * (
         config.wheel_radius_front * d["wheel_speed_front"] + config.wheel_radius_rear * d["wheel_speed_rear"]
     )
     wheelbase = config.lf + config.lr
     slip = config.mass * config.lf / (config.cornering_stiffness_rear * wheelbase) * v**2
-    across = v * d["yaw_rate"] + physics.derivative(
+    across = v * d["yaw_rate"] + physics.differentiate(
         (config.lr - slip + config.imu_lever_arm_x) * d["yaw_rate"]
     )
-    late, sd = physics.lag(across, d["accel_y"], np.abs(v) > physics.MOVING)
+    late, sd = physics.find_lag(across, d["accel_y"], np.abs(v) > physics.MOVING_SPEED)
     late -= config.accel_y_latency
-    if not abs(late) - 3.0 * sd > LATE_ACROSS:
+    if not abs(late) - 3.0 * sd > MAX_LATE_ACROSS:
         return []
     return [
-        f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms {'later' if late > 0 else 'earlier'} than the car "
-        "turns: one of them is late or low-passed, or the IMU is far from the centre of gravity. Stiffness is wrong by it: "
-        "calibrate, or state it in the vehicle file"
+        f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms "
+        f"{'later' if late > 0 else 'earlier'} than the car turns: one of them is late or low-passed, or the "
+        "IMU is far from the centre of gravity. Stiffness is wrong by it: calibrate, or state it in the "
+        "vehicle file"
     ]
 
 
@@ -195,106 +224,133 @@ def check_units(
     tracks: Mapping[str, float] | None = None,
     mass: float | None = None,
 ) -> list[str]:
-    """Warnings in plain words; empty when the channels agree or the log moves too little to tell. `tracks`: m, by "front",
-    "rear"."""
+    """Return warnings about units, signs and axes.
+
+    Parameters
+    ----------
+    log : CheckedLog
+        The log.
+    wheelbase : float
+        m.
+    radius_front, radius_rear : float
+        Radii of the wheels, m.
+    ratio : float or None
+        Steering ratio. None: unknown.
+    tracks : mapping of str to float, optional
+        By "front" and "rear", m.
+    mass : float, optional
+        kg. None: wheel torques are not checked.
+
+    Returns
+    -------
+    list of str
+        Empty if the channels agree, or if the log has too little motion for a test.
+    """
     if len(log) < 50 or not log.sample_time:
         return []
-    d = _smooth(log)
+    d = _smooth_channels(log)
     radius = 0.5 * (radius_front + radius_rear)
     front, rear = radius_front * d["wheel_speed_front"], radius_rear * d["wheel_speed_rear"]
-    apart = _axles(front, rear)
-    swapped = _swapped(d, 0.5 * (front + rear))
-    velocity = _velocity(log, radius_front, radius_rear)
-    swapped = swapped or _turned(d, 0.5 * (front + rear))
-    apart = apart or _aside(d, front, rear) or _time(log, radius)
+    apart = _check_axles(front, rear)
+    swapped = _check_swapped_axes(d, 0.5 * (front + rear))
+    velocity = _check_velocity(log, radius_front, radius_rear)
+    swapped = swapped or _check_turned_imu(d, 0.5 * (front + rear))
+    apart = apart or _check_mixed_sides(d, front, rear) or _check_time(log, radius)
     if swapped or apart or velocity:
         return [*apart, *swapped, *velocity]
     best: tuple[float, tuple[Cause, ...], Figures] | None = None
     plain: tuple[float, Figures] | None = None
     tried = []
-    for wheels in (None, *_of_wheels(radius)):
+    for wheels in (None, *_list_wheel_causes(radius)):
         per = wheels.factor if wheels else 1.0
         tried.append(
             (
                 wheels,
-                _figures(
+                _compute_figures(
                     log, d, 0.5 * (front + rear) / per, wheelbase, tracks, per, (radius_front, radius_rear)
                 ),
             )
         )
     shown = frozenset().union(*(f.sure for _, f in tried))
-    tried = [(wheels, f.only(shown)) for wheels, f in tried]
+    tried = [(wheels, f.select(shown)) for wheels, f in tried]
     most = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
-        for causes in _sets(ratio or USUAL_RATIO):
-            lost = VANISHED * (most - len(figures.value))
-            cost = _cost(figures, causes) + lost + PRICE * (len(causes) + (wheels is not None))
+        for causes in _combine_causes(ratio or USUAL_STEERING_RATIO):
+            lost = LOST_FIGURE_PRICE * (most - len(figures.value))
+            cost = _compute_cost(figures, causes) + lost + CAUSE_PRICE * (len(causes) + (wheels is not None))
             if not causes and wheels is None:
                 plain = cost, figures
             elif plain and len(figures.value) < len(plain[1].value):
-                continue  # at that speed the log says less: no explanation of what it says
+                continue  # this speed loses figures, so it does not explain them
             if best is None or cost < best[0]:
                 best = cost, (*((wheels,) if wheels else ()), *causes), figures
-    pedals = _pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
+    pedals = _check_pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
     if best is None or plain is None or not plain[1].value:
         return pedals
     _, causes, after = best
-    if causes and best[0] < _of_any_factor(plain[1]):
-        if not _throughout(
+    if causes and best[0] < _cost_free_factor(plain[1]):
+        if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
-            return pedals  # of a stretch, in which the car slides: no unit changes on the road
-        return [_words(causes, plain[1], _left(after, causes))]
+            return pedals  # only in a part of the log, where the car slides: a unit does not change
+        return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
-        f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains "
-        f"it{_otherwise(name, x)}"
+        f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is "
+        f"often mixed up explains it{_list_alternatives(name, x)}"
         for name, x in plain[1].value.items()
-        if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
+        if abs(np.log(abs(x))) > MAX_UNEXPLAINED + 2 * plain[1].sd[name]
     ]
 
 
-def _throughout(
-    log: CheckedLog, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
-    radii: tuple[float, float], causes: tuple[Cause, ...],
-) -> bool:  # fmt: skip
-    """Return whether causes explain the log better than none in nearly all of its pieces that show anything of them.
+def _holds_throughout(
+    log: CheckedLog,
+    d: Mapping[str, np.ndarray],
+    v: np.ndarray,
+    wheelbase: float,
+    tracks: Mapping[str, float] | None,
+    radii: tuple[float, float],
+    causes: tuple[Cause, ...],
+) -> bool:
+    """Return whether the causes explain nearly all pieces of the log that show them.
 
-    A wrong unit or sign is so in all of them; a car that slides, or drives on ice, in some."""
+    A wrong unit or sign is wrong in the whole log. A car that slides, or drives on ice,
+    looks like one only in a part."""
     per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
     others = tuple(c for c in causes if c.channel != "wheel_speed")
-    count = round(PIECE * physics.RATE)
+    count = round(PIECE_TIME * physics.COMPARISON_RATE)
     with_it = without = 0.0
     for first in range(0, len(v) - count // 2, count):
         part = {name: x[first : first + count] for name, x in d.items()}
         plain, other = (
-            _figures(log, part, v[first : first + count] / by, wheelbase, tracks, by, radii)
+            _compute_figures(log, part, v[first : first + count] / by, wheelbase, tracks, by, radii)
             for by in (1.0, per)
         )
         shared = {n for n in plain.value if n in other.value and not n.startswith("track")}
         if not shared:
             continue
-        costs = _cost(plain.only(shared), ()), _cost(other.only(shared), others)
-        if abs(costs[0] - costs[1]) > PRICE:
+        costs = _compute_cost(plain.select(shared), ()), _compute_cost(other.select(shared), others)
+        if abs(costs[0] - costs[1]) > CAUSE_PRICE:
             with_it += costs[1] < costs[0]
             without += costs[0] < costs[1]
-    return without <= ODD_PIECES * (with_it + without)
+    return without <= MAX_ODD_SHARE * (with_it + without)
 
 
-def _otherwise(name: str, x: float) -> str:
-    """What else a figure may be off by."""
+def _list_alternatives(name: str, x: float) -> str:
+    """Return other explanations of a wrong figure, as the end of a sentence."""
     if name == "accel_x":
         return f": time, if its steps are {x:.3g} times the true ones"
     if name != "steer_angle":
         return ""
-    braking = f", or {PERHAPS}braking in bends" if abs(np.log(abs(x))) < HANDLING else ""
+    braking = f", or {PERHAPS}braking in bends" if abs(np.log(abs(x))) < MAX_HANDLING else ""
     return f", a wrong steering ratio or wheelbase does{braking}"
 
 
-def _of_any_factor(figures: Figures) -> float:
-    """What it costs that one channel is off by a factor that no unit has: the best one."""
+def _cost_free_factor(figures: Figures) -> float:
+    """Return the cost of the best free factor on one channel, which is no known unit."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
-        turned = _left(figures, (Cause(channel, np.e, ""),))  # which figures go with it, and which against it
+        # with the factor e: the figures that change, and with which power of the factor
+        turned = _apply_causes(figures, (Cause(channel, np.e, ""),))
         log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
         if log:
             power = {n: np.log(abs(turned[n] / figures.value[n])) for n in log}
@@ -302,13 +358,19 @@ def _of_any_factor(figures: Figures) -> float:
             best = -sum(weight[n] * power[n] * log[n] for n in log) / sum(
                 weight[n] * power[n] ** 2 for n in log
             )
-            costs += [_cost(figures, (Cause(channel, sign * float(np.exp(best)), ""),)) for sign in (1, -1)]
-    return ODD + min(costs, default=np.inf)
+            costs += [
+                _compute_cost(figures, (Cause(channel, sign * float(np.exp(best)), ""),)) for sign in (1, -1)
+            ]
+    return FREE_FACTOR_PRICE + min(costs, default=np.inf)
 
 
-def stood(log: CheckedLog, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
-    """Return when the wheels of both axles read as good as 0 while the car drove: from one row to the next they stop, and they turn
-    again as suddenly. Two such steps that together are more than FALL are nothing that brakes and engines do."""
+def find_false_stops(
+    log: CheckedLog, radius_front: float, radius_rear: float, hold_speed: float
+) -> list[str]:
+    """Return a warning if both wheel speeds are 0 while the car drives.
+
+    The wheels then stop from one row to the next, and turn again as suddenly. Brakes and
+    engine cannot cause two steps whose sum is more than MIN_FALSE_STEP."""
     speed = np.maximum(
         np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
         np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
@@ -320,33 +382,34 @@ def stood(log: CheckedLog, radius_front: float, radius_rear: float, hold_speed: 
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         start, end = float(log.time[rows[first]]), float(log.time[rows[after - 1]])
         before, then = (float(speed[rows[i]]) if 0 <= i < len(rows) else 0.0 for i in (first - 1, after))
-        if end - start >= LEAST_STOOD and before + then > FALL:
+        if end - start >= MIN_FALSE_STOP and before + then > MIN_FALSE_STEP:
             found.append((start, end, before, then))
     if not found:
         return []
     start, end, before, then = found[0]
     often = "" if len(found) == 1 else f"{len(found)} times, first "
     return [
-        f"both wheel speeds are 0 {often}from {start:.2f} to {end:.2f} s, while the car drove ({before:.3g} m/s in the row before, "
-        f"{then:.3g} in the row after): not valid there"
+        f"both wheel speeds are 0 {often}from {start:.2f} to {end:.2f} s, while the car drove ({before:.3g} "
+        f"m/s in the row before, {then:.3g} in the row after): not valid there"
     ]
 
 
-def _velocity(log: CheckedLog, radius_front: float, radius_rear: float) -> list[str]:
-    """Return in what a measured velocity contradicts the wheels, and its change the lateral acceleration; [] where it does not.
+def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) -> list[str]:
+    """Return warnings if a measured velocity contradicts wheels, yaw rate or accel_y.
 
-    Speed along is that of the wheels within OFF_SPEED, since slip and radii are a few percent. Speed across changes by
-    accel_y - v r, but for the road's bank: over HALF a second the two go together, and where they go against each other the sign
-    is wrong."""
+    Longitudinal velocity: equal to the speed of the wheels within MAX_SPEED_RATIO, as
+    slip and radii are a few percent. Lateral velocity: its derivative is accel_y - v r on
+    a flat road. If both changes over CHANGE_TIME have a negative correlation, the sign is
+    wrong."""
     wheels = 0.5 * (radius_front * log.data["wheel_speed_front"] + radius_rear * log.data["wheel_speed_rear"])
     v = wheels.to_numpy(float)
     found = []
     for name in (n for n in ("ins_vel_x", "gnss_speed") if n in log.extra):
         x = log.extra[name].to_numpy(float)
-        fast = np.isfinite(x) & (v > FAST)
+        fast = np.isfinite(x) & (v > MIN_VELOCITY)
         if (
             fast.sum() >= 50
-            and not 1 / OFF_SPEED < (ratio := float(np.median(x[fast] / v[fast]))) < OFF_SPEED
+            and not 1 / MAX_SPEED_RATIO < (ratio := float(np.median(x[fast] / v[fast]))) < MAX_SPEED_RATIO
         ):
             found.append(
                 f"check the units: {name} is {ratio:.3g} times the speed of the wheels, about 1 is expected"
@@ -354,44 +417,47 @@ def _velocity(log: CheckedLog, radius_front: float, radius_rear: float) -> list[
     if "gnss_course" in log.extra:
         course, turned = log.extra["gnss_course"].to_numpy(float), log.data["yaw_rate"].to_numpy(float)
         heading = np.cumsum(np.nan_to_num(turned) * np.diff(log.time, prepend=log.time[0]))
-        rows = np.flatnonzero(np.isfinite(course) & (v > FAST))
-        n = max(1, round(HALF / float(np.median(np.diff(log.time[rows]))))) if len(rows) > 1 else 1
+        rows = np.flatnonzero(np.isfinite(course) & (v > MIN_VELOCITY))
+        n = max(1, round(CHANGE_TIME / float(np.median(np.diff(log.time[rows]))))) if len(rows) > 1 else 1
         first, last = rows[:-n], rows[n:]
         changes = np.column_stack(
             [np.angle(np.exp(1j * (course[last] - course[first]))), heading[last] - heading[first]]
         )
-        changes = changes[log.time[last] - log.time[first] < 2 * HALF]
+        changes = changes[log.time[last] - log.time[first] < 2 * CHANGE_TIME]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
-                "check the units: gnss_course turns against yaw_rate: a compass counts clockwise, it counts to the left"
+                "check the units: gnss_course turns against yaw_rate: a compass counts clockwise, it counts "
+                "to the left"
             )
     if "ins_vel_y" in log.extra:
         y = log.extra["ins_vel_y"].to_numpy(float)
         rate = log.data["accel_y"].to_numpy(float) - v * log.data["yaw_rate"].to_numpy(float)
         step = np.diff(log.time, prepend=log.time[0])
-        n = max(1, round(HALF / float(log.sample_time or HALF)))
+        n = max(1, round(CHANGE_TIME / float(log.sample_time or CHANGE_TIME)))
         gained = np.cumsum(np.nan_to_num(rate) * step)
-        changes = np.column_stack([y[n:] - y[:-n], gained[n:] - gained[:-n]])[v[n:] > FAST]
+        changes = np.column_stack([y[n:] - y[:-n], gained[n:] - gained[:-n]])[v[n:] > MIN_VELOCITY]
         changes = changes[np.isfinite(changes).all(axis=1)]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
-                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of left?"
+                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of "
+                "left?"
             )
     return found
 
 
-def _pedals(
+def _check_pedals(
     d: Mapping[str, np.ndarray], v: np.ndarray, radius: Mapping[str, float], mass: float | None
 ) -> list[str]:
-    """Return in what a brake switch contradicts the change of the speed, and wheel torques mass times accel_x; [] if in nothing.
+    """Return warnings if brake switch or wheel torques contradict the acceleration.
 
-    Both feel the slope of the road and drag in one way. Of one axle's torque only rows that drive count: brakes are on both."""
-    found, moving, rate = [], np.abs(v) > FAST, physics.derivative(v)
+    Grade and drag have the same effect on speed and accel_x. With the torque of one axle
+    only, rows that accelerate are compared, since brakes act on both axles."""
+    found, moving, rate = [], np.abs(v) > MIN_VELOCITY, physics.differentiate(v)
     if "brake" in d:
-        loses = f"off in {{:.0f}} % of the rows in which it loses more than {-SLOWS:g} m/s2"
+        loses = f"off in {{:.0f}} % of the rows in which it loses more than {-COASTING_LOSS:g} m/s2"
         for rows, on, words in (
-            (rate > GAINS, True, "on in {:.0f} % of the rows in which the car gains speed"),
-            (rate < SLOWS, False, loses),
+            (rate > DRIVING_GAIN, True, "on in {:.0f} % of the rows in which the car gains speed"),
+            (rate < COASTING_LOSS, False, loses),
         ):
             brake = d["brake"][moving & rows & np.isfinite(d["brake"])]
             share = float(np.mean((brake > 0.5) == on)) if len(brake) >= 50 else 0.0
@@ -403,18 +469,19 @@ def _pedals(
         force = sum(d[c] / radius[c.rpartition("_")[2]] for c in axles) / mass
         both = len(axles) == 2
         f = physics.fit(d["accel_x"], force, moving & (both | (d["accel_x"] > 0.3)))
-        least = 1 / OFF_TORQUE if both else LEAST_SHARE
-        if abs(f.corr) > TORQUE_CORR and not least < f.slope < OFF_TORQUE:
+        least = 1 / MAX_FORCE_RATIO if both else MIN_AXLE_SHARE
+        if abs(f.corr) > MIN_TORQUE_CORR and not least < f.slope < MAX_FORCE_RATIO:
             found.append(
-                f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x accel_x (correlation "
-                f"{f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of both of an axle, negative while they brake"
+                f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x "
+                f"accel_x (correlation {f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of "
+                "both of an axle, negative while they brake"
             )
     return found
 
 
-def _smooth(log: CheckedLog) -> dict[str, np.ndarray]:
-    """The channels and GNSS on the raster of physics.py."""
-    time = np.arange(log.time[0], log.time[-1], 1.0 / physics.RATE)
+def _smooth_channels(log: CheckedLog) -> dict[str, np.ndarray]:
+    """Return the channels and GNSS on the raster of physics.py, low-passed."""
+    time = np.arange(log.time[0], log.time[-1], 1.0 / physics.COMPARISON_RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
         c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUE_COLUMNS) if c in log.extra
@@ -423,73 +490,84 @@ def _smooth(log: CheckedLog) -> dict[str, np.ndarray]:
     found = {}
     for name, x in columns.items():
         good = np.isfinite(x)
-        found[name] = physics.smoothed(resample(log.time[good], x[good], time, min(physics.RATE, rate)))
+        found[name] = physics.smooth(
+            resample(log.time[good], x[good], time, min(physics.COMPARISON_RATE, rate))
+        )
     return found
 
 
-def _axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
+def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
+    """Return a warning if the axles roll at different speeds, m/s."""
     a, b = (
-        float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING])))
-        if (np.abs(x) > physics.MOVING).any()
+        float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING_SPEED])))
+        if (np.abs(x) > physics.MOVING_SPEED).any()
         else 0.0
         for x in (front, rear)
     )
     if min(a, b) > 0 and not 0.8 < a / b < 1.25:
         return [
-            f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one wheel speed is wrong"
+            f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one "
+            "wheel speed is wrong"
         ]
     return []
 
 
-def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
-    """accel_x goes with v r, and accel_y does not."""
-    moving = np.abs(v) > physics.MOVING
+def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
+    """Return a warning if accel_x, instead of accel_y, correlates with v r."""
+    moving = np.abs(v) > physics.MOVING_SPEED
     turn = v * d["yaw_rate"]
     x, y = (physics.fit(turn, d[c], moving) for c in ("accel_x", "accel_y"))
-    along = physics.fit(physics.derivative(v), d["accel_y"], moving)
+    along = physics.fit(physics.differentiate(v), d["accel_y"], moving)
     if (
-        abs(x.corr) > ENOUGH["accel_y"]
+        abs(x.corr) > MIN_FIT["accel_y"]
         and abs(y.corr) < 0.5
         and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2)
     ):
         return [
-            f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor {x.slope:.3g}) and accel_y does "
-            f"not ({y.corr:.2f}): accel_x and accel_y are swapped"
+            f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor "
+            f"{x.slope:.3g}) and accel_y does not ({y.corr:.2f}): accel_x and accel_y are swapped"
         ]
     return []
 
 
-def _turned(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
-    """Each accelerometer reads what belongs to the other, in opposite ways."""
-    turn, rate = v * d["yaw_rate"], physics.derivative(v)
-    rows = (np.abs(v) > physics.MOVING) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
-    if rows.sum() < physics.FEWEST:
+def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
+    """Return a warning if the IMU is turned about the vertical axis.
+
+    Each accelerometer then measures a part of the other axis, with opposite signs."""
+    turn, rate = v * d["yaw_rate"], physics.differentiate(v)
+    rows = (np.abs(v) > physics.MOVING_SPEED) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
+    if rows.sum() < physics.MIN_ROWS:
         return []
     parts = np.column_stack([rate[rows], turn[rows], np.ones(rows.sum())])
     (_, x, _), (y, _, _) = (np.linalg.lstsq(parts, d[c][rows], rcond=None)[0] for c in ("accel_x", "accel_y"))
-    if min(abs(x), abs(y)) < TURNED or x * y > 0:
+    if min(abs(x), abs(y)) < MIN_IMU_TURN or x * y > 0:
         return []
     return [
-        f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change of the speed: the IMU is "
+        f"check the axes: accel_x has {x:.2g} of speed x yaw_rate in it and accel_y {y:.2g} of the change "
+        "of the speed: the IMU is "
         f"turned about the vertical by {np.degrees(np.arcsin(np.clip((x - y) / 2, -1, 1))):.0f} degrees"
     ]
 
 
-def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
-    """Wheels of one side roll faster in a bend to the other; those of one axle in any bend."""
-    y, turn, slip = front - rear, d["yaw_rate"], rear * physics.derivative(rear)
-    rows = (np.abs(front) > physics.MOVING) & np.isfinite(y + turn + slip)
-    if rows.sum() < physics.FEWEST:
+def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
+    """Return a warning if the wheels of one side are taken for an axle.
+
+    The wheels of one side roll faster in bends to the other side. Those of one axle
+    differ from the other axle by the same sign in all bends."""
+    y, turn, slip = front - rear, d["yaw_rate"], rear * physics.differentiate(rear)
+    rows = (np.abs(front) > physics.MOVING_SPEED) & np.isfinite(y + turn + slip)
+    if rows.sum() < physics.MIN_ROWS:
         return []
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
-    # radii of both axles differ, by wear, by the square of the speed, and by the load in bends
+    # the radii of both axles differ by wear, by the square of the speed, and by the load
+    # in bends
     for columns in (plain, [*plain, v, v**3, v * across]):
         parts = np.column_stack(columns)
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
         by = found[0] * float(np.std(turn[rows]))
         share = by**2 / (by**2 + float(np.var(y[rows] - parts @ found)) + 1e-12)
-        if share < ASIDE_SHARE or not ASIDE[0] < abs(found[0]) < ASIDE[1]:
+        if share < MIN_SIDE_SHARE or not SIDE_LEVER[0] < abs(found[0]) < SIDE_LEVER[1]:
             return []
     return [
         f"check the wheels: front less rear wheel speed is {found[0]:.2g} m times yaw_rate, as left less "
@@ -497,28 +575,31 @@ def _aside(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> 
     ]
 
 
-def _time(log: CheckedLog, radius: float) -> list[str]:
-    """Rows that are far apart, by a time that may count them: what accel_x adds up to is the change of the speed."""
-    step, n = float(log.sample_time or 0.0), ROWS_SLOW
-    if step <= 1.0 / physics.RATE or len(log) < 10 * n:
+def _check_time(log: CheckedLog, radius: float) -> list[str]:
+    """Return a warning if the time of a slow log does not fit: it may be a row count.
+
+    The integral of accel_x over time is the change of the speed."""
+    step, n = float(log.sample_time or 0.0), SLOW_ROWS
+    if step <= 1.0 / physics.COMPARISON_RATE or len(log) < 10 * n:
         return []
     v = radius * log.data["wheel_speed_rear"].to_numpy(float)
     gained = np.cumsum(np.nan_to_num(log.data["accel_x"].to_numpy(float))) * step
-    f = physics.fit(v[n:] - v[:-n], gained[n:] - gained[:-n], v[n:] > physics.MOVING)
-    if f.corr < ENOUGH["accel_x"] or 1 / OFF_TIME < f.slope < OFF_TIME:
+    f = physics.fit(v[n:] - v[:-n], gained[n:] - gained[:-n], v[n:] > physics.MOVING_SPEED)
+    if f.corr < MIN_FIT["accel_x"] or 1 / MAX_TIME_RATIO < f.slope < MAX_TIME_RATIO:
         return []
     return [
-        f"check the units: accel_x over {n} rows, {step:.3g} s apart, adds up to {f.slope:.3g} times the change of the speed: is "
-        "time in s, or does it count rows?"
+        f"check the units: accel_x over {n} rows, {step:.3g} s apart, adds up to {f.slope:.3g} times the "
+        "change of the speed: is time in s, or does it count rows?"
     ]
 
 
-def _of_wheels(radius: float) -> list[Cause]:
+def _list_wheel_causes(radius: float) -> list[Cause]:
+    """Return the mistakes of the wheel speeds for wheels of this radius, m."""
     return [Cause("wheel_speed", per * radius**power, text) for per, power, _, text in WHEEL_CAUSES]
 
 
-def _sets(ratio: float) -> Iterator[tuple[Cause, ...]]:
-    """None, one, or two causes at once, of different channels."""
+def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
+    """Yield no cause, each single cause, and each pair of different channels."""
     single = [Cause(channel, per * ratio**power, text) for channel, per, power, _, text in CAUSES]
     yield ()
     for cause in single:
@@ -528,48 +609,59 @@ def _sets(ratio: float) -> Iterator[tuple[Cause, ...]]:
             yield a, b
 
 
-def _figures(
-    log: CheckedLog, d: Mapping[str, np.ndarray], v: np.ndarray, wheelbase: float, tracks: Mapping[str, float] | None,
+def _compute_figures(
+    log: CheckedLog,
+    d: Mapping[str, np.ndarray],
+    v: np.ndarray,
+    wheelbase: float,
+    tracks: Mapping[str, float] | None,
     wheels: float,
     radii: tuple[float, float],
-) -> Figures:  # fmt: skip
-    """With the speed v, m/s."""
+) -> Figures:
+    """Return the figures at the speed v, m/s.
+
+    `wheels`: factor by which the wheel speeds are too large."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
-    moving = np.abs(v) > physics.MOVING
-    for name, kinematic in (("accel_y", v * d["yaw_rate"]), ("accel_x", physics.derivative(v))):
+    moving = np.abs(v) > physics.MOVING_SPEED
+    for name, kinematic in (("accel_y", v * d["yaw_rate"]), ("accel_x", physics.differentiate(v))):
         f = physics.fit(kinematic, d[name], moving)
-        if abs(f.corr) > ENOUGH[name] - SLACK and np.nanstd(d[name][moving]) > 0.02:
-            value[name], sd[name] = f.slope, float(np.hypot(SD[name], 1 - abs(f.corr)))
-            nearly |= {name} if abs(f.corr) <= ENOUGH[name] else set()
-    s = physics.steering(d["steer_angle"], v, d["yaw_rate"])
-    if s is not None and s.share > ENOUGH["steer_angle"] - SLACK and s.per_curvature != 0:
-        nearly |= {"steer_angle"} if s.share <= ENOUGH["steer_angle"] else set()
+        if abs(f.corr) > MIN_FIT[name] - FIT_SLACK and np.nanstd(d[name][moving]) > 0.02:
+            value[name], sd[name] = f.slope, float(np.hypot(FIGURE_SD[name], 1 - abs(f.corr)))
+            nearly |= {name} if abs(f.corr) <= MIN_FIT[name] else set()
+    s = physics.fit_steering(d["steer_angle"], v, d["yaw_rate"])
+    if s is not None and s.share > MIN_FIT["steer_angle"] - FIT_SLACK and s.per_curvature != 0:
+        nearly |= {"steer_angle"} if s.share <= MIN_FIT["steer_angle"] else set()
         value["steer_angle"], sd["steer_angle"] = (
             s.per_curvature / wheelbase,
-            float(np.hypot(SD["steer_angle"], s.sd)),
+            float(np.hypot(FIGURE_SD["steer_angle"], s.sd)),
         )
     for axle, radius in zip(("front", "rear"), radii, strict=True):
         per_turn = log.turn.get(f"wheel_speed_{axle}")
         if per_turn:
             given = (tracks or {}).get(axle)
             value[f"track_{axle}"] = per_turn * radius / wheels / (given or UNKNOWN_TRACK)
-            sd[f"track_{axle}"] = SD["track"] if given else UNKNOWN_TRACK_SD
+            sd[f"track_{axle}"] = FIGURE_SD["track"] if given else UNKNOWN_TRACK_SD
     if "vehicle_speed" in d:
-        both = moving & (d["vehicle_speed"] > physics.MOVING)
-        if both.sum() > physics.FEWEST:
-            value["speed"], sd["speed"] = float(np.nanmedian((v / d["vehicle_speed"])[both])), SD["speed"]
+        both = moving & (d["vehicle_speed"] > physics.MOVING_SPEED)
+        if both.sum() > physics.MIN_ROWS:
+            value["speed"], sd["speed"] = (
+                float(np.nanmedian((v / d["vehicle_speed"])[both])),
+                FIGURE_SD["speed"],
+            )
     return Figures(value, sd, frozenset(value) - nearly)
 
 
-def _left(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
-    """The figures, if these causes are put right. The wheels' has been in the speed already."""
+def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
+    """Return the figures after correction of these causes.
+
+    Wheel causes are already corrected in the speed."""
     by = dict.fromkeys(("yaw_rate", "accel_y", "accel_x", "steer_angle"), 1.0)
     for cause in causes:
         if cause.channel in by:
             by[cause.channel] *= cause.factor
-    # accel_y over v r; steer_angle v/r; wheels over r
+    # the figures contain accel_y / (v r), steer_angle v / r, and wheel speeds / r
     expected = {
         "accel_y": by["accel_y"] / by["yaw_rate"],
         "accel_x": by["accel_x"],
@@ -579,15 +671,16 @@ def _left(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
     return {name: x / expected[name] for name, x in figures.value.items()}
 
 
-def _cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
-    left = _left(figures, causes)
+def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
+    """Return the squared deviation of the corrected figures from 1, in sd."""
+    left = _apply_causes(figures, causes)
     return sum(
-        float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + WRONG_SIGN * (x < 0) for n, x in left.items()
+        float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + SIGN_PRICE * (x < 0) for n, x in left.items()
     )
 
 
-def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
-    """The figures that speak, before and after."""
+def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
+    """Return the warning: causes, factors, figures before and after correction."""
     moved = [
         n
         for n in before.value
@@ -595,11 +688,12 @@ def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float
         or before.value[n] * after.get(n, 1) < 0
     ]
     parts = [f"{FIGURES[n]} is {before.value[n]:.3g}, {after[n]:.3g} after" for n in moved if n in after]
-    fits = all(abs(np.log(abs(after[n]))) < WELL + 0.05 for n in moved if n in after)
+    fits = all(abs(np.log(abs(after[n]))) < EXPLAINED + 0.05 for n in moved if n in after)
     text = " and ".join(c.text for c in causes)
     if not fits and "steer_angle" in before.value:
-        text += f", or the steering ratio or the wheelbase is wrong by the factor {before.value['steer_angle']:.3g}"
+        factor = before.value["steer_angle"]
+        text += f", or the steering ratio or the wheelbase is wrong by the factor {factor:.3g}"
     return (
-        f"check the units: {'' if fits else PERHAPS}{text}; factor {', '.join(f'{c.factor:.3g}' for c in causes)}: "
-        f"{'; '.join(parts)} (about 1 is expected)"
+        f"check the units: {'' if fits else PERHAPS}{text}; factor "
+        f"{', '.join(f'{c.factor:.3g}' for c in causes)}: {'; '.join(parts)} (about 1 is expected)"
     )

@@ -1,89 +1,98 @@
-"""Why a channel was not found: the signals that come nearest to it, and what each was dropped for."""
+"""Find the nearest signals of each missing channel, and the reason against each."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import KINDS, NAMED, Guess, Look
+from tse.channels.look import MIN_NAME_SCORE, ROLE_KINDS, Guess, Look
 from tse.channels.physics import fit
-from tse.channels.vocabulary import ROLES, is_another_thing, place_of, score
-from tse.channels.wheels import SLOWEST, quaternions, rolls
+from tse.channels.vocabulary import ROLE_WORDS, find_place, is_another_thing, score_name
+from tse.channels.wheels import MIN_WHEEL_RATE, find_quaternions, is_rolling
 from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording
 
-MOST_CANDIDATES = 3  # of one channel
-FEWEST_VALUES = 4  # of a signal that is looked at
-KIND_WORDS = {"angle": "an angle", "rate": "a rate", "speed": "a speed", "acceleration": "an acceleration", "torque": "a torque",
-              "time": "a time", "": "none"}  # fmt: skip
-WANTED = {"yaw_rate": "a rate", "accel_x": "an acceleration", "accel_y": "an acceleration", "steer_angle": "an angle",
-          "wheel": "a speed or a rate"}  # fmt: skip
+MAX_CANDIDATES = 3  # of one channel
+MIN_VALUES = 4  # min values of a signal to be compared
+WANTED_KIND = {
+    "yaw_rate": "a rate",
+    "accel_x": "an acceleration",
+    "accel_y": "an acceleration",
+    "steer_angle": "an angle",
+    "wheel": "a speed or a rate",
+}
 
 
-def nearest_candidates(
+def find_nearest_candidates(
     recording: Recording, look: Look, guesses: Sequence[Guess], missing: Sequence[str], v: np.ndarray | None
 ) -> dict[str, list[str]]:
-    """Return for each channel that was not found the nearest signals with the reason against each.
+    """Return the nearest signals of each missing channel, with the reason against each.
 
     Parameters
     ----------
     recording : Recording
         The log.
     look : Look
-        The same on one raster.
+        The log on one raster.
     guesses : sequence of Guess
-        What was found.
+        The channels that were found.
     missing : sequence of str
-        Channels that were not found.
+        The channels that were not found.
     v : ndarray or None, (rows,)
-        Speed on the raster of `look`, m/s. None: not known.
+        Speed on the raster of `look`, m/s. None: unknown.
 
     Returns
     -------
     dict of str to list of str
-        By channel. Where no signal sounds like it and none has its unit, the list says so.
+        By channel: signal and reason. If no signal has a similar name or the unit of the
+        channel, the list states this.
     """
     used = {n: g.channel for g in guesses for n in g.name}
     found: dict[str, list[str]] = {}
     for channel in missing:
         role = "wheel" if channel.startswith("wheel") else channel
         axle = channel.rpartition("_")[2] if role == "wheel" else ""
-        worth = sorted(((w, c.name) for c in recording if (w := _worth(role, axle, c)) > 0), reverse=True)[
-            :MOST_CANDIDATES
-        ]
+        worth = sorted(
+            ((w, c.name) for c in recording if (w := _score_candidate(role, axle, c)) > 0), reverse=True
+        )[:MAX_CANDIDATES]
         said = [
-            f"{name}: {_reason(recording.channels[name], role, look, used, guesses, v)}" for _, name in worth
+            f"{name}: {_explain_rejection(recording.channels[name], role, look, used, guesses, v)}"
+            for _, name in worth
         ]
-        found[channel] = said or ["no signal has a name like it, or its unit"]
+        found[channel] = said or ["no signal has a similar name or the unit of this channel"]
     return found
 
 
-def _worth(role: str, axle: str, c: Channel) -> float:
-    """Return how near a signal comes by name and unit; 0: not at all."""
-    of_kind = unit_kind(c.unit) in KINDS[role] and unit_kind(c.unit) != ""
+def _score_candidate(role: str, axle: str, c: Channel) -> float:
+    """Return the score of a signal by name and unit; 0: not a candidate."""
+    of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
-        place, named = place_of(c.name)
+        place, named = find_place(c.name)
         if place and not place.startswith(axle):
             return 0.0
-        return named + of_kind if place else (0.6 * of_kind if score("speed", c.name) > 0 else 0.0)
-    named = score(role, c.name)
-    if named <= 0:  # a name that sounds alike and is that of something else
-        named = 0.5 if any(_sounds(role, c)) else 0.0
+        return named + of_kind if place else (0.6 * of_kind if score_name("speed", c.name) > 0 else 0.0)
+    named = score_name(role, c.name)
+    if named <= 0:  # a similar name that belongs to another quantity counts half
+        named = 0.5 if any(_compare_sounds(role, c)) else 0.0
     return named + of_kind * (1.0 if named > 0 or not is_another_thing(role, c.name) else 0.0)
 
 
-def _sounds(role: str, c: Channel) -> list[bool]:
-    return [score(role, c.name) > -4.0 + worth - 0.3 and score(role, c.name) < 0 for _, worth in ROLES[role]]
+def _compare_sounds(role: str, c: Channel) -> list[bool]:
+    """Return for each pattern whether only a word of another quantity excludes c."""
+    return [
+        score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
+        for _, worth in ROLE_WORDS[role]
+    ]
 
 
-def _reason(
+def _explain_rejection(
     c: Channel, role: str, look: Look, used: Mapping[str, str], guesses: Sequence[Guess], v: np.ndarray | None
 ) -> str:
-    """Return why a signal is not proposed: clock, values, unit, name, rate or physics."""
+    """Return the reason against a signal: clock, values, unit, name, rate or physics."""
     if c.name in used:
         return f"is proposed as {used[c.name]}"
     there = c.value[np.isfinite(c.value)]
-    if len(there) < FEWEST_VALUES:
+    if len(there) < MIN_VALUES:
         return f"has {len(there)} values"
     if np.ptp(there) == 0:
         return f"is {there[0]:g} all the time"
@@ -94,47 +103,48 @@ def _reason(
             else "has no time"
         )
     x = look.x[c.name]
-    if np.isfinite(x).sum() < physics.FEWEST:
+    if np.isfinite(x).sum() < physics.MIN_ROWS:
         times = c.time[np.isfinite(c.time)]
         if not len(times):
             return "has no time"
         begin, end = times[[0, -1]]
         others = f"{look.time[0]:.1f} .. {look.time[-1]:.1f} s"
         return f"its times ({begin:.1f} .. {end:.1f} s) are not those of the other signals ({others})"
-    unit = look.unit(c.name)
-    if unit_kind(unit) not in ("", *KINDS[role]):
-        return f"its unit {unit} is not that of {WANTED[role]}"
+    unit = look.find_unit(c.name)
+    if unit_kind(unit) not in ("", *ROLE_KINDS[role]):
+        return f"its unit {unit} is not that of {WANTED_KIND[role]}"
     if role == "wheel":
-        if not rolls(x):
-            return "goes below 0, which a wheel seldom does"
-        if look.rate[c.name] < SLOWEST:
-            return f"comes {look.rate[c.name]:.2g} times a second: too seldom for a wheel"
+        if not is_rolling(x):
+            return "is often below 0, which a wheel speed is not"
+        if look.rate[c.name] < MIN_WHEEL_RATE:
+            return f"has {look.rate[c.name]:.2g} new values a second; a wheel needs {MIN_WHEEL_RATE:g}"
         return "the other wheel of its axle, or the other axle, was not found beside it"
-    if c.name in quaternions(look):
+    if c.name in find_quaternions(look):
         return "is a part of an attitude"
-    if score(role, c.name) < 0:
-        return "its name says that it is another thing (a target, a status, an offset, ...)"
+    if score_name(role, c.name) < 0:
+        return "its name describes another quantity (a target, a status, an offset, ...)"
     if is_another_thing(role, c.name):
-        return "its name says that it is another thing"
-    return _by_physics(x, role, look, guesses, v, score(role, c.name))
+        return "its name describes another quantity"
+    return _explain_by_physics(x, role, look, guesses, v, score_name(role, c.name))
 
 
-def _by_physics(
+def _explain_by_physics(
     x: np.ndarray, role: str, look: Look, guesses: Sequence[Guess], v: np.ndarray | None, named: float
 ) -> str:
-    """Return with what a signal does not go."""
+    """Return the kinematic relation that a signal contradicts."""
     if v is None:
-        return "there is no speed to test it with" if named < NAMED else "another signal was nearer"
+        return "there is no speed to test it with" if named < MIN_NAME_SCORE else "another signal was nearer"
     by = {g.channel: look.x[g.name[0]] for g in guesses if len(g.name) == 1}
-    moving = np.where(np.abs(v) > physics.MOVING, v, np.nan)
+    moving = np.where(np.abs(v) > physics.MOVING_SPEED, v, np.nan)
     pairs = {
         "yaw_rate": ("accel_y", "accel_y over speed", lambda o: o / moving),
         "accel_y": ("yaw_rate", "speed times yaw rate", lambda o: v * o),
         "steer_angle": ("yaw_rate", "yaw rate over speed", lambda o: o / moving),
     }
     if role == "accel_x":
-        return f"does not go with the change of speed (correlation {abs(fit(physics.derivative(v), x).corr):.2f})"
+        corr = abs(fit(physics.differentiate(v), x).corr)
+        return f"does not follow the change of speed (correlation {corr:.2f})"
     other, words, made = pairs[role]
     if other not in by:
-        return f"there is no {other} to test it with, and its name says too little"
-    return f"does not go with {words} (correlation {abs(fit(made(by[other]), x).corr):.2f})"
+        return f"there is no {other} to test it with, and its name is not clear"
+    return f"does not follow {words} (correlation {abs(fit(made(by[other]), x).corr):.2f})"

@@ -1,96 +1,95 @@
-"""Clocks of the groups of a file: one that is off the others by some seconds, or by an epoch, is found by correlation."""
+"""Align the clocks of groups of signals in a file, by correlation.
+
+Some formats have a time per group of signals. The clock of a group may be off by seconds,
+or by an epoch.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tse.channels.vocabulary import place_of, score
+from tse.channels.vocabulary import find_place, score_name
 from tse.readers.recording import Channel, Recording, list_names
 
-ONE_CLOCK = (
-    "BLF",
-    "ASC",
-    "TRC",
-    "CAN log",
-    "CSV",
-    "VBOX",
-    "Parquet",
-    "Feather",
-)  # formats whose signals share a clock
-RATE = 10.0  # Hz of the comparison
-SMOOTH = 0.5  # s
-LEAST_SHIFT = 0.5  # s: less is latency, which is found otherwise
-LEAST_SHARED = 0.6  # of the shorter of two signals, that is compared at any shift
-LEAST_CORR, BETTER = (
-    0.8,
-    0.15,
-)  # a shift is found by such a correlation, and it is so much better than without
-MOST_ROWS = 1 << 16  # of a signal that are compared: 1.8 h
-FEWEST = 100  # samples of a group
-LONGEST, LATEST = 1e6, 1e11  # s: of a signal, and of its times, that are compared
-MOST_GROUPS = 64  # that are compared
+# formats whose signals share one clock
+ONE_CLOCK = ("BLF", "ASC", "TRC", "CAN log", "CSV", "VBOX", "Parquet", "Feather")
+CORRELATION_RATE = 10.0  # Hz of the signals that are correlated
+CORRELATION_MEAN = 0.5  # s of the moving mean before
+MIN_SHIFT = 0.5  # s: a smaller shift is a latency, found by find_latencies()
+MIN_SHARED = 0.6  # min overlap of two signals at a shift, over the shorter one
+MIN_SHIFT_CORR = 0.8  # min correlation at the shift
+MIN_CORR_GAIN = 0.15  # min gain of correlation over that without a shift
+MAX_CORRELATED_ROWS = 1 << 16  # of a signal: 1.8 h
+MIN_GROUP_SAMPLES = 100
+MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11  # s: longer or later signals are not correlated
+MAX_GROUPS = 64  # a file with more groups is not aligned
 
 
 @dataclass(frozen=True)
 class Group:
-    """Channels that share a clock. `number`: the place in the file, from 1."""
+    """Channels that share a clock."""
 
-    number: int
+    number: int  # place in the file, from 1
     channels: list[Channel]
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time, s."""
+        """Return first and last time, s."""
         good = self.channels[0].time[np.isfinite(self.channels[0].time)]
         return float(good.min()), float(good.max())
 
-    def words(self) -> str:
-        """Its number and what it holds."""
-        return f"group {self.number} ({list_names(c.short for c in self.channels[:3])}{', ...' if len(self.channels) > 3 else ''})"
+    def describe(self) -> str:
+        """Return its number and its first signals, in words."""
+        more = ", ..." if len(self.channels) > 3 else ""
+        return f"group {self.number} ({list_names(c.short for c in self.channels[:3])}{more})"
 
 
 def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, dict[str, float]]:
-    """Shift groups of signals whose clock is another one.
+    """Shift the groups of signals whose clock is off.
 
     Parameters
     ----------
     recording : Recording
         The log.
     warnings : list of str
-        Is extended by what was found.
+        Extended by a warning for each group whose clock is off.
 
     Returns
     -------
     Recording
-        The log with the times of these groups put right.
+        The log with corrected times.
     dict of str to float
-        By name of each signal that was shifted, s that were taken off its times.
+        By name of each shifted signal: the shift that was subtracted from its times, s.
     """
-    groups = _groups(recording)
-    if recording.format in ONE_CLOCK or not 2 <= len(groups) <= MOST_GROUPS:
+    groups = _group_channels(recording)
+    if recording.format in ONE_CLOCK or not 2 <= len(groups) <= MAX_GROUPS:
         return recording, {}
     base = max(
-        groups, key=lambda g: (_motion(g) != {}, _best("yaw_rate", g)[0] + _best("accel_y", g)[0], -g.number)
+        groups,
+        key=lambda g: (
+            _find_motion(g) != {},
+            _find_best("yaw_rate", g)[0] + _find_best("accel_y", g)[0],
+            -g.number,
+        ),
     )
     shifts: dict[int, float] = {}
     for g in groups:
         if g is base:
             continue
-        found = _shift(base, g)
-        apart = _apart(base, g)
+        found = _find_shift(base, g)
+        apart = _describe_gap(base, g)
         if found is None:
             if apart:
                 warnings.append(
-                    f"the clock of {g.words()} does not overlap with that of {base.words()}: {apart}; nothing says by how much"
+                    f"the clock of {g.describe()} does not overlap with that of {base.describe()}: {apart}; "
+                    "the shift is unknown"
                 )
             continue
         shift, corr = found
-        off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.words()}"
+        off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.describe()}"
         how = f"correlation {corr:.2f}; it is taken off: key clock in signals.toml"
-        warnings.append(
-            f"the clock of {g.words()} does not overlap with that of {base.words()}: {apart}. It is {off}, found by {how}" if apart
-            else f"the clock of {g.words()} is {off}, found by {how}"
-        )  # fmt: skip
+        overlap = f"does not overlap with that of {base.describe()}: {apart}. It " if apart else ""
+        warnings.append(f"the clock of {g.describe()} {overlap}is {off}, found by {how}")
         shifts[g.number] = shift
     if not shifts:
         return recording, {}
@@ -105,16 +104,17 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
     return replace(recording, channels=channels), moved
 
 
-def _groups(recording: Recording) -> list[Group]:
+def _group_channels(recording: Recording) -> list[Group]:
+    """Return the groups of channels that share their times."""
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)
-    large = [part for part in found.values() if np.isfinite(part[0].time).sum() >= FEWEST]
+    large = [part for part in found.values() if np.isfinite(part[0].time).sum() >= MIN_GROUP_SAMPLES]
     return [Group(i, part) for i, part in enumerate(large, 1)]
 
 
-def _apart(a: Group, b: Group) -> str:
-    """Return the spans of two groups in words, where they share less than half of the shorter; else ""."""
+def _describe_gap(a: Group, b: Group) -> str:
+    """Return the spans of two groups in words if they hardly overlap, else ""."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
     if shared > 0.5 * min(a1 - a0, b1 - b0):
@@ -122,26 +122,30 @@ def _apart(a: Group, b: Group) -> str:
     return f"{b0:.1f} .. {b1:.1f} s and {a0:.1f} .. {a1:.1f} s"
 
 
-def _best(role: str, g: Group) -> tuple[float, Channel | None]:
-    rated = [(score(role, c.name), i) for i, c in enumerate(g.channels)]
+def _find_best(role: str, g: Group) -> tuple[float, Channel | None]:
+    """Return the channel whose name fits a role best, with its score."""
+    rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
 
 
-def _motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return what a group says of the motion, time and value: "turn", which goes with the yaw rate, "speed" and its "change"."""
+def _find_motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return signals of the motion of the car, each as time and value.
+
+    "turn" is proportional to the yaw rate, "change" to the derivative of the speed,
+    "speed" to the speed."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    wheels = {place: c for c in g.channels if (place := place_of(c.name)[0])}
+    wheels = {place: c for c in g.channels if (place := find_place(c.name)[0])}
     for axle in ("rear", "front"):
         left, right = wheels.get(f"{axle}_left"), wheels.get(f"{axle}_right")
         if left is not None and right is not None:
             found.setdefault("turn", (left.time, right.value - left.value))
     for role in ("yaw_rate", "accel_y", "steer_angle"):
-        c = _best(role, g)[1]
+        c = _find_best(role, g)[1]
         if c is not None:
             found.setdefault("turn", (c.time, c.value))
-    along = _best("accel_x", g)[1]
-    speed = next(iter(wheels.values()), None) or _best("speed", g)[1]
+    along = _find_best("accel_x", g)[1]
+    speed = next(iter(wheels.values()), None) or _find_best("speed", g)[1]
     if along is not None:
         found["change"] = along.time, along.value
     elif speed is not None:
@@ -149,29 +153,35 @@ def _motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def _even(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
-    """Return a signal at RATE without its mean, and when it begins; None: it does not move."""
+def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple[float, np.ndarray] | None:
+    """Return start and values of a signal at CORRELATION_RATE; None: it is constant."""
     good = np.isfinite(part[0]) & np.isfinite(part[1])
     time, value = part[0][good], part[1][good]
-    if len(time) < FEWEST:
+    if len(time) < MIN_GROUP_SAMPLES:
         return None
     order = np.argsort(time, kind="stable")
     time, value = time[order], value[order]
-    if not 0 < time[-1] - time[0] < LONGEST or abs(time[0]) > LATEST:
+    if not 0 < time[-1] - time[0] < MAX_SIGNAL_SPAN or abs(time[0]) > MAX_SIGNAL_TIME:
         return None
-    at = time[0] + np.arange(min(MOST_ROWS, int((time[-1] - time[0]) * RATE) + 1)) / RATE
+    at = (
+        time[0]
+        + np.arange(min(MAX_CORRELATED_ROWS, int((time[-1] - time[0]) * CORRELATION_RATE) + 1))
+        / CORRELATION_RATE
+    )
     x = np.interp(at, time, value)
-    n = max(1, round(SMOOTH * RATE))
+    n = max(1, round(CORRELATION_MEAN * CORRELATION_RATE))
     x = np.convolve(x, np.ones(n) / n, "same") if len(x) > n else x
-    x = np.gradient(x) * RATE if derive and len(x) > 2 else x
+    x = np.gradient(x) * CORRELATION_RATE if derive and len(x) > 2 else x
     x = x[n:-n] if len(x) > 4 * n else x
     x = x - x.mean()
-    return (float(at[0]) + n / RATE, x) if len(x) > FEWEST and x.std() > 1e-9 else None
+    return (float(at[0]) + n / CORRELATION_RATE, x) if len(x) > MIN_GROUP_SAMPLES and x.std() > 1e-9 else None
 
 
-def _shift(a: Group, b: Group) -> tuple[float, float] | None:
-    """Return by how much the clock of b is ahead of that of a, s, and the correlation; None: it is not, or nothing shows it."""
-    mine, other = _motion(a), _motion(b)
+def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
+    """Return by how much the clock of b is ahead of that of a, s, and the correlation.
+
+    None: the clocks agree, or no signals show a shift."""
+    mine, other = _find_motion(a), _find_motion(b)
     best: tuple[float, float] | None = None
     for x, y, dx, dy in (
         ("turn", "turn", False, False),
@@ -180,13 +190,13 @@ def _shift(a: Group, b: Group) -> tuple[float, float] | None:
     ):
         if x not in mine or y not in other:
             continue
-        one, two = _even(mine[x], dx), _even(other[y], dy)
+        one, two = _resample_evenly(mine[x], dx), _resample_evenly(other[y], dy)
         if one is None or two is None:
             continue
         lag, corr, at_zero = _correlate(one, two)
-        if corr < LEAST_CORR or corr < at_zero + BETTER or abs(lag) < LEAST_SHIFT:
-            if at_zero >= LEAST_CORR and not _apart(a, b):
-                return None  # the clocks are one
+        if corr < MIN_SHIFT_CORR or corr < at_zero + MIN_CORR_GAIN or abs(lag) < MIN_SHIFT:
+            if at_zero >= MIN_SHIFT_CORR and not _describe_gap(a, b):
+                return None  # the clocks agree
             continue
         if best is None or corr > best[1]:
             best = lag, corr
@@ -194,27 +204,29 @@ def _shift(a: Group, b: Group) -> tuple[float, float] | None:
 
 
 def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> tuple[float, float, float]:
-    """Return the shift at which two signals go together best, s, the correlation there, and that without a shift."""
+    """Return the shift of max correlation, s; the correlations with and without it."""
     (a0, a), (b0, b) = one, two
     size = 1 << (len(a) + len(b)).bit_length()
 
-    def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def correlate_all(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the sums of p q at all shifts."""
         return np.fft.irfft(np.conj(np.fft.rfft(p, size)) * np.fft.rfft(q, size), size)
 
     ones_a, ones_b = np.ones(len(a)), np.ones(len(b))
-    shared = np.round(cross(ones_a, ones_b))
-    power = np.sqrt(np.maximum(cross(a**2, ones_b), 0.0) * np.maximum(cross(ones_a, b**2), 0.0))
-    enough = shared >= LEAST_SHARED * min(len(a), len(b))
-    corr = np.where(enough & (power > 0), np.abs(cross(a, b)) / np.maximum(power, 1e-30), 0.0)
+    shared = np.round(correlate_all(ones_a, ones_b))
+    power = np.sqrt(
+        np.maximum(correlate_all(a**2, ones_b), 0.0) * np.maximum(correlate_all(ones_a, b**2), 0.0)
+    )
+    enough = shared >= MIN_SHARED * min(len(a), len(b))
+    corr = np.where(enough & (power > 0), np.abs(correlate_all(a, b)) / np.maximum(power, 1e-30), 0.0)
     k = int(corr.argmax())
     steps = np.arange(size)
     steps = np.where(steps > size // 2, steps - size, steps)
     before, top, after = corr[k - 1], corr[k], corr[(k + 1) % size]
     bend = before - 2.0 * top + after
-    between = (
-        0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
-    )  # of a parabola through the three
-    lag = (float(steps[k]) + float(between)) / RATE + b0 - a0  # entry i of a goes with entry i + k of b
-    zero = round((a0 - b0) * RATE)
+    # vertex of the parabola through the three values
+    between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
+    lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0  # i of a at i + k of b
+    zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0
     return lag, float(corr[k]), at_zero

@@ -1,4 +1,4 @@
-"""The guesses themselves, each with the figures that speak for it."""
+"""Make the guesses: unit, sign, ratio, latency and confidence, each with its evidence."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,25 +6,26 @@ from typing import Any
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import AXLES, NAMED, Guess, Look
-from tse.channels.physics import MOVING, mean_of
-from tse.channels.scales import UNITS, USUAL_WHEELBASE, Scale, facts_of, same_unit
-from tse.channels.vocabulary import place_of, score
-from tse.channels.wheels import is_speed, speed_of
+from tse.channels.look import MIN_NAME_SCORE, Guess, Look
+from tse.channels.physics import MOVING_SPEED, average
+from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, Scale, is_same_unit, measure_slopes
+from tse.channels.vocabulary import AXLES, find_place, score_name
+from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import unit_factor, unit_kind
 from tse.readers.table import find_unit_suffix
 
-SIZE = "its size says so"
-MOUNTED = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
-# A steering angle that nobody names the unit of, on a log that does not turn enough to test it: by the size of its larger values
-# (97 % quantile; sd 1 of the logarithm) and by how common each is among logs
-SIZES = {
+BY_SIZE = "its size says so"
+MIN_MOUNTING = 0.12  # rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
+# Prior of a steering angle of unknown unit, in a log without enough bends for a test. By
+# unit, and whether it is that of the steering wheel: its larger values (97 % quantile; sd
+# of the logarithm 1), and the share of logs.
+STEERING_SIZES = {
     ("deg", True): (45.0, 0.6),
     ("rad", False): (0.05, 0.25),
     ("rad", True): (0.8, 0.1),
     ("deg", False): (3.0, 0.05),
 }
-USUAL_RATIO, USUAL_RATIO_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
+RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12  # of cars; of its logarithm: 12 .. 20 within 2 sd
 
 
 def make_guesses(
@@ -36,17 +37,36 @@ def make_guesses(
     car: Any | None,
     warnings: list[str],
 ) -> list[Guess]:
+    """Return the guesses of steering, wheels, IMU.
+
+    Parameters
+    ----------
+    look : Look
+        The log.
+    wheels : mapping of str to str
+        Place of each wheel, and the name of its signal.
+    chosen : mapping of str to str
+        Role and name of the other signals.
+    worth : mapping of str to mapping of str to float
+        By role: scores by name ("said") and by physics ("shown").
+    scale : Scale
+        Units.
+    car : Vehicle or None
+        Radii of the wheels, wheelbase and steering ratio.
+    warnings : list of str
+        Extended.
+    """
     found: dict[str, Guess] = {}
-    v = speed_of(look, wheels)
-    facts = facts_of(look, wheels, chosen, v)
+    v = compute_speed(look, wheels)
+    facts = measure_slopes(look, wheels, chosen, v)
     if v is not None:
         v = v * scale.per["wheel"]
-    # the wheels give the sign of the yaw rate, where they can; the others follow it
-    # and where they cannot, the course of a receiver does
+    # The wheels give the sign of the yaw rate, or else the course of a GNSS receiver. The
+    # other signs follow from the yaw rate.
     by_wheels = facts.get("track_corr", 0.0)
     turn = by_wheels if abs(by_wheels) > 0.7 else facts.get("course_corr", 0.0)
-    sided = abs(turn) > 0.7
-    sign = {"yaw_rate": float(np.sign(turn)) if sided else 1.0}
+    is_sided = abs(turn) > 0.7
+    sign = {"yaw_rate": float(np.sign(turn)) if is_sided else 1.0}
     sign["accel_y"] = sign["yaw_rate"] * (
         float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0
     )
@@ -55,8 +75,8 @@ def make_guesses(
     )
     for role in ("yaw_rate", "accel_y", "accel_x"):
         if role in chosen:
-            found[role] = _guess(
-                look, role, chosen[role], worth[role], scale, sign[role], facts, sided, warnings
+            found[role] = _guess_motion(
+                look, role, chosen[role], worth[role], scale, sign[role], facts, is_sided, warnings
             )
     if "steer_angle" in chosen:
         r = (
@@ -64,23 +84,25 @@ def make_guesses(
             if "yaw_rate" in chosen
             else None
         )
-        found["steer_angle"] = _steer(look, chosen["steer_angle"], worth["steer_angle"], v, r, car, warnings)
+        found["steer_angle"] = _guess_steering(
+            look, chosen["steer_angle"], worth["steer_angle"], v, r, car, warnings
+        )
     for axle in AXLES:
         mine = [wheels[f"{axle}_{s}"] for s in ("left", "right") if f"{axle}_{s}" in wheels] or (
             [wheels[axle]] if axle in wheels else []
         )
         if mine:
-            found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale)
+            found[f"wheel_speed_{axle}"] = _guess_wheels(look, axle, mine, wheels, scale)
     find_latencies(look, found, wheels, scale, sign, warnings)
-    _odd(look, found, chosen, scale, sign, v, warnings)
-    _turned(look, found, scale, sign, v, warnings)
+    _check_offsets(look, found, chosen, scale, sign, v, warnings)
+    _check_turned_imu(look, found, scale, sign, v, warnings)
     if (
         all(c in found and found[c].sign < 0 for c in ("yaw_rate", "accel_y", "steer_angle"))
         and abs(by_wheels) > 0.7
     ):
         warnings.append(
-            "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left and right wheels are "
-            "exchanged; the wheels are believed"
+            "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
+            "and right wheels are exchanged; the wheels are believed"
         )
         for c in ("yaw_rate", "accel_y", "steer_angle"):
             found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
@@ -89,23 +111,26 @@ def make_guesses(
     return [found[c] for c in order if c in found]
 
 
-def _from(look: Look, name: str, unit: str, role: str) -> str:
+def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
+    """Return where a unit comes from: the log, the end of the name, or the size."""
     c = look.channels[name]
-    if c.unit and same_unit(c.unit, unit, role):
+    if c.unit and is_same_unit(c.unit, unit, role):
         return "the log says so"
     end = find_unit_suffix(c.short)
-    return "the name ends so" if end and same_unit(end, unit, role) else SIZE
+    return "the name ends so" if end and is_same_unit(end, unit, role) else BY_SIZE
 
 
-def _confidence(said: float, shown: float) -> str:
-    """Sure: name and physics agree. Likely: physics is clear alone, or the name, and physics does not contradict it. What was
-    neither tested nor is called so and has a unit is unsure."""
-    if said >= NAMED and shown >= 2.5:
+def _rate_confidence(said: float, shown: float) -> str:
+    """Return the confidence from the scores by name and by physics.
+
+    sure: both agree. likely: one is clear, and the other does not contradict it. unsure:
+    all others."""
+    if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
 
 
-def _guess(
+def _guess_motion(
     look: Look,
     role: str,
     name: str,
@@ -113,17 +138,58 @@ def _guess(
     scale: Scale,
     sign: float,
     facts: Mapping[str, float],
-    sided: bool,
+    is_sided: bool,
     warnings: list[str],
 ) -> Guess:
+    """Return the guess of yaw_rate, accel_y or accel_x.
+
+    `is_sided`: its sign was tested."""
     unit = scale.unit[role]
+    figures = _list_motion_figures(role, worth, scale, sign, facts, is_sided)
+    confidence = _rate_confidence(worth["said"], worth["shown"])
+    origin = _describe_origin(look, name, unit, role)
+    unsure = []
+    if worth["shown"] == 0.0:  # nothing to compare with, or the log moves too little
+        figures.append("not tested: by its name alone" if worth["said"] >= MIN_NAME_SCORE else "not tested")
+        unsure = ["the signal", "its sign"] if worth["said"] < MIN_NAME_SCORE else ["its sign"]
+        if origin == BY_SIZE:
+            unsure.append("its unit")
+            confidence = "unsure"
+    elif worth["said"] < MIN_NAME_SCORE:
+        unsure = [
+            "the signal, by its behaviour alone",
+            *(["its sign"] if role != "accel_x" and not is_sided else []),
+        ]
+    elif role == "yaw_rate" and not is_sided:
+        unsure = ["its sign"]
+    guess = Guess(role, (name,), unit, origin, sign, confidence=confidence, figures=figures, unsure=unsure)
+    if confidence == "unsure" and not unsure:
+        guess.unsure.append("the signal")
+    if sign < 0:
+        side = "backwards" if role == "accel_x" else "to the right"
+        guess.figures.append(f"positive {side} in the log")
+    other = {"accel_x": "accel_y", "accel_y": "accel_x"}.get(role)
+    if other and score_name(other, name) > score_name(role, name) + 0.5:
+        warnings.append(
+            f"{name!r} sounds like {other}, and behaves like {role}: are the axes of the IMU swapped?"
+        )
+    return guess
+
+
+def _list_motion_figures(
+    role: str,
+    worth: Mapping[str, float],
+    scale: Scale,
+    sign: float,
+    facts: Mapping[str, float],
+    is_sided: bool,
+) -> list[str]:
+    """Return the evidence for yaw_rate, accel_y or accel_x, in words."""
     figures = []
     what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
     if role in what and role in scale.figures:
-        figures.append(
-            f"{what[role]}: {sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, correlation "
-            f"{abs(facts[f'{role}_corr']):.3f}"
-        )
+        figure = sign * abs(scale.figures[role]) if role == "accel_x" else scale.figures[role]
+        figures.append(f"{what[role]}: {figure:.2f}, correlation {abs(facts[f'{role}_corr']):.3f}")
     elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
         figures.append("it goes with v times right less left wheels; there is no yaw rate for a figure")
     elif role in what:
@@ -133,49 +199,23 @@ def _guess(
     if role == "yaw_rate":
         if "track" in scale.figures:
             figures.append(
-                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation {facts['track_corr']:.3f}"
+                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation "
+                f"{facts['track_corr']:.3f}"
             )
         if "accel_y" in scale.figures:
             figures.append(
                 f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
             )
-        if sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
+        if is_sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
             figures.append(
                 f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}"
             )
-        if not sided:
+        if not is_sided:
             figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
-    confidence = _confidence(worth["said"], worth["shown"])
-    origin = _from(look, name, unit, role)
-    unsure = []
-    if worth["shown"] == 0.0:  # nothing to compare with, or the log moves too little
-        figures.append("not tested: by its name alone" if worth["said"] >= NAMED else "not tested")
-        unsure = ["the signal", "its sign"] if worth["said"] < NAMED else ["its sign"]
-        if origin == SIZE:
-            unsure.append("its unit")
-            confidence = "unsure"
-    elif worth["said"] < NAMED:
-        unsure = [
-            "the signal, by its behaviour alone",
-            *(["its sign"] if role != "accel_x" and not sided else []),
-        ]
-    elif role == "yaw_rate" and not sided:
-        unsure = ["its sign"]
-    guess = Guess(role, (name,), unit, origin, sign, confidence=confidence, figures=figures, unsure=unsure)
-    if confidence == "unsure" and not unsure:
-        guess.unsure.append("the signal")
-    if sign < 0:
-        guess.figures.append({"yaw_rate": "positive to the right in the log", "accel_y": "positive to the right in the log",
-                              "accel_x": "positive backwards in the log"}[role])  # fmt: skip
-    other = {"accel_x": "accel_y", "accel_y": "accel_x"}.get(role)
-    if other and score(other, name) > score(role, name) + 0.5:
-        warnings.append(
-            f"{name!r} sounds like {other}, and behaves like {role}: are the axes of the IMU swapped?"
-        )
-    return guess
+    return figures
 
 
-def _steer(
+def _guess_steering(
     look: Look,
     name: str,
     worth: Mapping[str, float],
@@ -184,77 +224,40 @@ def _steer(
     car: Any | None,
     warnings: list[str],
 ) -> Guess:
+    """Return the guess of the steering angle, with ratio by its slope over r/v."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or find_unit_suffix(look.channels[name].short)
     unit = unit if unit_kind(unit) == "angle" else ""
     given = car.steering_ratio if car is not None else None
-    found = physics.steering(look.x[name], v, r) if v is not None and r is not None else None
+    found = physics.fit_steering(look.x[name], v, r) if v is not None and r is not None else None
     guess = Guess(
-        "steer_angle", (name,), unit or "deg", "", confidence=_confidence(worth["said"], worth["shown"])
+        "steer_angle", (name,), unit or "deg", "", confidence=_rate_confidence(worth["said"], worth["shown"])
     )
     if found is None or found.share < 0.5 or found.per_curvature == 0:
-        why = (
-            "there is no speed to test sign and ratio with" if v is None
-            else "there is no yaw rate to test sign and ratio with" if r is None
-            else "the log turns too little to test sign and ratio"
-        )  # fmt: skip
-        guess.unit, wheel = _by_size(look.x[name], unit)
-        guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
-        guess.ratio = (given or USUAL_RATIO) if wheel else None
-        guess.confidence = "unsure"
-        guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
-        guess.figures.append(why)
+        why = "the log turns too little to test sign and ratio"
+        if v is None:
+            why = "there is no speed to test sign and ratio with"
+        elif r is None:
+            why = "there is no yaw rate to test sign and ratio with"
+        _set_untested_steering(guess, look.x[name], unit, given, why)
         return guess
     guess.sign = float(np.sign(found.per_curvature))
     raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
-    options = [
-        (u, raw * float(unit_factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNITS["steer_angle"])
-    ]
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
-    likely = [
-        (
-            min(
-                abs(np.log(q)) / spread,
-                abs(np.log(q / (given or USUAL_RATIO))) / np.hypot(spread, 0.02 if given else 0.15),
-            ),
-            u,
-            q,
-        )
-        for u, q in options
-    ]
-    off, guess.unit, ratio = min(likely)
-    guess.unit_from = _from(look, name, guess.unit, "steer_angle")
-    if unit and off > 3.0:  # the unit that is said makes no sense
-        other = "rad" if same_unit(unit, "deg", "steer_angle") else "deg"
-        q = raw * float(unit_factor(other, "rad") or 1.0)
-        if min(abs(np.log(q)), abs(np.log(q / (given or USUAL_RATIO)))) / spread < 1.5:
-            warnings.append(
-                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
-            )
-            guess.unit, ratio, guess.unit_from = other, q, "its size says so"
-    guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / USUAL_RATIO)) else ratio
+    ratio = _choose_steering_unit(look, guess, raw, spread, unit, given, warnings)
+    guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / RATIO_PRIOR)) else ratio
     if guess.ratio is None:
         guess.figures.append(
-            f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of its variance)"
+            f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of "
+            "its variance)"
         )
     else:
         base = f"a wheelbase of {wheelbase:g} m{'' if car is not None else ' (a guess: give --vehicle)'}"
         guess.figures.append(
-            f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, {100 * found.share:.0f} % of its variance"
+            f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, "
+            f"{100 * found.share:.0f} % of its variance"
         )
-        if given is None:  # what cars have counts as much as it is sure
-            weight = USUAL_RATIO_SD**-2 / (USUAL_RATIO_SD**-2 + spread**-2)
-            guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(USUAL_RATIO)))
-        guess.ratio = round(guess.ratio, 2)
-        if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
-            guess.figures.append(f"the vehicle file says {given:g}, which is taken")
-            guess.ratio = given
-        elif given is None and spread > 0.12:
-            guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
-        elif given is not None:
-            warnings.append(
-                f"steer_angle: the ratio is {ratio:.1f} by r L/v, the vehicle file says {given:g}"
-            )
+        _set_steering_ratio(guess, ratio, spread, given, warnings)
     if guess.sign < 0:
         guess.figures.append("positive to the right in the log")
     offset = found.offset * float(unit_factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
@@ -263,20 +266,80 @@ def _steer(
     return guess
 
 
-def _by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Unit, and whether it is the steering wheel's: the likeliest of SIZES."""
+def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float | None, why: str) -> None:
+    """Set unit and ratio of the steering angle by its size, since the log does not show
+    them."""
+    guess.unit, wheel = _guess_by_size(x, unit)
+    guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
+    guess.ratio = (given or RATIO_PRIOR) if wheel else None
+    guess.confidence = "unsure"
+    guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
+    guess.figures.append(why)
+
+
+def _choose_steering_unit(
+    look: Look, guess: Guess, raw: float, spread: float, unit: str, given: float | None, warnings: list[str]
+) -> float:
+    """Set the unit of the steering angle; return the steering ratio with it.
+
+    `raw`: angle in units of the signal over r L/v. `spread`: sd of its logarithm. `unit`:
+    unit by the log, "" if unknown. The unit is that for which the ratio is nearest to 1
+    (angle of the road wheels) or to the ratio of the vehicle file."""
+    units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
+    options = [(u, raw * float(unit_factor(u, "rad") or 1.0)) for u in units]
+    ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
+    off, guess.unit, ratio = min(
+        (min(abs(np.log(q)) / spread, abs(np.log(q / (given or RATIO_PRIOR))) / ratio_spread), u, q)
+        for u, q in options
+    )
+    name = guess.name[0]
+    guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
+    if unit and off > 3.0:  # the unit of the log contradicts the size by more than 3 sd
+        other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
+        q = raw * float(unit_factor(other, "rad") or 1.0)
+        if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
+            warnings.append(
+                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
+            )
+            guess.unit, ratio, guess.unit_from = other, q, BY_SIZE
+    return ratio
+
+
+def _set_steering_ratio(
+    guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
+) -> None:
+    """Set the steering ratio from the measured one and that of the vehicle file, or the
+    prior."""
+    if given is None:  # mean of measured ratio and prior, weighted by their variances
+        weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
+        guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
+    guess.ratio = round(guess.ratio or ratio, 2)
+    if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
+        guess.figures.append(f"the vehicle file says {given:g}, which is taken")
+        guess.ratio = given
+    elif given is None and spread > 0.12:
+        guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
+    elif given is not None:
+        warnings.append(f"steer_angle: the ratio is {ratio:.1f} by r L/v, the vehicle file says {given:g}")
+
+
+def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
+    """Return the most probable unit, and whether it is that of the steering wheel."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
-    options = {k: s for k, s in SIZES.items() if not unit or same_unit(k[0], unit, "steer_angle")} or SIZES
+    options = {
+        k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")
+    } or STEERING_SIZES
     best = max(options, key=lambda k: np.log(options[k][1]) - 0.5 * np.log(large / options[k][0]) ** 2)
     return unit or best[0], best[1]
 
 
-def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
+def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
+    """Return the guess of an axle's wheel speed, which is made of the signals `mine`."""
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
     if others:
-        a, b = (mean_of([look.x[n] for n in part]) for part in (mine, others))
+        a, b = (average([look.x[n] for n in part]) for part in (mine, others))
         fast = a > 0.3 * np.nanmax(a)
         if fast.any():
             figures.append(f"{axle} over the other axle: {float(np.nanmedian((a / b)[fast])):.3f}")
@@ -286,23 +349,26 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
         figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}")
     if len(mine) == 2 and "track" in scale.figures:
         figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")
-    if is_speed(wheels):
-        figures.append("no wheel is logged: the speed of the car stands for both axles, so slip and longitudinal stiffness are "
-                       "not known")  # fmt: skip
-        return Guess(f"wheel_speed_{axle}", tuple(mine), unit, _from(look, mine[0], unit, "wheel"), confidence="likely",
-                     figures=figures)  # fmt: skip
-    named = all(place_of(n)[0].startswith(axle) for n in mine)
+    if is_car_speed(wheels):
+        figures.append(
+            "no wheel is logged: the speed of the car stands for both axles, so slip and longitudinal "
+            "stiffness are not known"
+        )
+        origin = _describe_origin(look, mine[0], unit, "wheel")
+        return Guess(f"wheel_speed_{axle}", tuple(mine), unit, origin, confidence="likely", figures=figures)
+    named = all(find_place(n)[0].startswith(axle) for n in mine)
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:
         figures.append(
-            "no name says which wheel it is: left and right are by the yaw rate, front and rear by their order"
+            "no name says which wheel it is: left and right are by the yaw rate, front and rear by their "
+            "order"
         )
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
-    origin = _from(look, mine[0], unit, "wheel")
+    origin = _describe_origin(look, mine[0], unit, "wheel")
     unsure = [] if named else ["which wheel is which"]
     unsure += (
         ["its unit"]
-        if origin == SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures))
+        if origin == BY_SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures))
         else []
     )
     if unsure and confidence == "sure":
@@ -318,7 +384,7 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
     )
 
 
-def _turned(
+def _check_turned_imu(
     look: Look,
     found: Mapping[str, Guess],
     scale: Scale,
@@ -326,15 +392,17 @@ def _turned(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """An IMU that is mounted turned about the vertical axis: accel_y has a part of the acceleration along the car, and its own is
-    less by the cosine. Both follow from one regression on v r and dv/dt, each with its sd."""
+    """Warn if the IMU is turned about the vertical axis.
+
+    accel_y then contains the longitudinal acceleration times the sine of the angle. The
+    angle and its sd follow from a regression of accel_y on v r and dv/dt."""
     if v is None or "yaw_rate" not in found or "accel_y" not in found:
         return
     r = look.x[found["yaw_rate"].name[0]] * scale.per["yaw_rate"] * sign["yaw_rate"]
     y = look.x[found["accel_y"].name[0]] * scale.per["accel_y"] * sign["accel_y"]
-    a = np.column_stack([v * r, physics.derivative(v), np.ones(len(v))])
-    keep = np.isfinite(a).all(axis=1) & np.isfinite(y) & (np.abs(v) > physics.MOVING)
-    if keep.sum() < physics.FEWEST:
+    a = np.column_stack([v * r, physics.differentiate(v), np.ones(len(v))])
+    keep = np.isfinite(a).all(axis=1) & np.isfinite(y) & (np.abs(v) > physics.MOVING_SPEED)
+    if keep.sum() < physics.MIN_ROWS:
         return
     a, y = a[keep], y[keep]
     information = a.T @ a
@@ -342,17 +410,18 @@ def _turned(
         return
     slope = np.linalg.solve(information, a.T @ y)
     left = y - a @ slope
-    independent = max(len(y) / (2.0 * physics.SMOOTH * physics.RATE), 4.0)
+    independent = max(len(y) / (2.0 * physics.MEAN_TIME * physics.COMPARISON_RATE), 4.0)
     covariance = np.linalg.inv(information) * len(y) / independent * float(np.mean(left**2))
     if slope[0] <= 0:
         return
     angle = float(np.arctan2(slope[1], slope[0]))
     sd = float(np.sqrt(covariance[1, 1]) / np.hypot(slope[0], slope[1]))
-    if abs(angle) < MOUNTED or abs(angle) < 4.0 * sd:
+    if abs(angle) < MIN_MOUNTING or abs(angle) < 4.0 * sd:
         return
     warnings.append(
-        f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the vertical axis: accel_y "
-        f"has {slope[1]:+.2f} of the acceleration along the car in it; turn it back before, or leave accel_x and accel_y out"
+        f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the "
+        f"vertical axis: accel_y has {slope[1]:+.2f} of the acceleration along the car in it; turn it back "
+        "before, or leave accel_x and accel_y out"
     )
     for c in ("accel_y", "accel_x"):
         if c in found:
@@ -360,7 +429,7 @@ def _turned(
             found[c].unsure.append("how its IMU is mounted")
 
 
-def _odd(
+def _check_offsets(
     look: Look,
     found: Mapping[str, Guess],
     chosen: Mapping[str, str],
@@ -369,7 +438,7 @@ def _odd(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """What is right perhaps, and should be looked at."""
+    """Warn of offsets and factors that are unusual, but may be right."""
     if v is None:
         return
     r = (
@@ -379,7 +448,7 @@ def _odd(
     )
     for role, kinematic in (
         ("accel_y", v * r if r is not None else None),
-        ("accel_x", physics.derivative(v)),
+        ("accel_x", physics.differentiate(v)),
     ):
         if role not in found or kinematic is None:
             continue
@@ -387,45 +456,48 @@ def _odd(
         offset = float(np.nanmedian(left)) if np.isfinite(left).any() else 0.0
         if 8.5 < abs(offset) < 11:
             warnings.append(
-                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is the vertical axis, or "
-                f"the IMU stands on edge"
+                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is "
+                "the vertical axis, or the IMU stands on edge"
             )
         elif abs(offset) > 0.7:
             warnings.append(
-                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road that leans; the "
-                f"estimator finds it"
+                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road "
+                "that leans; the estimator finds it"
             )
         else:
             found[role].figures.append(f"offset {offset:+.2f} m/s2")
     if "accel_y" in scale.figures and not 0.8 < scale.figures["accel_y"] < 1.25:
         warnings.append(
-            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three is not what it is taken "
-            f"for"
+            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three "
+            "is not what it is taken for"
         )
     if "track" in scale.figures and not 1.1 < scale.figures["track"] < 2.1:
         warnings.append(
-            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the wheels or of the yaw rate "
-            f"are off"
+            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the "
+            "wheels or of the yaw rate are off"
         )
 
 
-# ---- How late each channel is behind the gyro.
+# ---- Latency of each channel against the gyro.
 
-
-LEAST_LATENCY = 0.004  # s
-# s, by which a car turns behind its wheels in slow steering: single-track models of understeering passenger cars
-# with relaxation, drawn, at 10 .. 35 m/s
+MIN_LATENCY = 0.004  # s: smaller ones are not proposed
+# s from the road wheels to the yaw rate in slow steering: single-track models of
+# understeering passenger cars with relaxation, drawn at random, at 10 .. 35 m/s
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-STEER_SURE = 2.0  # sd from which a latency of the steering is proposed
-LATEST = 0.4  # s
-FOUND = 4.0  # sd by which a latency is not 0
+MIN_STEERING_SDS = 2.0  # min latency of the steering to be proposed, in sd
+MAX_STEERING_LATENCY = 0.4  # s
+MIN_LATENCY_SDS = 4.0  # min latency of the other channels to be proposed, in sd
 
 
 def find_latencies(
-    look: Look, found: dict[str, Guess], wheels: Mapping[str, str], scale: Scale, sign: Mapping[str, float],
+    look: Look,
+    found: dict[str, Guess],
+    wheels: Mapping[str, str],
+    scale: Scale,
+    sign: Mapping[str, float],
     warnings: list[str],
-) -> None:  # fmt: skip
-    """How much later than the gyro wheels and accelerometers are logged, and the steering, where it is more than cars differ by."""
+) -> None:
+    """Set the latencies of wheels, accelerometers and steering against the gyro."""
     if "yaw_rate" not in found:
         return
     clock = found["yaw_rate"].name[0]
@@ -433,10 +505,10 @@ def find_latencies(
     keep = np.isfinite(r)
     if "rear_left" in wheels:
         difference = (look.x[wheels["rear_right"]] - look.x[wheels["rear_left"]]) * scale.per["wheel"]
-        v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        late, sd = physics.lag(r, difference, keep & (v > MOVING))
+        v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
+        late, sd = physics.find_lag(r, difference, keep & (v > MOVING_SPEED))
         for axle in AXLES:
-            _late(
+            _set_latency(
                 look,
                 found.get(f"wheel_speed_{axle}"),
                 clock,
@@ -445,34 +517,43 @@ def find_latencies(
                 "right less left wheels against the gyro",
             )
     if "steer_angle" in found and wheels:
-        v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        _late_steering(look, found["steer_angle"], v, r, keep & (v > MOVING), warnings)
+        v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
+        _set_steering_latency(look, found["steer_angle"], v, r, keep & (v > MOVING_SPEED), warnings)
     if "accel_y" in found and wheels:
-        v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
-        slope = physics.derivative(r)
-        # the body's own way of following, (c0 + c2 v^2) r', is no latency
-        late, sd = _lag_of_accel(look, found["accel_y"], v, r, slope, scale, sign, keep)
-        _late(look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out")
+        v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
+        slope = physics.differentiate(r)
+        # the lag of the body itself, (c0 + c2 v^2) r', is no latency
+        late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
+        _set_latency(
+            look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out"
+        )
 
 
-def _late_steering(
+def _set_steering_latency(
     look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]
 ) -> None:
-    """A car turns YAW_LAG after its wheels are turned. Where the yaw rate follows sooner, or comes before the angle, which no car
-    does, the angle is late. What is less than cars differ by shows only in a fit of the whole car: calibrate."""
+    """Set the latency of the steering angle, if the yaw rate follows it too soon.
+
+    A car turns YAW_LAG after its road wheels. If the yaw rate follows sooner, or precedes
+    the angle, the angle is late. A latency within the spread of cars shows only in a fit
+    of the whole car: tselab calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
-    follows, sd = physics.lag(steered, r, keep)
+    follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
-    if not np.isfinite(sd) or sd > 2 * YAW_LAG_SD or not STEER_SURE * sd < late < LATEST:
+    if not np.isfinite(sd) or sd > 2 * YAW_LAG_SD or not MIN_STEERING_SDS * sd < late < MAX_STEERING_LATENCY:
         return
     guess.latency = round(late, 3)
-    guess.figures.append(f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate is {1e3 * follows:.0f} ms behind it, usual "
-                         f"are {1e3 * YAW_LAG:.0f}; tselab calibrate finds it better")  # fmt: skip
-    warnings.append(f"steer_angle is logged about {1e3 * late:.0f} ms late, which is proposed as its latency: without it the "
-                    "estimates would be of another car")  # fmt: skip
+    guess.figures.append(
+        f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate is {1e3 * follows:.0f} ms behind it, "
+        f"usual are {1e3 * YAW_LAG:.0f}; tselab calibrate finds it better"
+    )
+    warnings.append(
+        f"steer_angle is logged about {1e3 * late:.0f} ms late, which is proposed as its latency: without "
+        "it the estimates would be of another car"
+    )
 
 
-def _lag_of_accel(
+def _find_accel_lag(
     look: Look,
     g: Guess,
     v: np.ndarray,
@@ -482,15 +563,17 @@ def _lag_of_accel(
     sign: Mapping[str, float],
     keep: np.ndarray,
 ) -> tuple[float, float]:
+    """Return the lag of accel_y behind v r, and its sd, s."""
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
-    return physics.lag(v * r, y, keep & (v > MOVING), (slope, v**2 * slope))
+    return physics.find_lag(v * r, y, keep & (v > MOVING_SPEED), (slope, v**2 * slope))
 
 
-def _late(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
+def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
+    """Set the latency of a guess, if it is significant, and add the evidence `how`."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time
-    if abs(late) > max(LEAST_LATENCY, FOUND * sd) and abs(late) < 0.3 and sd < 0.02:
+    if abs(late) > max(MIN_LATENCY, MIN_LATENCY_SDS * sd) and abs(late) < 0.3 and sd < 0.02:
         guess.figures.append(f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) behind the yaw rate: {how}")
-        if not together or abs(late) > 2 * LEAST_LATENCY:
+        if not together or abs(late) > 2 * MIN_LATENCY:
             guess.latency = round(late, 4)

@@ -1,4 +1,7 @@
-"""Read a log: a CSV with the names of the library, a frame, or any format of readers.py. tse.log.rows checks what comes."""
+"""Read a log: a CSV with the names of the library, a frame, or any format of readers.py.
+
+tse.log.rows checks the rows.
+"""
 
 import re
 import shlex
@@ -12,9 +15,9 @@ import numpy as np
 import pandas as pd
 
 from tse.car.vehicle import Vehicle
-from tse.channels.mapping import Series, series
-from tse.channels.raster import on_raster
-from tse.channels.signals import FASTEST, SLOWEST, Signal, Signals, find_signals, known_channels
+from tse.channels.mapping import Series, map_signals
+from tse.channels.raster import resample_channels
+from tse.channels.signals import MAX_RATE, MIN_RATE, Signal, Signals, find_signals, list_channels
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
@@ -52,19 +55,34 @@ NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
 def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> CheckedLog:
-    """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
+    """Read and check a log.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    spare : collection of str
+        Channels that may be missing. They are NaN then, and a note states this.
+    reading : Reading, optional
+        Options.
+
+    Raises
+    ------
+    UserError
+        With file, row, column and the allowed values.
+    """
     path, reading = Path(path), reading or Reading()
     with limit_memory(path), limit_time(path):
         log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
     if reading.car is not None:
-        log = of_car(log, reading.car)
+        log = adapt_to_car(log, reading.car)
     if reading.strict and log.warnings:
         raise UserError(f"{path}: option --strict: {log.warnings[0]}")
     return log
 
 
-def of_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
-    """Return the log with the wheel speed that stands in for an axle's by the radii of this car."""
+def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
+    """Return the log with a substituted wheel speed scaled to the radii of this car."""
     if log.stand_in is None:
         return log
     front, rear = (car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -74,7 +92,9 @@ def of_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 
 
 def _is_plain(path: Path, reading: Reading) -> bool:
-    """A CSV with commas and the library's names, of which nobody says that it is to be read otherwise."""
+    """Return whether a file is a CSV with commas and the library's names.
+
+    Options or a signals.toml that names these list_columns make it a file of any format."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -89,7 +109,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
     if beside is not None and any(
         f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n
     ):
-        return False  # a file that speaks of these columns
+        return False  # signals.toml names these list_columns
     first = dict(zip(names, lines[1], strict=False)) if len(lines) > 1 else {}
     if _CLOCK.search(first.get("time", "")):
         return False  # dates or times of day
@@ -100,7 +120,8 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 
 
 def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
-    head, whole = _head(path)
+    """Read and check a CSV with commas and the library's names."""
+    head, whole = _read_head(path)
     header = [c.strip() for c in (split_cells(path, head[0]) if head else [])]
     check_table_width(path, header)
     wanted = list_columns()
@@ -111,12 +132,12 @@ def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
     needed = [c for name in wanted if name not in absent for c in sides.get(name, (name,))]
     missing = [c for c in needed if c not in header]
     if missing:
-        raise UserError(_missing_text(path, header, missing, needed))
-    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _beside(c))})
+        raise UserError(_describe_missing(path, header, missing, needed))
+    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _is_spare(c))})
     if twice:
         raise UserError(f"{path}: column {', '.join(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
-    table, line, skipped = _numbers(path, header, head[1:], whole, needed, notes)
+    table, line, skipped = _read_numbers(path, header, head[1:], whole, needed, notes)
     if whole is not None:
         notes.append(
             f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out"
@@ -134,8 +155,21 @@ def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> CheckedLog:
-    """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0.
-    Times may be dates, times of day or differences of time, too, and stand in the index of a data frame."""
+    """Check list_columns in memory: a data frame, or arrays by name.
+
+    Parameters
+    ----------
+    frame : mapping of str to array, or DataFrame
+        The list_columns. Times may also be dates, times of day or time differences. They may
+        be the index of a data frame.
+    name : str
+        Name in messages. Rows are counted from 0.
+
+    Raises
+    ------
+    UserError
+        With row, column and the allowed values.
+    """
     if (
         isinstance(frame, pd.DataFrame)
         and "time" not in frame
@@ -147,7 +181,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     )
     if not all(labels[0].equals(x) for x in labels[1:]):
         raise UserError(
-            f"{name}: the columns are Series with different indices: which rows go together? Make a data frame of them"
+            f"{name}: the list_columns are Series with different indices: which rows go together? Make a data "
+            "frame of them"
         )
     header = [str(c) for c in frame]
     sides = {
@@ -169,12 +204,12 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     notes: list[str] = []
     table: dict[str, np.ndarray] = {}
     for column in header:
-        if column in needed or _beside(column):
+        if column in needed or _is_spare(column):
             try:
-                table[column] = _array(name, column, frame[column])
+                table[column] = _convert_column(name, column, frame[column])
             except (TypeError, ValueError, OverflowError):
                 if column in needed:
-                    what = _allowed(column)
+                    what = _describe_range(column)
                     raise UserError(
                         f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing"
                     ) from None
@@ -183,7 +218,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     for column, values in table.items():
         if values.shape != rows:
             raise UserError(
-                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}"
+                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a "
+                f"row: {rows}"
             )
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
@@ -192,11 +228,17 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     return check_log(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
 
 
-def _array(name: str, column: str, values: Any) -> np.ndarray:
-    """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
+def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
+    """Return a column of a frame as numbers.
+
+    Raises
+    ------
+    UserError, TypeError, ValueError, OverflowError
+        The column is not numeric.
+    """
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
     if kind == "c" or (kind == "b" and column not in OPTIONAL_COLUMNS):
-        raise TypeError("complex numbers, or truths, where a measurement is needed")
+        raise TypeError("complex or Boolean values where a measurement is needed")
     if column == "time" and kind not in "fiub":
         series = (
             values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
@@ -212,14 +254,16 @@ def _array(name: str, column: str, values: Any) -> np.ndarray:
     )
 
 
-def _beside(column: str) -> bool:
-    """A column that is read, though the estimator does not need it."""
+def _is_spare(column: str) -> bool:
+    """Return whether a column is read, though the estimator does not need it."""
     return column.startswith("ref_") or column in OPTIONAL_COLUMNS
 
 
-def _head(path: Path) -> tuple[list[str], int | None]:
-    """The first two lines of a log; where the last line does not end, how many rows do: its writer was perhaps stopped there, and a
-    number that is cut is a number still."""
+def _read_head(path: Path) -> tuple[list[str], int | None]:
+    """Return the first two lines of a log, and the number of complete rows.
+
+    The number is None if all rows are complete. The last line is incomplete if it has no
+    end: the writer may have stopped inside a number."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
@@ -246,12 +290,13 @@ def _head(path: Path) -> tuple[list[str], int | None]:
     return head.split("\n", 2)[:2], whole
 
 
-def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
+def _describe_missing(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
+    """Return the message about missing list_columns, with a hint."""
     text = f"{path}: column {', '.join(missing)} is missing in the header (line 1)"
     if len(header) == 1 and any(s in header[0] for s in ";\t|"):
-        text += "; the columns must be separated by commas"
-    elif all(np.isfinite(_number(c)) for c in header):
-        text += "; the first line must name the columns"
+        text += "; the list_columns must be separated by commas"
+    elif all(np.isfinite(_to_number(c)) for c in header):
+        text += "; the first line must name the list_columns"
     else:
         lower = {c.lower(): c for c in header}
         if close := [f"{lower[m]} -> {m}" for m in missing if m in lower]:
@@ -264,29 +309,53 @@ def _missing_text(path: Path, header: list[str], missing: list[str], needed: lis
     return f"{text}\n  needed: {','.join(needed)}\n  found:  {','.join(header)[:300]}"
 
 
-def _numbers(
+def _read_numbers(
     path: Path, header: list[str], first: list[str], whole: int | None, needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
-    """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
-    are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
-    Rows without any of what is needed are blank. `whole`: rows to read, where not all; `first`: the line of the first."""
-    if (cells := len(row := split_cells(path, first[0]) if first else [])) > len(
-        header
-    ):  # of which pandas only warns
-        wide = cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row)
-        hint = (
-            "\n  hint: commas separate the columns and are in the numbers, too: write decimals with a point"
-            if wide
-            else ""
-        )
-        raise UserError(
-            f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}"
-        )
+    """Read the list_columns of a CSV as numbers.
+
+    A few cells that are not numeric become NaN, with a note. Many of them are an error,
+    or, in a column that is not needed, exclude the column. Rows without any needed value
+    are blank.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    header : list of str
+        Names of all list_columns.
+    first : list of str
+        The first line after the header, or empty.
+    whole : int or None
+        Number of rows to read. None: all.
+    needed : list of str
+        Needed list_columns.
+    notes : list of str
+        Extended.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The list_columns in the order of the file.
+    ndarray
+        Line of each row in the file.
+    list of str
+        Excluded list_columns.
+    """
+    _check_first_row(path, header, first)
     names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
-    with translate_parser_errors(path), pd.read_csv(
-        path, names=names, header=None, skiprows=1, index_col=False, skip_blank_lines=False, skipinitialspace=True,
-        encoding="utf-8-sig", nrows=whole, chunksize=CHUNK_ROWS,  # all at once take twice the memory
-    ) as pieces:  # fmt: skip
+    options: dict[str, Any] = {
+        "names": names,
+        "header": None,
+        "skiprows": 1,
+        "index_col": False,
+        "skip_blank_lines": False,
+        "skipinitialspace": True,
+        "encoding": "utf-8-sig",
+        "nrows": whole,
+        "chunksize": CHUNK_ROWS,  # all rows at once need twice the memory
+    }
+    with translate_parser_errors(path), pd.read_csv(path, **options) as pieces:
         parts, rows = [], 0
         for piece in pieces:
             parts.append(piece[piece[needed].notna().any(axis=1)])
@@ -296,9 +365,9 @@ def _numbers(
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
     line = table.index.to_numpy() + 2
-    columns: dict[str, np.ndarray] = {}
+    list_columns: dict[str, np.ndarray] = {}
     skipped = []
-    for name in (c for c in header if c in needed or _beside(c)):
+    for name in (c for c in header if c in needed or _is_spare(c)):
         cells = table[name]
         numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else to_numbers(cells)
         bad = (numbers.isna() & cells.notna()).to_numpy()
@@ -310,80 +379,105 @@ def _numbers(
             if count > MAX_OUTSIDE * len(table):
                 hint = "; decimals are written with a point" if "," in wrong else ""
                 raise UserError(
-                    f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
-                    f"missing{hint}"
+                    f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: "
+                    f"{_describe_range(name)}, or empty for missing{hint}"
                 )
             said = f"{count} cells that are no numbers are" if count > 1 else "a cell that is no number is"
             notes.append(f"{name}: {said} treated as missing (first in line {at}: {wrong[:20]!r})")
-        columns[name] = numbers.to_numpy(float)
-    return columns, line, skipped
+        list_columns[name] = numbers.to_numpy(float)
+    return list_columns, line, skipped
+
+
+def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
+    """Refuse a CSV whose first row is longer than the header: pandas only warns."""
+    row = split_cells(path, first[0]) if first else []
+    cells = len(row)
+    if cells <= len(header):
+        return
+    hint = ""
+    if cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row):
+        hint = "\n  hint: commas separate the list_columns and are in the numbers, too: write decimals with a point"
+    raise UserError(
+        f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} list_columns{hint}"
+    )
 
 
 def to_numbers(column: pd.Series) -> pd.Series:
-    """Cells as numbers, NaN where they are none."""
+    """Return cells as numbers, NaN where they are not numeric."""
     try:
         return pd.to_numeric(column, errors="coerce")
-    except OverflowError:  # a whole number of more digits than a float has, beside text
-        return pd.Series([_number(cell) for cell in column], column.index, float)
+    except OverflowError:  # an integer beyond the range of a float, in a column with text
+        return pd.Series([_to_number(cell) for cell in column], column.index, float)
 
 
-def _number(cell: object) -> float:
+def _to_number(cell: object) -> float:
     try:
         return float(str(cell))
     except ValueError:
         return np.nan
 
 
-def _allowed(name: str) -> str:
+def _describe_range(name: str) -> str:
+    """Return the allowed values of a column, for messages."""
     channel = next((axle for axle, pair in SIDES.items() if name in pair), name)
-    return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
+    return "convert_to_seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
 
 
 # ---- any log: reader, mapping, raster, check
 
 
 def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog:
-    """A log of any format. UserError: what is missing, and what helps."""
-    if reading.rate is not None and not SLOWEST <= reading.rate <= FASTEST:
-        raise UserError(f"option --rate: {reading.rate:g} is outside its range {SLOWEST:g} .. {FASTEST:g} Hz")
+    """Read and check a log of any format.
+
+    Raises
+    ------
+    UserError
+        With the missing channel, and the remedy.
+    """
+    if reading.rate is not None and not MIN_RATE <= reading.rate <= MAX_RATE:
+        raise UserError(
+            f"option --rate: {reading.rate:g} is outside its range {MIN_RATE:g} .. {MAX_RATE:g} Hz"
+        )
     signals, how = find_signals(path, reading.signals, reading.databases)
     recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
-        recording = read_recording(path, how)  # with all names, to say which is meant
+        recording = read_recording(path, how)  # with all names, for the error message
     if reading.signals is None and (
         signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)
     ):
-        own = by_own_names(recording)
+        own = map_own_names(recording)
         if own is None and signals is None:
-            raise UserError(_unnamed(path, recording))
+            raise UserError(_describe_unnamed(path, recording))
         signals = own or signals
     notes = list(recording.notes)
     if signals.path is not None:
         notes.append(f"signals by {signals.path}")
-    found = series(recording, signals, reading.car, notes)
-    _speed_for_wheels(path, found, reading, notes)
-    del recording  # what is not asked for need not stay
-    rows = on_raster(found, reading.rate or signals.rate, path)
+    found = map_signals(recording, signals, reading.car, notes)
+    _substitute_speed(path, found, reading, notes)
+    del recording  # frees the memory of the other signals
+    rows = resample_channels(found, reading.rate or signals.rate, path)
     notes += rows.notes
     line = np.arange(1, len(rows.time) + 1)
     log = check_log(path, rows.time, dict(rows.value), line, notes, spare, place="row")
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
-            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure out"
+            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure "
+            "out"
         )
         log.notes.insert(0, log.warnings[-1])
-    log.slower = _slower(rows.native, rows.rate)
+    log.slower = _join_slower(rows.native, rows.rate)
     return log
 
 
-def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
-    """A log without any wheel speed: they roll as the car goes, and tell no slip."""
+def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
+    """Use vehicle_speed for missing wheel speeds; slip is unknown then."""
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
         raise UserError(
-            f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is needed: --vehicle CAR.toml"
+            f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is "
+            "needed: --vehicle CAR.toml"
         )
     speed = found["vehicle_speed"]
     found["wheel_speed_front"] = replace(
@@ -392,22 +486,24 @@ def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, no
     notes.append("no wheel speed is in the log: vehicle_speed stands in for them")
 
 
-def by_own_names(recording: Recording) -> Signals | None:
-    """A log whose channels have the library's names, in whatever format; None where it does not."""
-    names = [n for n in known_channels() if recording.has(n)]
+def map_own_names(recording: Recording) -> Signals | None:
+    """Return the signals of a log with the library's names; None: it has others."""
+    names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
     full = all(n in names or all(s in names for s in SIDES.get(n, ("-",))) for n in NEEDED[:1]) and any(
         n in names or all(s in names for s in SIDES[n]) for n in NEEDED[1:]
     )
     if not full:
         return None
-    whole = {n: Signal(n if n in known_channels() else recording.find(n, "").short, (n,)) for n in names}
-    sided = {s for axle, pair in SIDES.items() if axle in names for s in pair}
-    return Signals(None, {s.channel: s for s in whole.values() if s.channel not in sided})
+    whole = {n: Signal(n if n in list_channels() else recording.find(n, "").short, (n,)) for n in names}
+    is_sided = {s for axle, pair in SIDES.items() if axle in names for s in pair}
+    return Signals(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
 
 
-def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, SlowChannel]:
-    """By channel; of an axle that of its wheels."""
+def _join_slower(
+    native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
+) -> dict[str, SlowChannel]:
+    """Return the entries of slower channels; of an axle the mean of its wheels."""
     found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
@@ -417,13 +513,15 @@ def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
     return {n: s for n, s in found.items() if n in {*list_columns(), *MEASURES} and n not in OPTIONAL_COLUMNS}
 
 
-def _unnamed(path: Path, recording: Recording) -> str:
-    own = [n for n in known_channels() if recording.has(n)]
+def _describe_unnamed(path: Path, recording: Recording) -> str:
+    """Return the message that a log needs a signals.toml."""
+    own = [n for n in list_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
     has = f"; of tse's names it has {list_names(own)}, not {list_names(missing)}" if own else ""
     name = shlex.quote(path.name)
     return (
         f"{path}: a file must say which of its {len(recording.channels)} signals are which "
         f"({list_names(c.name for c in recording)}){has}\n"
-        f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, it is used"
+        f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, "
+        "it is used"
     )

@@ -1,4 +1,5 @@
-"""What is known of a log while its signals are guessed, and the guesses."""
+"""The log and the results while signals are assigned to channels: Look, Guess,
+Proposal."""
 
 from __future__ import annotations
 
@@ -10,79 +11,85 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tse.channels.counters import modulo_of
+from tse.channels.counters import find_modulo
 from tse.channels.mapping import Clocks, Series
-from tse.channels.physics import RATE, smoothed
-from tse.channels.raster import entries, rate_of, resample
-from tse.channels.vocabulary import text_of
+from tse.channels.physics import COMPARISON_RATE, smooth
+from tse.channels.raster import find_rate, resample, select_entries
+from tse.channels.vocabulary import join_words
 from tse.log.units import is_unknown_unit, unit_kind
 from tse.readers.recording import Channel, Recording
 from tse.readers.table import find_unit_suffix
 
-KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("acceleration",), "steer_angle": ("angle",),
+ROLE_KINDS = {
+    "yaw_rate": ("rate",),
+    "accel_y": ("acceleration",),
+    "accel_x": ("acceleration",),
+    "steer_angle": ("angle",),
     "wheel": ("speed", "rate"),
-         "speed": ("speed",)}  # fmt: skip
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-AXLES = ("front", "rear")
-LONGEST = 1500.0  # s of a log that are looked at
-SIGN_ALIKE = 0.6  # of names of a magnitude and its sign: difflib's ratio
-FEWEST_TURNS = 4  # of a sign, to be compared with where the magnitude is 0
-LEAST_SET = (
-    0.02  # share of the rows in which a sign is set beside a magnitude of half the usual: bends to that side
-)
-AT_ZERO = 0.2  # of the usual magnitude: the lesser one beside a turn of the sign, median
-MOST_STATES = 32  # values that a status has at most; a measured quantity that is called one has more
+    "speed": ("speed",),
+}
+WHEEL_PLACES = ("front_left", "front_right", "rear_left", "rear_right")
+MAX_LOOK_TIME = 1500.0  # s: the first part of a log, which is compared
+MIN_SIGN_ALIKE = 0.6  # min similarity (difflib) of the names of a magnitude and its sign
+MIN_SIGN_CHANGES = 4  # min changes of a sign bit
+# Min share of rows in which a sign bit is 1 and the magnitude above half its mean: bends
+# to that side
+MIN_SIGN_SHARE = 0.02
+MAX_AT_ZERO = 0.2  # max median magnitude at the changes of its sign bit, over its mean
+MAX_STATES = 32  # max values of a status; a signal with more is a measured quantity
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
-NAMED, TURNED = 1.0, 0.9  # a name that says something; a correlation that proves something
+MIN_NAME_SCORE = 1.0  # a name with this score describes a role
+MIN_PROOF_CORR = 0.9  # a correlation above it proves a relation
 
 
 @dataclass
 class Guess:
-    """One channel of the library. `figures`: what speaks for it, in words."""
+    """The signal proposed for one channel of the library."""
 
     channel: str
     name: tuple[str, ...]
     unit: str
-    unit_from: str
+    unit_from: str  # where the unit comes from, in words
     sign: float = 1.0
     ratio: float | None = None
-    latency: float = 0.0
+    latency: float = 0.0  # s
     clock: float = 0.0  # s by which the clock of its group is ahead of the others
-    above: float | None = None  # of a pressure: the car brakes above it
+    above: float | None = None  # pressure above which the car brakes
     sign_bit: str | None = None
     add: str | None = None
-    valid: tuple[str, float] | None = None  # a flag of its message, and the value of it that means valid
-    counter: tuple[str, int] | None = None  # of its message, and how far it counts
-    unsure: list[str] = field(default_factory=list)  # what of it was not tested
+    valid: tuple[str, float] | None = None  # flag of its message, and the value that means valid
+    counter: tuple[str, int] | None = None  # counter of its message, and its modulo
+    unsure: list[str] = field(default_factory=list)  # parts that were not tested
     confidence: str = "unsure"  # sure, likely, unsure
-    figures: list[str] = field(default_factory=list)
+    figures: list[str] = field(default_factory=list)  # the evidence, in words
 
 
 @dataclass
 class Proposal:
-    """The guesses, in the order of the library, and what contradicts them or is odd."""
+    """Guesses in the order of the library, warnings, and channels that were not found."""
 
     guesses: list[Guess]
     warnings: list[str]
     missing: list[str]
-    nearest: dict[str, list[str]] = field(
-        default_factory=dict
-    )  # of each that is missing: the nearest signals, and what is against them
+    # by missing channel: the nearest signals, each with the reason against it
+    nearest: dict[str, list[str]] = field(default_factory=dict)
 
     def __getitem__(self, channel: str) -> Guess | None:
         return next((g for g in self.guesses if g.channel == channel), None)
 
 
-def _held(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """A signal at other times: the last entry before each."""
+def _hold_last(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Return a signal at other times: the last value before each of them."""
     return value[np.clip(np.searchsorted(own, time, side="right") - 1, 0, len(value) - 1)]
 
 
-def _sign_bit(
+def _find_sign_bit(
     name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str, tuple[str, np.ndarray, np.ndarray]]
 ) -> str | None:
-    """Which bit is the sign of a magnitude: one of a name alike that changes where the magnitude goes through zero, and is set
-    where it is not (a flag of standstill is set where it is). None: none, or no magnitude."""
+    """Return the name of the bit with the sign of a magnitude; None if there is none.
+
+    The bit has a similar name. It changes where the magnitude is near zero, and is also 1
+    where the magnitude is large. A flag for standstill is 1 only near zero."""
     there = value[np.isfinite(value)]
     if there.min() < 0:
         return None
@@ -90,46 +97,62 @@ def _sign_bit(
     best: tuple[float, str] | None = None
     for short, (bit, own, flag) in bits.items():
         alike = SequenceMatcher(None, name.lower(), short.lower(), autojunk=False).ratio()
-        if alike < SIGN_ALIKE or not set(np.unique(flag[np.isfinite(flag)])) <= {0.0, 1.0}:
+        if alike < MIN_SIGN_ALIKE or not set(np.unique(flag[np.isfinite(flag)])) <= {0.0, 1.0}:
             continue
-        sign = _held(time, own, flag)
+        sign = _hold_last(time, own, flag)
         turns = np.flatnonzero(np.diff(sign))
         set_there = np.mean((sign == 1) & (value > 0.5 * usual))
-        if len(turns) < FEWEST_TURNS or set_there < LEAST_SET:
+        if len(turns) < MIN_SIGN_CHANGES or set_there < MIN_SIGN_SHARE:
             continue
         at = np.minimum(value[turns], value[turns + 1])
-        if np.nanmedian(at) < AT_ZERO * usual and (best is None or alike > best[0]):
+        if np.nanmedian(at) < MAX_AT_ZERO * usual and (best is None or alike > best[0]):
             best = alike, bit
     return best[1] if best else None
 
 
-def _without_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> np.ndarray:
-    """Its first values, NaN where a flag of its message calls them invalid or they are the number for "no value"."""
+def _mask_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> np.ndarray:
+    """Return the first values of a channel, NaN where invalid.
+
+    A value is invalid if the flag of its message says so, or if it is the code for "not
+    available"."""
     value = c.value[:rows]
-    bad = no_value(value)
-    flag = flag_of(recording, c, flags)
+    bad = mark_no_value(value)
+    flag = find_flag(recording, c, flags)
     if flag is not None:
         bad = bad | (recording.channels[flag[0]].value[:rows] != flag[1])
     return np.where(bad, np.nan, value) if bad.any() else value
 
 
 class Look:
-    """A recording on one even raster, smoothed, for comparisons. `x`: by name, (rows,)."""
+    """A recording on one even raster, for comparisons.
+
+    Attributes
+    ----------
+    time : ndarray, (rows,)
+        s.
+    x : dict of str to ndarray, (rows,)
+        By name: the signal, low-passed.
+    fine : dict of str to ndarray, (rows,)
+        By name: the signal without the low pass.
+    raw : dict of str to (ndarray, ndarray)
+        By name: times and values as logged.
+    rate : dict of str to float
+        By name: new values per second, Hz.
+    sign_bit : dict of str to str
+        By name of a magnitude: the bit with its sign.
+    """
 
     def __init__(self, recording: Recording):
         clocks = Clocks()
         raw: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # a signal of two values is no measurement
-        flags = flags_of(recording)
+        bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # signals with two values: flags, switches
+        flags = find_flags(recording)
         for c in recording:
-            time, value = clocks.of(c)
-            rows = (
-                int(np.searchsorted(time, time[0] + 1.1 * LONGEST)) if len(time) else 0
-            )  # of ten hours no more is copied
-            # where all of them have a time
-            value = (
-                _without_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
-            )
+            time, value = clocks.straighten(c)
+            # of long logs only this part is copied
+            rows = int(np.searchsorted(time, time[0] + 1.1 * MAX_LOOK_TIME)) if len(time) else 0
+            # flags and values have the same rows if no row was left out
+            value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
             if len(there) > 3 and np.ptp(there) > 0 and len(time):
@@ -138,34 +161,34 @@ class Look:
         short = {c.name: c.short for c in recording}
         self.sign_bit: dict[str, str] = {}
         for name, (time, value) in raw.items():
-            if bit := _sign_bit(short[name], time, value, {short[b]: (b, *bits[b]) for b in bits}):
+            if bit := _find_sign_bit(short[name], time, value, {short[b]: (b, *bits[b]) for b in bits}):
                 self.sign_bit[name] = bit
-                raw[name] = time, np.where(_held(time, *bits[bit]) == 1, -value, value)
+                raw[name] = time, np.where(_hold_last(time, *bits[bit]) == 1, -value, value)
         self.raw = raw
-        own = {name: entries(Series(name, time, value)) for name, (time, value) in raw.items()}
+        own = {name: select_entries(Series(name, time, value)) for name, (time, value) in raw.items()}
         self.channels: dict[str, Channel] = {c.name: c for c in recording if c.name in own}
         self._called: dict[str, str] = {}
         self._unit: dict[str, str] = {}
-        self.rate = {n: rate_of(t) for n, (t, _) in own.items()}
+        self.rate = {n: find_rate(t) for n, (t, _) in own.items()}
         if not own:
             self.x, self.time = {}, np.zeros(0)
             return
         first = float(np.median([t[0] for t, _ in own.values()]))
-        last = min(float(np.median([t[-1] for t, _ in own.values()])), first + LONGEST)
-        self.time = np.arange(first, max(last, first + 1.0), 1.0 / RATE)
-        self.fine = {n: resample(t, v, self.time, RATE) for n, (t, v) in own.items()}
-        self.x = {n: smoothed(v) for n, v in self.fine.items()}
+        last = min(float(np.median([t[-1] for t, _ in own.values()])), first + MAX_LOOK_TIME)
+        self.time = np.arange(first, max(last, first + 1.0), 1.0 / COMPARISON_RATE)
+        self.fine = {n: resample(t, v, self.time, COMPARISON_RATE) for n, (t, v) in own.items()}
+        self.x = {n: smooth(v) for n, v in self.fine.items()}
 
-    def called(self, name: str) -> str:
-        """The name; without a "status" at its end where it has more values than a status has."""
+    def clean_name(self, name: str) -> str:
+        """Return the name, without a final "status" if it has many values."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
-            many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MOST_STATES
+            many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MAX_STATES
             self._called[name] = plain if many else name
         return self._called[name]
 
-    def unit(self, name: str) -> str:
-        """Return it as the log says, or the end of the name. One that nobody knows is as none."""
+    def find_unit(self, name: str) -> str:
+        """Return the unit by the log, or else by the end of the name; "" if unknown."""
         if name not in self._unit:
             c = self.channels[name]
             self._unit[name] = (
@@ -176,163 +199,180 @@ class Look:
         return self._unit[name]
 
 
-# ---- What stands beside a measurement in its message: flags that say whether it is valid, the message's counter, the rest of a
-# value that is sent in coarse steps; and wheels that count instead of telling a speed.
+# ---- Companions of a measurement in its message: validity flag, message counter, fine
+# part of a value that is sent in coarse steps. Wheels that count ticks.
 
-
-FLAG = re.compile(
-    r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|invalid|ungueltig|\berr|error|fehler|fault|\bfail|"
+FLAG_NAME = re.compile(
+    r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|"
+    r"invalid|ungueltig|\berr|error|fehler|fault|\bfail|"
     r"status|\bsts\b|\bstat\b|\bstate\b|avail|plaus",
     re.IGNORECASE,
 )
-OF_ALL = re.compile(
-    r"qual|valid|gueltig|g\u00fcltig|\bqf\b|qbit|\bvld\b", re.IGNORECASE
-)  # of a flag of the whole message
-BAD_STATE = re.compile(
-    r"inval|\bnot|\bno\b|err|fault|fail|fehl|ung(ue|ü)lt|init|sna|unavail|undef|reserv|nicht|implaus|unplaus|degrad",
+# name of a flag that may be valid for the whole message
+MESSAGE_FLAG_NAME = re.compile(r"qual|valid|gueltig|g\u00fcltig|\bqf\b|qbit|\bvld\b", re.IGNORECASE)
+BAD_STATE_NAME = re.compile(
+    r"inval|\bnot|\bno\b|err|fault|fail|fehl|ung(ue|ü)lt|init|sna|unavail|undef|reserv|nicht|"
+    r"implaus|unplaus|degrad",
     re.IGNORECASE,
 )
-COUNTER = re.compile(
+COUNTER_NAME = re.compile(
     r"\bbz\b|count|\bcntr?\b|rolling|zaehler|z\u00e4hler|alive|\bmc\b|sequence", re.IGNORECASE
 )
-REST = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re.IGNORECASE)
-TICKS = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
-MOST_FLAGS = 8  # values of a flag
-LEAST_VALID = 0.9  # share of the rows that hold the one value which means valid
-FLAG_ALIKE = 0.5  # of a flag's and its signal's name: difflib's ratio
-FAR_BEYOND = 1.5  # times the largest other value
-COARSE = 0.02  # a value in steps of so much of its range is coarse
-FILLED = 0.35  # of the size of the steps: what is left of them where the other signal is the rest
-
+REST_NAME = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re.IGNORECASE)
+TICK_NAME = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
+MAX_FLAG_VALUES = 8  # max different values of a flag
+MIN_VALID_SHARE = 0.9  # min share of the rows with the value that means valid
+MIN_FLAG_ALIKE = 0.5  # min similarity (difflib) of the names of a flag and its signal
+CODE_RATIO = 1.5  # min ratio of a code for "no value" to the largest other value
+COARSE_STEP = 0.02  # min step of a coarse value, over its max
+MAX_FILLED = 0.35  # max roughness of the sum with the fine part, over that without it
 
 Flags: TypeAlias = Mapping[tuple[str, int], Sequence[tuple[Channel, float]]]
 
 
-def flags_of(recording: Recording) -> Flags:
-    """Return all flags, each with its value that means valid, by what stands before their names and how many entries they have."""
+def find_flags(recording: Recording) -> Flags:
+    """Return all flags with their values for valid, by message and number of entries."""
     found: dict[tuple[str, int], list[tuple[Channel, float]]] = {}
     for c in recording:
-        if (v := _valid_value(c)) is not None:
-            found.setdefault((_message(c), len(c)), []).append((c, v))
+        if (v := _find_valid_value(c)) is not None:
+            found.setdefault((_get_message_name(c), len(c)), []).append((c, v))
     return found
 
 
-def flag_of(
+def find_flag(
     recording: Recording, mine: Channel, flags: Flags, taken: frozenset[str] | set[str] = frozenset()
 ) -> tuple[str, float] | None:
-    """The flag of a signal's message whose name is alike, and its value where the signal is valid. One that would call a tenth of
-    the log invalid is none, nor one that never changes: what its value means nobody said."""
+    """Return the validity flag of a signal and its value for valid; None: no flag.
+
+    The flag is in the same message. Its name is similar to that of the signal, or it is
+    the only flag of the whole message."""
     found = sorted(
-        (_alike(c, mine), c.name, v)
-        for c, v in flags.get((_message(mine), len(mine)), ())
+        (_compare_names(c, mine), c.name, v)
+        for c, v in flags.get((_get_message_name(mine), len(mine)), ())
         if c.name not in taken and c is not mine
     )
-    if found and found[-1][0] >= FLAG_ALIKE:
+    if found and found[-1][0] >= MIN_FLAG_ALIKE:
         return found[-1][1], found[-1][2]
     whole = [
         (n, v)
         for _, n, v in found
-        if OF_ALL.search(text_of(recording.channels[n].short)) and not _of_another(recording, n)
+        if MESSAGE_FLAG_NAME.search(join_words(recording.channels[n].short))
+        and not _is_of_another_signal(recording, n)
     ]
-    return whole[0] if len(whole) == 1 and _message(mine) else None
+    return whole[0] if len(whole) == 1 and _get_message_name(mine) else None
 
 
-def _of_another(recording: Recording, flag: str) -> bool:
-    """Return whether a flag is named after one signal of its message, and so does not count for the others."""
+def _is_of_another_signal(recording: Recording, flag: str) -> bool:
+    """Return whether the name of a flag refers to one signal of its message."""
     mine = recording.channels[flag]
-    message = _message(mine).replace("/", ".").rpartition(".")[2]
+    message = _get_message_name(mine).replace("/", ".").rpartition(".")[2]
     plain = " ".join(
-        w for w in text_of(mine.short).split() if not FLAG.search(w) and w not in text_of(message).split()
+        w
+        for w in join_words(mine.short).split()
+        if not FLAG_NAME.search(w) and w not in join_words(message).split()
     )
+    others = [
+        join_words(c.short)
+        for c in recording
+        if c is not mine and _get_message_name(c) == _get_message_name(mine)
+    ]
     return len(plain) > 3 and any(
-        c is not mine and SequenceMatcher(None, plain, text_of(c.short), autojunk=False).ratio() >= FLAG_ALIKE
-        for c in recording if _message(c) == _message(mine) and not FLAG.search(text_of(c.short))
-    )  # fmt: skip
+        SequenceMatcher(None, plain, text, autojunk=False).ratio() >= MIN_FLAG_ALIKE
+        for text in others
+        if not FLAG_NAME.search(text)
+    )
 
 
-def no_value(value: np.ndarray) -> np.ndarray:
-    """Where a signal has the one number that stands for "no value": far beyond all others, always the same, and seldom."""
+def mark_no_value(value: np.ndarray) -> np.ndarray:
+    """Return the rows in which a signal has a code for "not available".
+
+    The code is an outlier that repeats exactly in a few rows."""
     size = np.abs(value)
     there = size[np.isfinite(size)]
     top = float(there.max()) if len(there) else 0.0
     is_top = size == top
     others = there[there < top]
-    if top == 0 or not len(others) or is_top.sum() < 2 or is_top.mean() > 1.0 - LEAST_VALID:
+    if top == 0 or not len(others) or is_top.sum() < 2 or is_top.mean() > 1.0 - MIN_VALID_SHARE:
         return np.zeros(len(value), bool)
-    return is_top if top > FAR_BEYOND * float(others.max()) else np.zeros(len(value), bool)
+    return is_top if top > CODE_RATIO * float(others.max()) else np.zeros(len(value), bool)
 
 
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
-    """Flag, counter and rest of each guess, by message, name and values."""
+    """Add flag, counter and fine part to each guess, by message, name and values."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
-    flags = flags_of(recording)
+    flags = find_flags(recording)
     for g in guesses:
         mine = recording.find(g.name[0], "")
         beside = [
             c
             for c in recording
-            if c.name not in taken and _message(c) == _message(mine) and len(c) == len(mine)
+            if c.name not in taken and _get_message_name(c) == _get_message_name(mine) and len(c) == len(mine)
         ]
-        if flag := flag_of(recording, mine, flags, taken):
+        if flag := find_flag(recording, mine, flags, taken):
             g.valid = flag
             g.figures.append(f"{flag[0]} is {flag[1]:g} where it is valid: in nearly all rows")
-        elif no_value(mine.value).any():
+        elif mark_no_value(mine.value).any():
             top = float(np.nanmax(np.abs(mine.value)))
             g.figures.append(f"{top:g} stands for no value, and no flag says so: look at its extremes")
             g.unsure.append("a number that stands for no value")
-        counters = [(c.name, n) for c in beside if (n := _counts(c))] if _message(mine) else []
+        counters = [(c.name, n) for c in beside if (n := _count_modulo(c))] if _get_message_name(mine) else []
         if len(counters) == 1:
             g.counter = counters[0]
             g.figures.append(f"its message counts in {counters[0][0]}, modulo {counters[0][1]}")
         if g.channel == "steer_angle":
-            _rest(g, mine, beside)
+            _add_rest(g, mine, beside)
 
 
-def _message(c: Channel) -> str:
-    """What stands before the signal's own name; "" in a table."""
+def _get_message_name(c: Channel) -> str:
+    """Return the part of the name before the signal's own name; "" in a table."""
     return c.name.replace("/", ".").rpartition(".")[0]
 
 
-def _alike(c: Channel, mine: Channel) -> float:
+def _compare_names(c: Channel, mine: Channel) -> float:
+    """Return the similarity of the names of two signals, 0 .. 1."""
     return SequenceMatcher(None, c.short.lower(), mine.short.lower(), autojunk=False).ratio()
 
 
-def _valid_value(c: Channel) -> float | None:
-    """The value of a flag that means valid; None: no flag, or nobody can tell."""
-    if not FLAG.search(text_of(c.short)) and not FLAG.search(c.short):
+def _find_valid_value(c: Channel) -> float | None:
+    """Return the value of a flag that means valid; None if unknown, or if it is no flag.
+
+    It is the only good state of the database. Without states, it is the value of at least
+    MIN_VALID_SHARE of the rows, but not of all."""
+    if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]
     values, count = np.unique(there[:: max(len(there) // 100000, 1)], return_counts=True)
-    if not 2 <= len(values) <= MOST_FLAGS or (values != np.round(values)).any():
+    if not 2 <= len(values) <= MAX_FLAG_VALUES or (values != np.round(values)).any():
         return None
     most = int(count.argmax())
-    if c.states and any(BAD_STATE.search(t.replace("_", " ")) for t in c.states.values()):
-        good = [v for v in values if not BAD_STATE.search(c.states.get(float(v), "").replace("_", " "))]
+    if c.states and any(BAD_STATE_NAME.search(t.replace("_", " ")) for t in c.states.values()):
+        good = [v for v in values if not BAD_STATE_NAME.search(c.states.get(float(v), "").replace("_", " "))]
         return float(good[0]) if len(good) == 1 else None  # the database says which
-    return float(values[most]) if LEAST_VALID <= count[most] / count.sum() < 1.0 else None
+    return float(values[most]) if MIN_VALID_SHARE <= count[most] / count.sum() < 1.0 else None
 
 
-def _counts(c: Channel) -> int:
-    """How far a counter counts; 0: it is none."""
-    if not COUNTER.search(text_of(c.short)) and not COUNTER.search(c.short):
+def _count_modulo(c: Channel) -> int:
+    """Return the modulo of a counter; 0 if the signal is no counter."""
+    if not COUNTER_NAME.search(join_words(c.short)) and not COUNTER_NAME.search(c.short):
         return 0
     there = c.value[np.isfinite(c.value)][:100000]
     if len(there) < 50 or (there != np.round(there)).any() or there.min() < 0:
         return 0
-    return modulo_of(there)
+    return find_modulo(there)
 
 
-def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
-    """A value in coarse steps, and another signal that fills them: the sum is smoother than the first."""
+def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
+    """Add the fine part of a coarse value to its guess: their sum is
+    smoother."""
     x = mine.value
-    step = _step(x)
-    if not step or (step < COARSE * float(np.nanmax(np.abs(x))) and step < 0.5):
+    step = _find_step(x)
+    if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):
         return
     for c in beside:
-        if not REST.search(text_of(c.short)) and not REST.search(c.short):
+        if not REST_NAME.search(join_words(c.short)) and not REST_NAME.search(c.short):
             continue
         rough, both = (float(np.nanmean(np.abs(np.diff(y, 2)))) for y in (x, x + c.value))
-        if both < FILLED * rough and float(np.nanmax(np.abs(c.value))) <= step:
+        if both < MAX_FILLED * rough and float(np.nanmax(np.abs(c.value))) <= step:
             g.add = c.name
             smoother = rough / max(both, 1e-12)
             g.figures.append(
@@ -342,8 +382,8 @@ def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
     g.figures.append(f"in steps of {step:g} {g.unit}")
 
 
-def _step(x: np.ndarray) -> float:
-    """The step of a value that has few; 0: it has none."""
+def _find_step(x: np.ndarray) -> float:
+    """Return the step of a signal with equidistant values; 0 if its values are not."""
     values = np.unique(x[np.isfinite(x)][:200000])
     if not 3 <= len(values) <= 2000:
         return 0.0
@@ -352,16 +392,19 @@ def _step(x: np.ndarray) -> float:
     return least if np.all(np.abs(steps / least - np.round(steps / least)) < 1e-3) else 0.0
 
 
-def counted(recording: Recording) -> list[str]:
-    """Warnings: wheels that count up."""
+def warn_of_counting_wheels(recording: Recording) -> list[str]:
+    """Return a warning if signals are ticks of wheels, which count up."""
     found = [
-        c.name for c in recording
-        if TICKS.search(text_of(c.short)) and len(c) > 50 and float(np.mean(np.diff(c.value[:100000]) >= 0)) > 0.95
+        c.name
+        for c in recording
+        if TICK_NAME.search(join_words(c.short))
+        and len(c) > 50
+        and float(np.mean(np.diff(c.value[:100000]) >= 0)) > 0.95
         and float(np.nanmax(c.value) - np.nanmin(c.value)) > 10
-    ]  # fmt: skip
+    ]
     if len(found) < 2:
         return []
     return [
-        f"{', '.join(found[:4])} count up: ticks of wheels are not read; make speeds of them (ticks per row over ticks per turn, "
-        "times 2 pi over the time between rows)"
+        f"{', '.join(found[:4])} count up: ticks of wheels are not read; make speeds of them (ticks per row "
+        "over ticks per turn, times 2 pi over the time between rows)"
     ]

@@ -1,13 +1,16 @@
-"""Channels of the library from the signals of a log: found by name, in SI units, with signs, ratio and latency put right. Each
-keeps its own time."""
+"""Turn the signals of a log into the channels of the library, by signals.toml.
+
+Values are in SI units, with sign, steering ratio and latency corrected. Each channel
+keeps its own time.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from tse.channels.counters import modulo_of
-from tse.channels.signals import Counter, Flag, Signal, Signals, unit_of
+from tse.channels.counters import find_modulo
+from tse.channels.signals import Counter, Flag, Signal, Signals, find_unit
 from tse.library.errors import UserError
 from tse.log.clock import straighten_time
 from tse.log.rows import SIDES
@@ -15,32 +18,30 @@ from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
 USUAL_MODULO = 16  # of a counter of 4 bits
-MOST_LOST = (
-    0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
-)
+MAX_LOST = 0.5  # max share of invalid values by a flag; above it the flag is rejected
 
 
 @dataclass(frozen=True)
 class Series:
-    """A channel of the library, or one wheel of it, on its own time. `value`: SI, NaN missing."""
+    """A channel of the library, or one wheel of it, on its own time."""
 
     channel: str
-    time: np.ndarray
-    value: np.ndarray
-    latency: float = 0.0  # s, already taken off the time
-    hold: bool = False
+    time: np.ndarray  # s
+    value: np.ndarray  # SI, NaN: missing
+    latency: float = 0.0  # s, already subtracted from the time
+    hold: bool = False  # sent only on a change
 
 
 @dataclass
 class Clocks:
-    """Times of a recording, put right once for all channels that share one."""
+    """Corrected times of a recording, computed once for all channels that share them."""
 
     notes: list[str] = field(default_factory=list)
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
     _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
-    def of(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-        """Increasing time and the values that have one."""
+    def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+        """Return the increasing times of a channel, and the values at these times."""
         if id(channel.time) not in self._done:
             time, keep, said = straighten_time(channel.time)
             self._done[id(channel.time)] = channel.time, time, keep
@@ -49,8 +50,8 @@ class Clocks:
         value = channel.value if keep.all() else channel.value[keep]
         return time, value
 
-    def earlier(self, time: np.ndarray, latency: float) -> np.ndarray:
-        """One of these times less the latency, once for all channels that have both."""
+    def subtract_latency(self, time: np.ndarray, latency: float) -> np.ndarray:
+        """Return times less the latency; channels that share both share the result."""
         if not latency:
             return time
         if (id(time), latency) not in self._earlier:
@@ -58,19 +59,35 @@ class Clocks:
         return self._earlier[id(time), latency]
 
 
-def series(
-    recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MOST_LOST
+def map_signals(
+    recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MAX_LOST
 ) -> dict[str, Series]:
-    """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels. `most_lost`:
-    share of a channel's values that its flag may call invalid; 1: of a piece of a drive all.
+    """Return all channels that signals.toml names; wheels separately.
 
-    UserError: a name that the log does not have, a speed without a radius, a unit that is none of the channel."""
+    Parameters
+    ----------
+    recording : Recording
+        The log.
+    signals : Signals
+        Contents of signals.toml.
+    car : Vehicle or None
+        Radii of the wheels.
+    notes : list of str
+        Extended.
+    most_lost : float
+        Max share of invalid values by a flag. 1: all, for a short piece of a drive.
+
+    Raises
+    ------
+    UserError
+        A name that is not in the log, a speed without a radius, or a wrong unit.
+    """
     clocks = Clocks()
     found: dict[str, Series] = {}
     for channel, signal in signals.signals.items():
         parts = SIDES.get(channel, (channel, channel)) if len(signal.name) == 2 else (channel,)
         made = [
-            _one(recording, signal, n, part, signals, clocks, car, notes, most_lost)
+            _map_part(recording, signal, n, part, signals, clocks, car, notes, most_lost)
             for n, part in zip(signal.name, parts, strict=True)
         ]
         if channel == "steer_angle" and len(made) == 2:  # left and right front wheel
@@ -86,7 +103,7 @@ def series(
     return found
 
 
-def _one(
+def _map_part(
     recording: Recording,
     signal: Signal,
     name: str,
@@ -97,25 +114,30 @@ def _one(
     notes: list[str],
     most_lost: float,
 ) -> Series:
+    """Return one channel, or one wheel of it, from the signal `name`."""
     source = (
         f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     )
     channel = recording.find(name, source)
-    time, value = clocks.of(channel)
+    time, value = clocks.straighten(channel)
     if signal.add is not None:
-        value = value + _standing(clocks, recording.find(signal.add, source.replace("] name", "] add")), time)
-    per = _factor(signal, channel, part, car, source, notes)
+        value = value + _hold_last(
+            clocks, recording.find(signal.add, source.replace("] name", "] add")), time
+        )
+    per = _find_factor(signal, channel, part, car, source, notes)
     if signal.offset:
         value = value - signal.offset
     if (gain := per * signal.scale * signal.sign) != 1.0:
         value = value * gain
     if signal.sign_bit is not None:
         bit = recording.find(signal.sign_bit, source.replace("] name", "] sign_bit"))
-        value = np.where(_standing(clocks, bit, time) > 0.5, -value, value)
+        value = np.where(_hold_last(clocks, bit, time) > 0.5, -value, value)
     if signal.above is not None:
         value = np.where(np.isfinite(value), 1.0 * (value > signal.above), np.nan)
     if signal.ratio is not None:
-        value = value / (signal.ratio if isinstance(signal.ratio, float) else _ratio_at(signal, value, per))
+        value = value / (
+            signal.ratio if isinstance(signal.ratio, float) else _interpolate_ratio(signal, value, per)
+        )
     value = value.copy()
     if signal.valid is not None:
         _drop_invalid(recording, clocks, signal.valid, time, value, source, part, notes, most_lost)
@@ -123,16 +145,17 @@ def _one(
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
     return Series(
-        part, clocks.earlier(time, signal.latency + signal.clock), value, signal.latency, signal.hold
+        part, clocks.subtract_latency(time, signal.latency + signal.clock), value, signal.latency, signal.hold
     )
 
 
-def _factor(
+def _find_factor(
     signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
 ) -> float:
+    """Return the factor from the unit of a signal to SI."""
     if part.startswith("ref_") or signal.above is not None:
         return 1.0
-    wanted = unit_of(part)
+    wanted = find_unit(part)
     unit = signal.unit if signal.unit is not None else channel.unit
     if not unit:
         notes.append(
@@ -147,24 +170,27 @@ def _factor(
         where = "" if signal.unit is not None else f" (of {channel.name!r} in the log)"
         if "wheel_speed" in part and unit_factor(unit, wanted, 1.0) is not None:
             raise UserError(
-                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or radius = 0.31 beside the "
-                f"unit"
+                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or "
+                "radius = 0.31 beside the unit"
             )
         raise UserError(
-            f'{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the right one: unit = "..."'
+            f"{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the "
+            'right one: unit = "..."'
         )
     return per
 
 
-def _ratio_at(signal: Signal, value: np.ndarray, per: float) -> np.ndarray:
-    """The ratio at every angle; `value`: the steering wheel's angle in rad with its sign, `per`: rad per unit of the table."""
+def _interpolate_ratio(signal: Signal, value: np.ndarray, per: float) -> np.ndarray:
+    """Return the steering ratio at each angle of the steering wheel.
+
+    `value`: angles, rad. `per`: rad per unit of the table."""
     angles, ratios = np.array(signal.ratio, float).T
     return np.interp(value / abs(per), angles, ratios)
 
 
-def _standing(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
-    """The last value of a channel before each time."""
-    own, value = clocks.of(channel)
+def _hold_last(clocks: Clocks, channel: Channel, time: np.ndarray) -> np.ndarray:
+    """Return the last value of a channel before each time."""
+    own, value = clocks.straighten(channel)
     if not len(own):
         return np.full(len(time), np.nan)
     return value[np.clip(np.searchsorted(own, time + 1e-9, side="right") - 1, 0, len(own) - 1)]
@@ -181,7 +207,8 @@ def _drop_invalid(
     notes: list[str],
     most_lost: float,
 ) -> None:
-    state = _standing(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
+    """Set the values to NaN that a flag calls invalid."""
+    state = _hold_last(clocks, recording.find(flag.name, source.replace("] name", "] valid")), time)
     bad = (state == 0) if flag.values is None else ~np.isin(state, flag.values)
     bad |= ~np.isfinite(state)
     if not bad.any():
@@ -189,7 +216,8 @@ def _drop_invalid(
     if bad.mean() > most_lost:
         is_now = ", ".join(f"{v:g}" for v in np.unique(state[np.isfinite(state)])[:5])
         raise UserError(
-            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} invalid; it has the "
+            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} "
+            "invalid; it has the "
             f"values {is_now}: "
             'say which of them are valid: {name = "...", is = [0]}'
         )
@@ -207,20 +235,24 @@ def _drop_repeated(
     part: str,
     notes: list[str],
 ) -> None:
-    state = _standing(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
-    modulo = counter.modulo or modulo_of(state) or USUAL_MODULO
+    """Set the values to NaN whose message counter repeats; add a note about lost
+    messages."""
+    state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
+    modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)
     again = np.append(False, step == 0)
-    if again.mean() > MOST_LOST:
+    if again.mean() > MAX_LOST:
         notes.append(
-            f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: not used"
+            f"{part}: the counter {counter.name} stands still in {100 * again.mean():.0f} % of the entries: "
+            "not used"
         )
         return
     lost = int(np.nansum(np.where(step > 1, step - 1, 0)))
     if again.any():
         value[again] = np.nan
         notes.append(
-            f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated as missing"
+            f"{part}: {again.sum()} entries with the counter of the one before ({counter.name}) are treated "
+            "as missing"
         )
     if lost:
         notes.append(f"{part}: {lost} messages are lost, its counter {counter.name} says")

@@ -1,34 +1,36 @@
-"""What the channels of a car must have to do with each other, whatever they are called: a_y = v r, a_x = dv/dt, the wheels of an
-axle and the yaw rate, the steering angle and the curvature. Figures from these, for guesses and for checks.
+"""Kinematic relations between the channels of a car, for guesses and for checks.
 
-Arrays are (rows,) on one even raster; NaN: missing."""
+a_y = v r; a_x = dv/dt; wheels of an axle and yaw rate; steering angle and curvature. The
+relations hold whatever the signals are called. Arrays are (rows,) on one even raster.
+NaN: missing.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-RATE = 20.0  # Hz of the raster on which channels are compared
-SMOOTH = 0.4  # s: means over that are compared
-MOVING = 5.0  # m/s
-FEWEST = 200  # rows that have both, to say anything
-TRACK = 1.53  # m, usual; cars have 1.3 .. 1.7
-TRACK_SD = 0.08  # of its logarithm
+COMPARISON_RATE = 20.0  # Hz of the raster on which channels are compared
+MEAN_TIME = 0.4  # s of the moving mean before a comparison
+MOVING_SPEED = 5.0  # m/s: slower rows are not compared
+MIN_ROWS = 200  # min rows with both signals
+USUAL_TRACK = 1.53  # m; cars have 1.3 .. 1.7
+USUAL_TRACK_SD = 0.08  # of its logarithm
 
 
 @dataclass(frozen=True)
 class Fit:
-    """One channel by another: y = slope x + offset. `corr`: of both without their means; 0: too little to tell."""
+    """Line through two channels: y = slope x + offset."""
 
     slope: float = 0.0
     offset: float = 0.0
-    corr: float = 0.0
+    corr: float = 0.0  # correlation; 0: too few rows, or a constant channel
     rows: int = 0
 
 
-def smoothed(x: np.ndarray) -> np.ndarray:
-    """Means over SMOOTH, NaN where more than half is missing."""
-    n = max(1, round(SMOOTH * RATE))
+def smooth(x: np.ndarray) -> np.ndarray:
+    """Return moving means over MEAN_TIME; NaN where more than half is missing."""
+    n = max(1, round(MEAN_TIME * COMPARISON_RATE))
     good = np.isfinite(x)
     kernel = np.ones(n)
     count = np.convolve(good, kernel, "same")
@@ -37,12 +39,14 @@ def smoothed(x: np.ndarray) -> np.ndarray:
 
 
 def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> Fit:
-    """y by x in the rows `keep`: the slope between the two regressions, as both have noise."""
+    """Fit y = slope x + offset in the rows `keep`.
+
+    Both channels have noise, so the slope is the geometric mean of both regressions."""
     both = np.isfinite(x) & np.isfinite(y)
     if keep is not None:
         both &= keep
     n = int(both.sum())
-    if n < FEWEST:
+    if n < MIN_ROWS:
         return Fit(rows=n)
     a, b = x[both], y[both]
     a0, b0 = a.mean(), b.mean()
@@ -54,55 +58,61 @@ def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> Fit:
     return Fit(slope, float(b0 - slope * a0), corr, n)
 
 
-def mean_of(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean of those that are there, row by row."""
+def average(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the mean of the signals in each row, without missing values."""
     table = np.array(parts)
     good = np.isfinite(table)
     count = good.sum(axis=0)
     return np.where(count > 0, np.where(good, table, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
-def derivative(x: np.ndarray) -> np.ndarray:
-    """Per second."""
-    return np.gradient(x) * RATE
+def differentiate(x: np.ndarray) -> np.ndarray:
+    """Return the derivative, 1/s."""
+    return np.gradient(x) * COMPARISON_RATE
 
 
 @dataclass(frozen=True)
 class Steering:
-    """angle = per_curvature (r/v) (1 + understeer v^2) + offset. per_curvature: wheelbase times ratio, `sd`: of its logarithm;
-    `share`: of the angle's variance."""
+    """Model of the steering angle: per_curvature (r/v) (1 + understeer v^2) + offset."""
 
-    per_curvature: float
-    sd: float
-    understeer: float
+    per_curvature: float  # wheelbase x steering ratio, m
+    sd: float  # of the logarithm of per_curvature
+    understeer: float  # s2/m2
     offset: float
-    share: float
+    share: float  # of the variance of the angle
 
 
 UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012  # s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
 
 
-def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
-    """The steering angle by curvature; v: m/s, r: rad/s. At one speed the understeer does not show, and is that of cars. None: too
-    little to tell."""
-    moving = v > MOVING
+def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
+    """Fit the model of the steering angle; v: m/s, r: rad/s.
+
+    Logs at one speed do not show the understeer, so it has a prior of passenger cars.
+
+    Returns
+    -------
+    Steering or None
+        None: too few bends.
+    """
+    moving = v > MOVING_SPEED
     curvature = r / np.where(moving, v, np.nan)
     keep = moving & np.isfinite(angle) & np.isfinite(curvature)
-    if keep.sum() < FEWEST or np.std(curvature[keep]) < 1e-5 or np.std(angle[keep]) < 1e-9:
+    if keep.sum() < MIN_ROWS or np.std(curvature[keep]) < 1e-5 or np.std(angle[keep]) < 1e-9:
         return None
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
-    independent = max(len(y) / (2.0 * SMOOTH * RATE), 1.0)
+    independent = max(len(y) / (2.0 * MEAN_TIME * COMPARISON_RATE), 1.0)
     grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
-    # all of x = c + k (c v2) at once, by what c and c v2 have in common with each other and with y
+    # Regression of y on c + k (c v2) for all k of the grid at once, by the covariances of
+    # c, c v2 and y
     parts = np.array([c, c * v2])
     middle = parts.mean(axis=1)
     parts = parts - middle[:, None]
     shared, with_y, own = parts @ parts.T / len(y), parts @ (y - y.mean()) / len(y), float(y.var())
     terms = np.array([np.ones(len(grid)), grid])
     spread = np.einsum("ik,ij,jk->k", terms, shared, terms)
-    flat = (
-        spread < 1e-24
-    )  # at this one speed, an angle of 0 in any bend: no car, and nothing against the others
+    # this understeer needs no steering at the speed of the log: excluded
+    flat = spread < 1e-24
     slopes = np.where(flat, 0.0, with_y @ terms / np.where(flat, 1.0, spread))
     shares = np.where(flat, 0.0, slopes * (with_y @ terms) / own)
     offsets = y.mean() - slopes * (middle @ terms)
@@ -115,8 +125,10 @@ def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None
     best = int(worth.argmax())
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
-    # The curvature has noise as well, which draws the slope towards 0: the true one lies between this regression and that of the
-    # other way round, slope / share. Their middle is taken, as in fit(), and half their distance, as an even spread, into the sd.
+    # The noise of the curvature biases the slope towards 0. The true slope is between
+    # this regression and the inverse one, slope / share. The result is their geometric
+    # mean, as in fit(). Half their distance, as a uniform distribution, is added to the
+    # sd.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(
@@ -124,21 +136,23 @@ def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None
     )
 
 
-def lag(
+def find_lag(
     x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()
 ) -> tuple[float, float]:
-    """By how much later than x, s, y comes, and its sd: y = a (x - lag x') + what else is given. (0, inf): too little to tell."""
-    slope = derivative(x)
+    """Return the lag of y behind x and its sd, s: y = a (x - lag x') + the terms `more`.
+
+    (0, inf): too few rows."""
+    slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)
     n = int(rows.sum())
-    if n < FEWEST or np.std(x[rows]) < 1e-9:
+    if n < MIN_ROWS or np.std(x[rows]) < 1e-9:
         return 0.0, np.inf
     t, target = table[rows], y[rows]
     scale = np.maximum(np.sqrt(np.mean(t**2, axis=0)), 1e-12)
     found, *_ = np.linalg.lstsq(t / scale, target, rcond=None)
     left = target - (t / scale) @ found
-    independent = max(n / (2.0 * SMOOTH * RATE), 1.0)
+    independent = max(n / (2.0 * MEAN_TIME * COMPARISON_RATE), 1.0)
     inverse = np.linalg.pinv((t / scale).T @ (t / scale) / n)
     sd = np.sqrt(np.mean(left**2) * np.diag(inverse) / independent) / scale
     a, b = (found / scale)[:2]
@@ -147,13 +161,13 @@ def lag(
     return float(-b / a), float(np.hypot(sd[1] / a, b * sd[0] / a**2))
 
 
-def haversine(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
-    """Speed over ground, m/s, from degrees."""
-    north = np.gradient(np.radians(latitude)) * 6371e3 * RATE
+def compute_ground_speed(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+    """Return the speed over ground, m/s, from positions in degrees."""
+    north = np.gradient(np.radians(latitude)) * 6371e3 * COMPARISON_RATE
     east = (
         np.gradient(np.unwrap(np.radians(longitude)))
         * 6371e3
-        * RATE
+        * COMPARISON_RATE
         * np.cos(np.radians(np.nanmean(latitude)))
     )
     return np.hypot(north, east)

@@ -1,4 +1,4 @@
-"""A proposal in words, as a table, and as signals.toml."""
+"""Propose signals.toml for a log, and format the proposal as text, table and TOML."""
 
 import json
 from dataclasses import dataclass
@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from tse.channels.candidates import nearest_candidates
+from tse.channels.candidates import find_nearest_candidates
 from tse.channels.group_clocks import align_clocks
 from tse.channels.guesses import make_guesses
-from tse.channels.look import Guess, Look, Proposal, counted, find_companions
+from tse.channels.look import Guess, Look, Proposal, find_companions, warn_of_counting_wheels
 from tse.channels.mapping import Series
-from tse.channels.raster import entries, rate_of
+from tse.channels.raster import find_rate, select_entries
 from tse.channels.scales import find_units
 from tse.channels.velocities import find_velocities
-from tse.channels.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
+from tse.channels.wheels import compute_speed, find_pedals, find_roles, find_sides, find_speed, find_wheels
 from tse.log.clock import straighten_time
 from tse.log.units import is_unknown_unit
 from tse.readers.recording import Channel, ReadOptions, Recording, list_names
@@ -23,7 +23,7 @@ from tse.readers.recording import Channel, ReadOptions, Recording, list_names
 
 @dataclass(frozen=True)
 class Line:
-    """What the list says of one signal."""
+    """One signal in the list of all signals."""
 
     name: str
     unit: str
@@ -34,24 +34,25 @@ class Line:
     used: str  # channel it is proposed for
 
 
-def listing(recording: Recording, proposal: Proposal) -> list[Line]:
-    """A line per signal, in the order of the file."""
+def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
+    """Return a line per signal, in the order of the file."""
     used = {n: g.channel for g in proposal.guesses for n in g.name}
-    return [_line(c, used.get(c.name, "")) for c in recording]
+    return [_describe_signal(c, used.get(c.name, "")) for c in recording]
 
 
-def _line(c: Channel, used: str) -> Line:
+def _describe_signal(c: Channel, used: str) -> Line:
+    """Return the line of a signal. `used`: the channel for which it is proposed."""
     there = np.isfinite(c.value)
     time, keep, _ = straighten_time(c.time)
-    rate = rate_of(entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
+    rate = find_rate(select_entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
     low, high = (
         (float(np.min(c.value[there])), float(np.max(c.value[there]))) if there.any() else (np.nan, np.nan)
     )
     return Line(c.name, c.unit, rate, low, high, float(1 - there.mean()) if len(there) else 1.0, used)
 
 
-def headline(g: Guess) -> str:
-    """Return a guess in a line."""
+def format_headline(g: Guess) -> str:
+    """Return a guess as one line of text."""
     more = (
         [f"{g.unit} ({g.unit_from})"]
         + (["sign -1"] if g.sign < 0 else [])
@@ -66,17 +67,20 @@ def headline(g: Guess) -> str:
     return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
 
 
-def toml_text(
+def format_signals(
     recording: Recording, proposal: Proposal, how: ReadOptions | None = None, folder: Path = Path()
 ) -> str:
-    """signals.toml, with what speaks for each guess as comments. `how`: the log was read; `folder`: of the file."""
+    """Return the proposal as signals.toml, with the evidence as comments.
+
+    `how`: the settings with which the log was read. `folder`: folder of signals.toml."""
     lines = [
-        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. Look through, and edit."
+        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with its evidence. "
+        "Check and edit."
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
     said = {k: v for k, v in vars(how or ReadOptions()).items() if v and k != "wanted"}
     if "databases" in said:
-        said["databases"] = [_relative(p, folder) for p in said["databases"]]
+        said["databases"] = [_make_relative(p, folder) for p in said["databases"]]
     lines += (
         ["", "[log]", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in said.items())]
         if said
@@ -91,14 +95,19 @@ def toml_text(
             f"name = {name}",
         ]
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
-        more = {"sign": "-1" if g.sign < 0 else "", "add": _quoted(g.add), "sign_bit": _quoted(g.sign_bit),
-                "ratio": f"{g.ratio:g}" if g.ratio else "", "latency": f"{g.latency:g}" if g.latency else "",
-                "clock": f"{g.clock:.12g}" if g.clock else "",
-                "above": "" if g.above is None else f"{g.above:g}",
-                "valid": f"{{name = {_quoted(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
-                "counter": f"{{name = {_quoted(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
-                "unsure": f"{_quoted(', '.join(g.unsure))}  # when you have looked, take this line out" if g.unsure else "",
-        }  # fmt: skip
+        unsure = _quote(", ".join(g.unsure))
+        more = {
+            "sign": "-1" if g.sign < 0 else "",
+            "add": _quote(g.add),
+            "sign_bit": _quote(g.sign_bit),
+            "ratio": f"{g.ratio:g}" if g.ratio else "",
+            "latency": f"{g.latency:g}" if g.latency else "",
+            "clock": f"{g.clock:.12g}" if g.clock else "",
+            "above": "" if g.above is None else f"{g.above:g}",
+            "valid": f"{{name = {_quote(g.valid[0])}, is = [{g.valid[1]:g}]}}" if g.valid else "",
+            "counter": f"{{name = {_quote(g.counter[0])}, modulo = {g.counter[1]}}}" if g.counter else "",
+            "unsure": f"{unsure}  # when you have checked it, delete this line" if g.unsure else "",
+        }
         lines += [f"{key} = {value}" for key, value in more.items() if value]
     for channel in proposal.missing:
         lines += ["", f"# [signals.{channel}]", *(f"# {x}" for x in proposal.nearest.get(channel, ()))]
@@ -106,25 +115,27 @@ def toml_text(
     return "\n".join(lines) + "\n"
 
 
-def _strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
-    """Return a warning for each unit that nobody knows of a signal that is proposed."""
+def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[str]:
+    """Return a warning for each unknown unit of a proposed signal."""
     found: dict[tuple[str, str], list[str]] = {}
     for g in guesses:
         for n in g.name:
             if is_unknown_unit(unit := recording.channels[n].unit):
                 found.setdefault((unit, g.unit), []).append(n)
     return [
-        f"the unit {unit!r} of {list_names(names)} is not known: {own} is proposed, by size; look whether it is right"
+        f"the unit {unit!r} of {list_names(names)} is not known: {own} is proposed, by size; look whether it is "
+        "right"
         for (unit, own), names in found.items()
     ]
 
 
-def _quoted(text: str | None) -> str:
-    """A string of TOML, which is one of JSON; none is no text."""
+def _quote(text: str | None) -> str:
+    """Return a text as a TOML string, which is also one of JSON; no text for None."""
     return json.dumps(text, ensure_ascii=False) if text else ""
 
 
-def _relative(path: Path, folder: Path) -> str:
+def _make_relative(path: Path, folder: Path) -> str:
+    """Return a path relative to a folder, if it is inside."""
     path = path.resolve()
     try:
         return path.relative_to(folder.resolve()).as_posix()
@@ -132,31 +143,34 @@ def _relative(path: Path, folder: Path) -> str:
         return path.as_posix()
 
 
-# ---- A guess of signals.toml: names by words, units and physics together; every guess with the figure that speaks for it.
+# ---- The proposal.
 #
-# A candidate of a role is worth what its name sounds like (vocabulary.py), plus whether its unit is of the kind, plus how well it
-# agrees with the others (physics.py). The references of the physics are the best candidates themselves, so it is done a few times
-# over.
+# The score of a candidate for a role is the sum of three: name (vocabulary.py), unit, and
+# The score of a candidate for a role is a sum of three: name (vocabulary.py), unit and
+# best candidates of the pass before, so several passes are made.
 
 __all__ = ["Guess", "Proposal", "propose"]
-PASSES = 3
+ROLE_PASSES = 3
 
 
 def propose(recording: Recording, car: Any | None = None) -> Proposal:
-    """Guess which signal is which. `car`: a vehicle.Vehicle; its radii, wheelbase and ratio make the figures sharper."""
+    """Propose a signal for each channel.
+
+    `car`: a Vehicle. Its wheel radii, wheelbase and steering ratio reduce the
+    uncertainty."""
     warnings: list[str] = []
     recording, moved = align_clocks(recording, warnings)
     look = Look(recording)
     wheels = find_wheels(look) or find_speed(look)
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
-    for _ in range(PASSES):
-        raw, before = speed_of(look, wheels), (chosen, wheels)
+    for _ in range(ROLE_PASSES):
+        raw, before = compute_speed(look, wheels), (chosen, wheels)
         chosen, worth = find_roles(look, wheels, raw, chosen)
         if raw is None:
             break
         wheels = find_sides(look, wheels, chosen)
-        if (chosen, wheels) == before:  # the same again would come of it
+        if (chosen, wheels) == before:  # converged
             break
     scale = find_units(look, wheels, chosen, car, warnings)
     guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)
@@ -164,13 +178,13 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         if len(g.name) == 1 and g.name[0] in look.sign_bit:
             g.sign_bit = look.sign_bit[g.name[0]]
             g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
-    raw = speed_of(look, wheels)
+    raw = compute_speed(look, wheels)
     v = None if raw is None else raw * scale.per["wheel"]
     guesses += find_velocities(look, guesses, v, recording.format)
     guesses += find_pedals(recording, look, v)
     find_companions(recording, guesses)
-    warnings += _strange_units(recording, guesses)
-    warnings += counted(recording) if not wheels else []
+    warnings += _warn_of_strange_units(recording, guesses)
+    warnings += warn_of_counting_wheels(recording) if not wheels else []
     for g in guesses:
         g.clock = round(moved.get(g.name[0], 0.0), 2)
     have = {g.channel for g in guesses}
@@ -179,4 +193,4 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
         if c not in have
     ]
-    return Proposal(guesses, warnings, missing, nearest_candidates(recording, look, guesses, missing, v))
+    return Proposal(guesses, warnings, missing, find_nearest_candidates(recording, look, guesses, missing, v))

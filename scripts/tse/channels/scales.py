@@ -1,4 +1,8 @@
-"""Which units all channels have together: physics weighs every set of those that are often mixed up."""
+"""Find the units of all channels together.
+
+Each set of units that are often mixed up has a cost: its deviation from the kinematic
+relations, and from the units of log and names. The set of min cost is returned.
+"""
 
 import re
 from collections.abc import Mapping
@@ -9,113 +13,138 @@ from typing import Any
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import KINDS, NAMED, TURNED, Look
-from tse.channels.physics import TRACK, TRACK_SD, fit, smoothed
-from tse.channels.vocabulary import score, text_of
-from tse.channels.wheels import is_speed, named_speed, speed_of, turn_of
+from tse.channels.look import MIN_NAME_SCORE, MIN_PROOF_CORR, ROLE_KINDS, Look
+from tse.channels.physics import USUAL_TRACK, USUAL_TRACK_SD, fit, smooth
+from tse.channels.vocabulary import join_words, score_name
+from tse.channels.wheels import compute_speed, find_named_speed, find_turn, is_car_speed
 from tse.log.units import unit_factor, unit_kind
 from tse.readers.recording import RECEIVER_TEXT
 from tse.readers.table import find_unit_suffix
 
-UNITS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"),
+UNIT_OPTIONS = {
+    "wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"),
+    "yaw_rate": ("rad/s", "deg/s"),
+    "accel_y": ("m/s2", "g"),
     "accel_x": ("m/s2", "g"),
-         "steer_angle": ("deg", "rad")}  # fmt: skip
-USUAL_RADIUS, RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars, when no vehicle file says
-USUAL_WHEELBASE = 2.7  # m, likewise
-CONTRADICTED, SUFFIX, UNSAID = (
-    6.0,
-    3.0,
-    0.5,
-)  # cost, in squared sd, of a unit that is not the log's, not the name's, and of any other than SI
-CLIP = 16.0  # most that one equation says against a set of units,
-MOST = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}  # what road cars do, SI, wheels m/s
-BEYOND = 25.0  # cost of a unit with which a car would do more
-FAR = 0.1  # but of two sets that are both far off the nearer one is better: per sd
+    "steer_angle": ("deg", "rad"),
+}
+USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars without vehicle file
+USUAL_WHEELBASE = 2.7  # m: passenger cars without vehicle file
+# costs of units, in squared sd
+LOG_UNIT_COST = 6.0  # a unit that contradicts the log
+NAME_UNIT_COST = 3.0  # a unit that contradicts the end of the name
+OTHER_UNIT_COST = 0.5  # a unit other than SI, if neither log nor name state one
+MAX_EQUATION_COST = 16.0  # of one kinematic relation
+FAR_COST = 0.1  # per sd, without limit: of two implausible sets of units the nearer one is better
+MOTION_COST = 25.0  # of a unit with which the car exceeds MAX_MOTION
+MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}  # road cars, SI; m/s
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Units that were settled together, and the figures that settled them."""
+    """Units of all channels, and the figures from which they follow."""
 
     unit: dict[str, str]  # of wheel, yaw_rate, accel_y, accel_x
     per: dict[str, float]  # SI per unit
-    figures: dict[
-        str, float
-    ]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
+    # accel_y: a_y over v r. accel_x: a_x over dv/dt. track: m. speed: over that of the
+    # log
+    figures: dict[str, float]
 
 
-def _radius(car: Any | None) -> float:
+def _get_radius(car: Any | None) -> float:
+    """Return the radius of the front wheels, m."""
     return float(car.values["wheel_radius_front"]) if car is not None else USUAL_RADIUS
 
 
 def find_units(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]
 ) -> Scale:
-    """The set of units that agrees best with physics and with what log and names say."""
+    """Return the set of units that agrees best with physics, log and names."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
-    car_speed = next(iter(wheels.values())) if is_speed(wheels) else "" if wheels else named_speed(look)
+    car_speed = ""
+    if is_car_speed(wheels):
+        car_speed = next(iter(wheels.values()))
+    elif not wheels:
+        car_speed = find_named_speed(look)
     if wheels or car_speed:
         names["wheel"] = car_speed or next(iter(wheels.values()))
-    v0 = speed_of(look, wheels)
-    facts = facts_of(look, wheels, chosen, v0)
-    options: dict[str, list[tuple[str, float]]] = {}
-    for role, name in names.items():
-        said, end = look.channels[name].unit, find_unit_suffix(look.channels[name].short)
-        said = said if unit_kind(said) in KINDS.get(role, KINDS["wheel"]) else ""
-        choices = [
-            u for u in UNITS[role] if not (role == "wheel" and car_speed and unit_factor(u, "m/s") is None)
-        ]
-        if said and unit_factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
-            choices = [said] + [u for u in choices if not same_unit(u, said, role)]
-        elif said == "" and end and unit_kind(end) in KINDS.get(role, KINDS["wheel"]):
-            choices = [end] + [u for u in choices if not same_unit(u, end, role)]
-        cost = CONTRADICTED if said else SUFFIX if end and choices[0] == end else UNSAID
-        options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
+    v0 = compute_speed(look, wheels)
+    facts = measure_slopes(look, wheels, chosen, v0)
+    options = {role: _list_units(look, role, name, car_speed != "") for role, name in names.items()}
     tops = {
         r: float(np.nanquantile(np.abs(look.x[n]), 0.999))
         for r, n in names.items()
         if np.isfinite(look.x[n]).any()
     }
     best: tuple[float, Scale] | None = None
-    declared: tuple[float, Scale] | None = None
     for picks in product(*options.values()):
         unit = {role: u for role, (u, _) in zip(options, picks, strict=True)}
-        per = {role: _per(role, u, car) for role, u in unit.items()}
-        cost, figures = _cost(facts, unit, per, car)
-        cost += sum(BEYOND for role, top in tops.items() if role in per and top * per[role] > MOST[role])
+        per = {role: _convert_unit(role, u, car) for role, u in unit.items()}
+        cost, figures = _compute_cost(facts, unit, per, car)
+        cost += sum(
+            MOTION_COST for role, top in tops.items() if role in per and top * per[role] > MAX_MOTION[role]
+        )
         this = cost + sum(c for _, c in picks), Scale(unit, per, figures)
-        declared = declared or this
         if best is None or this[0] < best[0]:
             best = this
-    if best is None or declared is None:
+    if best is None:
         return Scale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
-        if was and unit_kind(was) in KINDS.get(role, KINDS["wheel"]) and not same_unit(u, was, role):
+        if (
+            was
+            and unit_kind(was) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
+            and not is_same_unit(u, was, role)
+        ):
             warnings.append(
                 f"{names[role]!r} is in {was}, the log says, but its size is that of {u}: {u} is proposed"
             )
     return best[1]
 
 
-def same_unit(a: str, b: str, role: str) -> bool:
+def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[str, float]]:
+    """Return the possible units of a signal, each with its cost.
+
+    `is_speed`: the signal is the speed of the car in place of the wheels."""
+    kinds = ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
+    said, end = look.channels[name].unit, find_unit_suffix(look.channels[name].short)
+    said = said if unit_kind(said) in kinds else ""
+    choices = list(UNIT_OPTIONS[role])
+    if role == "wheel" and is_speed:
+        choices = [u for u in choices if unit_factor(u, "m/s") is not None]
+    if said and unit_factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
+        choices = [said] + [u for u in choices if not is_same_unit(u, said, role)]
+    elif said == "" and end and unit_kind(end) in kinds:
+        choices = [end] + [u for u in choices if not is_same_unit(u, end, role)]
+    cost = OTHER_UNIT_COST
+    if said:
+        cost = LOG_UNIT_COST
+    elif end and choices[0] == end:
+        cost = NAME_UNIT_COST
+    return [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
+
+
+def is_same_unit(a: str, b: str, role: str) -> bool:
+    """Return whether two units of a role are equal, however they are spelt."""
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
     x, y = unit_factor(a, wanted, 1.0), unit_factor(b, wanted, 1.0)
-    # a rate of rolling and a speed are different units, though both become rates
+    # rad/s and m/s of a wheel are different kinds, though both are converted to rad/s
     return x is not None and y is not None and abs(x / y - 1) < 1e-3 and unit_kind(a) == unit_kind(b)
 
 
-def _per(role: str, unit: str, car: Any | None) -> float:
-    """SI per unit; of wheels m/s."""
+def _convert_unit(role: str, unit: str, car: Any | None) -> float:
+    """Return the unit_factor from a unit to SI; of wheels to m/s."""
     if role == "wheel":
-        return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _radius(car))
+        return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _get_radius(car))
     return float(unit_factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
 
 
-def facts_of(
+def measure_slopes(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None
 ) -> dict[str, float]:
-    """Slopes between the signals as they are logged; only those that show."""
+    """Return slopes and correlations between the signals as logged.
+
+    A slope is missing if its correlation is too low. `v`: speed in any unit."""
     facts: dict[str, float] = {}
     if v is None:
         return facts
@@ -123,23 +152,23 @@ def facts_of(
     r = look.x[chosen["yaw_rate"]] if "yaw_rate" in chosen else None
     if r is not None and "accel_y" in chosen:
         found = fit(v * r, look.x[chosen["accel_y"]])
-        if abs(found.corr) > TURNED:
+        if abs(found.corr) > MIN_PROOF_CORR:
             facts["accel_y"] = abs(found.slope)
         facts["accel_y_corr"] = found.corr
-    turn = turn_of(look, wheels)
+    turn = find_turn(look, wheels)
     if r is not None and turn is not None:
         found = fit(r, turn)
-        if abs(found.corr) > TURNED:
+        if abs(found.corr) > MIN_PROOF_CORR:
             facts["track"] = abs(found.slope)
         facts["track_corr"] = found.corr
     if r is not None:
-        facts["course_corr"] = _course(look, r, v)
+        facts["course_corr"] = _correlate_course(look, r, v)
     if "accel_x" in chosen:
-        found = fit(physics.derivative(v), look.x[chosen["accel_x"]])
+        found = fit(physics.differentiate(v), look.x[chosen["accel_x"]])
         if abs(found.corr) > 0.8:
             facts["accel_x"] = abs(found.slope)
         facts["accel_x_corr"] = found.corr
-    ground = _ground(look, wheels)
+    ground = _find_ground_speed(look, wheels)
     if ground is not None:
         found = fit(v, ground)
         if found.corr > 0.98:
@@ -147,15 +176,15 @@ def facts_of(
     return facts
 
 
-def _course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
-    """Return how well the yaw rate goes with the course of a receiver of GNSS.
+def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
+    """Return the correlation of the yaw rate with the derivative of the course of GNSS.
 
-    The course counts clockwise from north, in degrees. 1: the yaw rate is positive to the
-    left. -1: to the right. 0: there is no course."""
+    The course is clockwise from north, in degrees. > 0: the yaw rate is positive to the
+    left. < 0: to the right. 0: there is no course."""
     named = [
         n for n in look.raw
-        if score("heading", n) >= NAMED and unit_kind(look.unit(n)) in ("", "angle")
-        and (look.channels[n].text == RECEIVER_TEXT or re.search(r"gps|gnss", text_of(n)))
+        if score_name("heading", n) >= MIN_NAME_SCORE and unit_kind(look.find_unit(n)) in ("", "angle")
+        and (look.channels[n].text == RECEIVER_TEXT or re.search(r"gps|gnss", join_words(n)))
     ]  # fmt: skip
     if not named:
         return 0.0
@@ -165,52 +194,56 @@ def _course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     if len(course) < 10 or np.ptp(course) < 1.0 or course.min() < -181.0 or course.max() > 361.0:
         return 0.0
     turned = -np.unwrap(np.radians(course))
-    rate = smoothed(np.gradient(smoothed(np.interp(look.time, time, turned, np.nan, np.nan))) * physics.RATE)
+    rate = smooth(
+        np.gradient(smooth(np.interp(look.time, time, turned, np.nan, np.nan))) * physics.COMPARISON_RATE
+    )
     return fit(r, rate, np.abs(v) > 0.3 * np.nanmax(np.abs(v))).corr
 
 
-def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Speed over ground that the log has besides, m/s, in a known unit; of a receiver of GNSS before others."""
+def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+    """Return another speed of the log, m/s; None if there is none.
+
+    A speed of GNSS is preferred. Without a speed, it is computed from positions."""
     named = [
         n
         for n in look.x
         if unit_kind(look.channels[n].unit) == "speed"
-        and score("speed", n) >= NAMED
+        and score_name("speed", n) >= MIN_NAME_SCORE
         and n not in wheels.values()
     ]
-    named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", text_of(n))), score("speed", n)))
+    named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", join_words(n))), score_name("speed", n)))
     if named:
         return look.x[named[-1]] * float(unit_factor(look.channels[named[-1]].unit, "m/s") or 1.0)
     at = {
-        role: max(((score(role, n), n) for n in look.x), default=(0.0, ""))
+        role: max(((score_name(role, n), n) for n in look.x), default=(0.0, ""))
         for role in ("latitude", "longitude")
     }
     if all(w >= 2.0 for w, _ in at.values()):
         lat, lon = (look.x[at[role][1]] for role in ("latitude", "longitude"))
         if np.nanmax(np.abs(lat)) <= 90 and np.nanmax(np.abs(lon)) <= 180:
-            return smoothed(physics.haversine(lat, lon))
+            return smooth(physics.compute_ground_speed(lat, lon))
     return None
 
 
-def _cost(
+def _compute_cost(
     facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str, float], car: Any | None
 ) -> tuple[float, dict[str, float]]:
-    """How far a set of units is from what physics wants, in squared sd, and the figures themselves."""
+    """Return the deviation of units from physics, in squared sd, and the figures."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
-    loose = RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0
+    loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0
     figures = {}
     cost = 0.0
     for name, factor_, sd, wanted in (
         ("accel_y", ay / (v * r), 0.07, 1.0),
         ("accel_x", ax / v, 0.12, 1.0),
-        ("track", v / r, TRACK_SD, TRACK),
+        ("track", v / r, USUAL_TRACK_SD, USUAL_TRACK),
         ("speed", 1.0 / v, 0.03, 1.0),
     ):
         if name in facts:
             figures[name] = facts[name] * factor_
             off = np.log(figures[name] / wanted) / np.hypot(sd, loose)
-            cost += float(min(off**2, CLIP + FAR * abs(off)))
+            cost += float(min(off**2, MAX_EQUATION_COST + FAR_COST * abs(off)))
     top = facts.get("top", 20.0 / v) * v
     cost += 4.0 * (top > 75.0) + 4.0 * (top < 3.0)
     return cost, figures

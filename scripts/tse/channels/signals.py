@@ -1,4 +1,4 @@
-"""signals.toml: which signal of a log is which channel, in which unit, with which sign, ratio and latency. Read and checked."""
+"""Read and check signals.toml: signal, unit, sign, ratio and latency of each channel."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,55 +13,44 @@ from tse.log.rows import OPTIONAL_COLUMNS, SIDES, find_signals_file
 from tse.log.units import parse_unit, unit_factor
 from tse.readers.recording import ReadOptions
 
-SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
-LONGEST_LATENCY = 1.0  # s
-LONGEST_CLOCK = 4e9  # s: an epoch
+MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz of the rows
+MAX_LATENCY = 1.0  # s
+MAX_CLOCK = 4e9  # s: an epoch
 LOG_KEYS = {f.name for f in fields(ReadOptions)} - {"wanted"} | {"rate"}
-KEYS = (
-    "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "clock", "valid", "counter",
-    "hold", "above",
-    "unsure",
-)  # fmt: skip
-RANGES = {  # key -> low, high, unit, what it is
-    "scale": (-1e9, 1e9, "", "a factor after the unit, 1 if left out"),
-    "offset": (-1e6, 1e6, "", "taken off in the unit of the signal, 0 if left out"),
-    "radius": (0.05, 5.0, "m", "of the wheel, for speeds; the vehicle file's if left out"),
-    "above": (-1e6, 1e6, "", "of a pressure: the brakes are on above it, in the unit of the signal"),
-    "latency": (
-        -LONGEST_LATENCY,
-        LONGEST_LATENCY,
-        "s",
-        "by how much later than it was true a value is logged",
-    ),
-    "clock": (
-        -LONGEST_CLOCK,
-        LONGEST_CLOCK,
-        "s",
-        "by how much the clock of its group is ahead of the others",
-    ),
+SIGNAL_KEYS = (
+    *("name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency"),
+    *("clock", "valid", "counter", "hold", "above", "unsure"),
+)
+NUMBER_RANGES = {  # by key: min, max, unit
+    "scale": (-1e9, 1e9, ""),  # unit_factor after the unit
+    "offset": (-1e6, 1e6, ""),  # subtracted, in the unit of the signal
+    "radius": (0.05, 5.0, "m"),  # of the wheel, for speeds
+    "above": (-1e6, 1e6, ""),  # pressure above which the car brakes, in the unit of the signal
+    "latency": (-MAX_LATENCY, MAX_LATENCY, "s"),  # from a measurement to its time in the log
+    "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),  # by which the clock of its group is ahead of the others
 }
-LEAST_RATIO, MOST_RATIO = 0.5, 100.0
+MIN_RATIO, MAX_RATIO = 0.5, 100.0
 
 
 @dataclass(frozen=True)
 class Flag:
-    """A signal that says whether others are valid: `of` these values, or any but 0."""
+    """A signal that states whether others are valid."""
 
     name: str
-    values: tuple[float, ...] | None = None
+    values: tuple[float, ...] | None = None  # that mean valid; None: all but 0
 
 
 @dataclass(frozen=True)
 class Counter:
-    """The counter of a message: an entry with the counter of the one before is that one again."""
+    """The counter of a message. A repeated count means a repeated message."""
 
     name: str
-    modulo: int | None = None  # None: as the log shows it
+    modulo: int | None = None  # None: found from the log
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One channel: where it comes from. Two names: left and right wheel."""
+    """The source of one channel. Two names: left and right wheel."""
 
     channel: str
     name: tuple[str, ...]
@@ -70,9 +59,8 @@ class Signal:
     sign_bit: str | None = None  # a signal that is 1 where the value is negative
     scale: float = 1.0
     offset: float = 0.0
-    ratio: float | tuple[tuple[float, float], ...] | None = (
-        None  # steering wheel over road wheels; or by angle, in the signal's unit
-    )
+    # steering wheel over road wheels; or a table over the angle in the signal's unit
+    ratio: float | tuple[tuple[float, float], ...] | None = None
     radius: float | None = None
     latency: float = 0.0
     clock: float = 0.0
@@ -81,12 +69,12 @@ class Signal:
     hold: bool = False  # sent only when it changes: a value stands until the next
     above: float | None = None  # 1 where the signal is above it, in its own unit, else 0
     add: str | None = None  # a signal with the rest of the value, in the same unit: the fine part of an angle
-    unsure: str = ""  # what was guessed and could not be tested; every run says so until the key is taken out
+    unsure: str = ""  # guesses that were not tested; every run warns until the key is deleted
 
 
 @dataclass(frozen=True)
 class Signals:
-    """The file as a whole."""
+    """The contents of signals.toml."""
 
     path: Path | None
     signals: Mapping[str, Signal]
@@ -94,7 +82,7 @@ class Signals:
     rate: float | None = None
 
     def wants(self, name: str) -> bool:
-        """Is a signal of that name, or that last part of it, needed?"""
+        """Return whether a signal with this name, or this last part of it, is needed."""
         names = {
             n
             for s in self.signals.values()
@@ -109,16 +97,25 @@ class Signals:
 def find_signals(
     log: Path, file: Path | None, databases: Sequence[Path]
 ) -> tuple[Signals | None, ReadOptions]:
-    """The signals.toml of a log, that which was named or the one beside it, and how the log is read: [log] of it, and these
-    databases before those that it names."""
+    """Return the signals.toml of a log, and the settings for reading it.
+
+    Parameters
+    ----------
+    log : Path
+        The log.
+    file : Path or None
+        signals.toml. None: the one beside the log, if there is one.
+    databases : sequence of Path
+        Databases of the bus; they precede those that [log] names.
+    """
     file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
     how = signals.how if signals is not None else ReadOptions()
     return signals, replace(how, databases=(*databases, *how.databases))
 
 
-def known_channels() -> list[str]:
-    """Channels that a file may have, without ref_*."""
+def list_channels() -> list[str]:
+    """Return the channels that a file may have, without ref_*."""
     return [
         *(f.name for f in library().channels),
         *(s for pair in SIDES.values() for s in pair),
@@ -126,8 +123,8 @@ def known_channels() -> list[str]:
     ]
 
 
-def unit_of(channel: str) -> str:
-    """The SI unit in which the library takes a channel."""
+def find_unit(channel: str) -> str:
+    """Return the SI unit of a channel."""
     axle = next((a for a, pair in SIDES.items() if channel in pair), channel)
     if axle in OPTIONAL_COLUMNS:
         return OPTIONAL_COLUMNS[axle][0]
@@ -135,30 +132,40 @@ def unit_of(channel: str) -> str:
 
 
 def read_signals(path: Path) -> Signals:
-    """Read and check. UserError: file, line, field, what is allowed."""
+    """Read and check signals.toml.
+
+    Raises
+    ------
+    UserError
+        With file, line, field and the allowed values.
+    """
     path = Path(path)
     data = read_toml(path)
     text = path.read_text(encoding="utf-8-sig")
 
     def refuse(table: str, key: str, message: str) -> UserError:
-        return UserError(f"{path}: {_line(text, table, key)}[{table}]{f' {key}' if key else ''}: {message}")
+        """Return the error of a key, with its line."""
+        return UserError(
+            f"{path}: {_find_line(text, table, key)}[{table}]{f' {key}' if key else ''}: {message}"
+        )
 
     log, signals = data.pop("log", {}), data.pop("signals", {})
     if data:
         raise refuse(
             next(iter(data)),
             "",
-            f"is not known{suggest_names(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and [signals.CHANNEL]",
+            f"is not known{suggest_names(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and "
+            "[signals.CHANNEL]",
         )
     if not isinstance(log, dict) or not isinstance(signals, dict):
         raise UserError(f"{path}: log and signals must be tables: [log], [signals.CHANNEL]")
     if not signals:
         raise UserError(
-            f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG --write {path.name}' "
-            f"proposes them"
+            f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG "
+            f"--write {path.name}' proposes them"
         )
-    how, rate = _log(path, log, refuse)
-    known = known_channels()
+    how, rate = _check_log(path, log, refuse)
+    known = list_channels()
     found: dict[str, Signal] = {}
     for channel, table in signals.items():
         at = f"signals.{channel}"
@@ -166,13 +173,13 @@ def read_signals(path: Path) -> Signals:
             raise refuse(
                 at,
                 "",
-                f"there is no such channel{suggest_names(channel, known, 1)}; channels: {', '.join(known)}, ref_ANYTHING",
+                f"there is no such channel{suggest_names(channel, known, 1)}; channels: {', '.join(known)}, "
+                "ref_ANYTHING",
             )
         if not isinstance(table, dict):
-            raise UserError(
-                f'{path}: {_line(text, "signals", channel)}{channel} must be a table: [{at}] with name = "..."'
-            )
-        found[channel] = _signal(channel, at, table, refuse)
+            line = _find_line(text, "signals", channel)
+            raise UserError(f'{path}: {line}{channel} must be a table: [{at}] with name = "..."')
+        found[channel] = _check_signal(channel, at, table, refuse)
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
             raise refuse(
@@ -191,7 +198,8 @@ def read_signals(path: Path) -> Signals:
     return Signals(path, found, how, rate)
 
 
-def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
+def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
+    """Return the settings of [log], and the rate of the rows, Hz."""
     for key, value in log.items():
         if key not in LOG_KEYS:
             raise refuse(
@@ -201,8 +209,10 @@ def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, flo
             )
         if key in ("time", "time_unit", "separator", "decimal", "encoding") and not isinstance(value, str):
             raise refuse("log", key, f"{value!r} is no text in quotes")
-    rate = _number("log", "rate", log["rate"], SLOWEST, FASTEST, "Hz", refuse) if "rate" in log else None
-    step = _number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
+    rate = (
+        _check_number("log", "rate", log["rate"], MIN_RATE, MAX_RATE, "Hz", refuse) if "rate" in log else None
+    )
+    step = _check_number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
     if "time_unit" in log and unit_factor(log["time_unit"], "s") is None:
         raise refuse("log", "time_unit", f"{log['time_unit']!r} is no unit of time; s, ms, us, ns are")
     if log.get("decimal", ".") not in (".", ","):
@@ -215,38 +225,30 @@ def _log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, flo
     if not isinstance(databases, list) or not all(isinstance(d, str) for d in databases):
         raise refuse("log", "databases", 'must be a list of files: ["car.dbc"]')
     how = ReadOptions(
-        databases=tuple((path.parent / d) for d in databases), time=log.get("time"), time_unit=log.get("time_unit"), step=step,
-        separator=log.get("separator"), decimal=log.get("decimal"), encoding=log.get("encoding"), header=header,
-    )  # fmt: skip
+        databases=tuple((path.parent / d) for d in databases),
+        time=log.get("time"),
+        time_unit=log.get("time_unit"),
+        step=step,
+        separator=log.get("separator"),
+        decimal=log.get("decimal"),
+        encoding=log.get("encoding"),
+        header=header,
+    )
     return how, rate
 
 
-def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
+def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
+    """Return the signal of a channel from its table. `at`: name of the table."""
     for key in table:
-        if key not in KEYS:
-            raise refuse(at, key, f"is not known{suggest_names(key, KEYS, 1)}; keys: {', '.join(KEYS)}")
-    name = table.get("name")
-    names = [name] if isinstance(name, str) else name
-    axle = channel in SIDES
-    if (
-        not isinstance(names, list)
-        or not names
-        or not all(isinstance(n, str) and n for n in names)
-        or len(names) > 2
-    ):
-        raise refuse(
-            at,
-            "name",
-            f'must be the name of a signal{", or two of them: left and right wheel" if axle else ""}: name = "..."',
-        )
-    if len(names) == 2 and not axle and channel != "steer_angle":
-        raise refuse(at, "name", f"two names are for wheels: {', '.join(SIDES)}")
-    if len(set(names)) < len(names):
-        raise refuse(at, "name", f"{names[0]!r} cannot be both wheels")
-    values: dict[str, Any] = {"channel": channel, "name": tuple(names)}
-    for key, (low, high, unit, _) in RANGES.items():
+        if key not in SIGNAL_KEYS:
+            raise refuse(
+                at, key, f"is not known{suggest_names(key, SIGNAL_KEYS, 1)}; keys: {', '.join(SIGNAL_KEYS)}"
+            )
+    names = _check_names(channel, at, table.get("name"), refuse)
+    values: dict[str, Any] = {"channel": channel, "name": names}
+    for key, (low, high, unit) in NUMBER_RANGES.items():
         if key in table:
-            values[key] = _number(at, key, table[key], low, high, unit, refuse)
+            values[key] = _check_number(at, key, table[key], low, high, unit, refuse)
     if values.get("scale") == 0.0:
         raise refuse(at, "scale", "0 leaves nothing of the signal")
     if "radius" in table and "wheel_speed" not in channel:
@@ -258,24 +260,7 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
             raise refuse(at, "sign", f"{table['sign']!r} is not allowed; 1 and -1 are")
         values["sign"] = float(table["sign"])
     if "unit" in table:
-        unit = table["unit"]
-        if not isinstance(unit, str) or parse_unit(unit) is None:
-            raise refuse(
-                at,
-                "unit",
-                f"{unit!r} is no unit that is known; for {channel} {_units_for(channel)} are, for instance",
-            )
-        if (
-            not channel.startswith("ref_")
-            and "above" not in table
-            and unit_factor(unit, unit_of(channel), 1.0) is None
-        ):
-            raise refuse(
-                at,
-                "unit",
-                f"{unit!r} cannot be turned into {unit_of(channel)}; {_units_for(channel)} can, for instance",
-            )
-        values["unit"] = unit
+        values["unit"] = _check_unit(channel, at, table, refuse)
     for key, what in (
         ("sign_bit", "the name of a signal that is 1 where the value is negative"),
         ("add", "the name of a signal with the rest of the value, in the same unit"),
@@ -289,17 +274,17 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
     if "unsure" in table:
         if not isinstance(table["unsure"], str) or not table["unsure"].strip():
             raise refuse(
-                at, "unsure", 'must say what is: unsure = "the sign"; leave it out when you have looked'
+                at, "unsure", 'must say what is: unsure = "the sign"; delete it when you have checked it'
             )
         values["unsure"] = table["unsure"].strip()
     if "ratio" in table:
         if channel != "steer_angle":
             raise refuse(at, "ratio", "is the steering ratio, of steer_angle")
-        values["ratio"] = _ratio(at, table["ratio"], refuse)
+        values["ratio"] = _check_ratio(at, table["ratio"], refuse)
     if "valid" in table:
-        values["valid"] = _flag(at, table["valid"], refuse)
+        values["valid"] = _check_flag(at, table["valid"], refuse)
     if "counter" in table:
-        values["counter"] = _counter(at, table["counter"], refuse)
+        values["counter"] = _check_counter(at, table["counter"], refuse)
     if "hold" in table:
         if not isinstance(table["hold"], bool):
             raise refuse(at, "hold", "must be true or false")
@@ -307,20 +292,56 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
     return Signal(**values)
 
 
-def _ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
+def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ...]:
+    """Return the name of the signal, or those of left and right wheel."""
+    names = [name] if isinstance(name, str) else name
+    is_axle = channel in SIDES
+    if (
+        not isinstance(names, list)
+        or not names
+        or not all(isinstance(n, str) and n for n in names)
+        or len(names) > 2
+    ):
+        two = ", or two of them: left and right wheel" if is_axle else ""
+        raise refuse(at, "name", f'must be the name of a signal{two}: name = "..."')
+    if len(names) == 2 and not is_axle and channel != "steer_angle":
+        raise refuse(at, "name", f"two names are for wheels: {', '.join(SIDES)}")
+    if len(set(names)) < len(names):
+        raise refuse(at, "name", f"{names[0]!r} cannot be both wheels")
+    return tuple(names)
+
+
+def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> str:
+    """Return the unit of a signal, which must be convertible to that of the channel."""
+    unit, usual = table["unit"], _list_units(channel)
+    if not isinstance(unit, str) or parse_unit(unit) is None:
+        raise refuse(
+            at, "unit", f"{unit!r} is no unit that is known; for {channel} {usual} are, for instance"
+        )
+    if channel.startswith("ref_") or "above" in table:
+        return unit
+    wanted = find_unit(channel)
+    if unit_factor(unit, wanted, 1.0) is None:
+        raise refuse(at, "unit", f"{unit!r} cannot be turned into {wanted}; {usual} can, for instance")
+    return unit
+
+
+def _check_ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float], ...]:
+    """Return the steering ratio, or its table over the angle."""
     if not isinstance(value, list):
-        return _number(at, "ratio", value, LEAST_RATIO, MOST_RATIO, "", refuse)
+        return _check_number(at, "ratio", value, MIN_RATIO, MAX_RATIO, "", refuse)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
         raise refuse(
             at,
             "ratio",
-            "a table has two rows or more of angle of the steering wheel, ratio: [[-300, 14.0], [0, 16.0], [300, 14.0]]",
+            "a table has two rows or more of angle of the steering wheel, ratio: [[-300, 14.0], [0, 16.0], "
+            "[300, 14.0]]",
         )
     rows = []
     for i, row in enumerate(value):
-        angle = _number(at, f"ratio, row {i + 1}, angle", row[0], -1e5, 1e5, "", refuse)
+        angle = _check_number(at, f"ratio, row {i + 1}, angle", row[0], -1e5, 1e5, "", refuse)
         rows.append(
-            (angle, _number(at, f"ratio, row {i + 1}, ratio", row[1], LEAST_RATIO, MOST_RATIO, "", refuse))
+            (angle, _check_number(at, f"ratio, row {i + 1}, ratio", row[1], MIN_RATIO, MAX_RATIO, "", refuse))
         )
         if i and rows[i][0] <= rows[i - 1][0]:
             raise refuse(
@@ -329,7 +350,8 @@ def _ratio(at: str, value: Any, refuse: Any) -> float | tuple[tuple[float, float
     return tuple(rows)
 
 
-def _flag(at: str, value: Any, refuse: Any) -> Flag:
+def _check_flag(at: str, value: Any, refuse: Any) -> Flag:
+    """Return the flag of the key valid."""
     if isinstance(value, str):
         return Flag(value)
     if isinstance(value, dict) and set(value) <= {"name", "is"} and isinstance(value.get("name"), str):
@@ -344,7 +366,8 @@ def _flag(at: str, value: Any, refuse: Any) -> Flag:
     )
 
 
-def _counter(at: str, value: Any, refuse: Any) -> Counter:
+def _check_counter(at: str, value: Any, refuse: Any) -> Counter:
+    """Return the counter of the key counter."""
     if isinstance(value, str):
         return Counter(value)
     if isinstance(value, dict) and set(value) <= {"name", "modulo"} and isinstance(value.get("name"), str):
@@ -356,7 +379,8 @@ def _counter(at: str, value: Any, refuse: Any) -> Counter:
     raise refuse(at, "counter", 'must be the name of the message\'s counter, or {name = "...", modulo = 16}')
 
 
-def _number(at: str, key: str, value: Any, low: float, high: float, unit: str, refuse: Any) -> float:
+def _check_number(at: str, key: str, value: Any, low: float, high: float, unit: str, refuse: Any) -> float:
+    """Return a number that is inside its range."""
     allowed = f"allowed: {low:g} .. {high:g}{f' {unit}' if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise refuse(at, key, f"{value!r} is no number; {allowed}")
@@ -365,13 +389,20 @@ def _number(at: str, key: str, value: Any, low: float, high: float, unit: str, r
     return float(value)
 
 
-def _units_for(channel: str) -> str:
-    return {"rad": "rad, deg", "rad/s": "rad/s, rpm, km/h, m/s, mph" if "wheel" in channel else "rad/s, deg/s", "m/s2": "m/s2, g",
-            "m/s": "m/s, km/h, mph", "Nm": "Nm"}.get(unit_of(channel), "SI units")  # fmt: skip
+def _list_units(channel: str) -> str:
+    """Return the usual units of a channel, for messages."""
+    usual = {
+        "rad": "rad, deg",
+        "rad/s": "rad/s, rpm, km/h, m/s, mph" if "wheel" in channel else "rad/s, deg/s",
+        "m/s2": "m/s2, g",
+        "m/s": "m/s, km/h, mph",
+        "Nm": "Nm",
+    }
+    return usual.get(find_unit(channel), "SI units")
 
 
-def _line(text: str, table: str, key: str) -> str:
-    """Where a key stands, for people; "" if it is not known."""
+def _find_line(text: str, table: str, key: str) -> str:
+    """Return the line of a key as the start of a message; "" if it is not found."""
     inside, key, found = not table, key.partition(",")[0], ""
     for i, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*\[\[?\s*([^\]#]+?)\s*\]", line)

@@ -1,5 +1,8 @@
-"""Frames of a bus as they come, into rows: the signals, flags and units of a log on the raster of a log, from what is there so
-far. What a log knows of the rows that follow, a row that is made now does not: it waits for one value of each channel behind it."""
+"""Turn the frames of a bus into rows as they come.
+
+Signals, flags and units are those of a log, and so is the raster. Interpolation of a row
+needs a later value of each channel, so a row waits for it, up to a limit.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +15,16 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from tse.channels.mapping import Series, series
+from tse.channels.mapping import Series, map_signals
 from tse.channels.raster import (
-    CLOSE,
-    entries,
+    BURST_STEP,
+    choose_rate,
+    find_longest_gap,
+    find_rate,
     hold,
     is_core,
-    longest_gap,
-    rate_for,
-    rate_of,
     resample,
+    select_entries,
     start_on_beat,
 )
 from tse.channels.signals import Signal, Signals
@@ -33,30 +36,25 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
-KEPT, LEAST_KEPT = (
-    2.0,
-    64,
-)  # s and entries of a signal that are kept: a counter, a held value and a spline need no more
-LISTENED, LONGEST_LISTENED = (
-    1.0,
-    3.0,
-)  # s of frames until the rates are known; s, where a channel that drives the model is late
-PATIENCE = 1.5  # usual steps of a channel, and WAIT s, that a row waits for it
-WAIT = 0.02
-SILENT, LEAST_SILENT = 6.0, 0.25  # usual steps, and s, after which a channel is silent: no row waits for it
-FELT = 48  # entries before a row that its spline is made of: those before are felt less than the smallest number beside 0
-AGAIN = 1.0  # s between two looks at how often a channel comes, and whether it is held
-SMOOTHED, AHEAD = (
-    1.2,
-    2.0,
-)  # times the rate of the rows, above which a channel is low-passed; rows that are waited for then
-BACK = 0.5  # s that a stamp may go back: a buffer's; further, and the clock was set
-MOST_ROWS = 1000  # at a time
+# s and entries of a signal that are kept: enough for counter, held values and spline
+KEPT_TIME, MIN_KEPT = 2.0, 64
+LISTEN_TIME = 1.0  # s of frames until the rates are known
+MAX_LISTEN_TIME = 3.0  # s, if an input of the model is late
+WAIT_STEPS, WAIT_TIME = 1.5, 0.02  # a row waits for a channel: usual steps, plus s
+SILENT_STEPS, MIN_SILENCE = 6.0, 0.25  # usual steps, and min s, until no row waits for a channel
+# entries before a row for its spline: the weight of earlier ones is below the smallest
+# number
+SPLINE_ENTRIES = 48
+CHECK_INTERVAL = 1.0  # s between two checks of the rates and of held values
+LOW_PASS_RATIO = 1.2  # above this ratio to the rate of the rows, a channel is low-passed
+LOW_PASS_ROWS = 2.0  # rows of delay for it
+MAX_STEP_BACK = 0.5  # s: a larger step back of the stamps is a clock that was set
+MAX_NEW_ROWS = 1000  # in one call
 
 
 @dataclass
 class _Signal:
-    """What came last of a signal."""
+    """The last entries of a signal."""
 
     message: Any
     signal: Any
@@ -64,41 +62,41 @@ class _Signal:
     value: list[float] = field(default_factory=list)
 
     def trim(self) -> None:
-        """Keep the last of it."""
+        """Delete entries that are no longer needed."""
         count = len(self.time)
-        if count > 2 * LEAST_KEPT and self.time[count // 2] < self.time[-1] - KEPT:
+        if count > 2 * MIN_KEPT and self.time[count // 2] < self.time[-1] - KEPT_TIME:
             del self.time[: count // 2], self.value[: count // 2]
 
 
 @dataclass(frozen=True)
 class _Heard:
-    """What the bus has said until `now`, s: channels, their new times and values, 1/s of each; `core`: what the filter needs."""
+    """The channels as received so far."""
 
-    now: float
+    now: float  # time of the bus, s
     found: dict[str, Series]
-    own: dict[str, tuple[np.ndarray, np.ndarray]]
-    rates: dict[str, float]
-    core: list[str]
+    own: dict[str, tuple[np.ndarray, np.ndarray]]  # times and values of new entries
+    rates: dict[str, float]  # Hz
+    core: list[str]  # channels that the filter needs
 
 
 class Stream:
-    """Frames in, rows out.
+    """Rows from frames of a bus.
 
     Parameters
     ----------
     databases : sequence of Path
-        What the frames mean.
+        Databases of the bus.
     signals : Signals
-        Which signal is which channel.
+        Signal of each channel.
     car : Vehicle
         Radii of the wheels.
     rate : float, optional
-        Of the rows, Hz; None: the fastest channel's, up to 100.
+        Rate of the rows, Hz. None: that of the fastest channel, up to 100.
 
     Raises
     ------
     UserError
-        A signal that is in none of the databases, or channels without which nothing can be said.
+        A signal is in none of the databases, or needed channels are missing.
     """
 
     def __init__(self, databases: Sequence[Path], signals: Signals, car: Any, rate: float | None = None):
@@ -117,44 +115,51 @@ class Stream:
             for s in wanted:
                 kept = self._kept.setdefault(f"{message.name}.{s.name}", _Signal(message, s))
                 self._of_key.setdefault(key, []).append(kept)
-        self._check(databases)
+        self._resolve_names(databases)
         self.unknown: dict[int, int] = {}  # identifiers that no database has, and how often they came
         self.known = 0  # frames of messages that the databases have
         self._sets = 0  # how often the clock was set
         self._shift, self._last, self._first = 0.0, -math.inf, math.nan
         self._sent = 0  # rows
         self._start = math.nan
-        self._turns: dict[
-            str, list[float]
-        ] = {}  # of an axle: sums of what its wheels differ by times the yaw rate, of its square
+        # by axle: sums of (right - left) x yaw rate, and of yaw rate squared
+        self._turns: dict[str, list[float]] = {}
         self._given_until: dict[str, float] = {}
-        self._usual: dict[
-            str, tuple[float, bool]
-        ] = {}  # of each channel its rate, Hz, and whether all its values are new
+        # by channel: rate, Hz, and whether all its values are new
+        self._usual: dict[str, tuple[float, bool]] = {}
         self._looked = -math.inf
         self.last: dict[str, float] = {}  # of each channel the time of its last value, s
 
-    def _check(self, databases: Sequence[Path]) -> None:
-        """Find every signal that is named in the databases, and put its whole name in place of a part of it."""
+    def _resolve_names(self, databases: Sequence[Path]) -> None:
+        """Replace parts of names by whole names of signals in the databases; check the
+        channels."""
         source = str(self._all.path or "the database")
         whole: dict[str, str] = {}
         for s in self._all.signals.values():
-            for name in _names(s):
+            for name in _list_names(s):
                 alike = [n for n in self._kept if n == name or n.endswith(f".{name}")]
                 if len(alike) > 1 and name not in self._kept:
-                    raise UserError(f"{source}: [signals.{s.channel}]: {name!r} is in the database {len(alike)} times: say "
-                                    f"which: {', '.join(alike[:6])}")  # fmt: skip
+                    raise UserError(
+                        f"{source}: [signals.{s.channel}]: {name!r} is in the database {len(alike)} times: "
+                        f"say which: {', '.join(alike[:6])}"
+                    )
                 if not alike:
                     there = [f"{m.name}.{x.name}" for m in self._messages.values() for x in m.signals]
-                    raise UserError(f"{source}: [signals.{s.channel}]: there is no {name!r} in "
-                                    f"{', '.join(p.name for p in databases)}{suggest_names(name, there)}")  # fmt: skip
+                    files = ", ".join(p.name for p in databases)
+                    raise UserError(
+                        f"{source}: [signals.{s.channel}]: there is no {name!r} in {files}"
+                        f"{suggest_names(name, there)}"
+                    )
                 whole[name] = name if name in self._kept else alike[0]
-        self._all = replace(self._all, signals={c: _renamed(s, whole) for c, s in self._all.signals.items()})
+        self._all = replace(
+            self._all, signals={c: _rename_sources(s, whole) for c, s in self._all.signals.items()}
+        )
         have = set(self._all.signals)
         wheels = {axle for axle, pair in SIDES.items() if axle in have or set(pair) <= have}
         if "steer_angle" not in have:
             raise UserError(
-                f"{source}: steer_angle is missing: without the steering angle nothing can be said about the tyres"
+                f"{source}: steer_angle is missing: without the steering angle nothing can be said about "
+                "the tyres"
             )
         if not wheels and "vehicle_speed" not in have:
             raise UserError(
@@ -162,32 +167,34 @@ class Stream:
             )
         if not {"accel_y", "yaw_rate"} & have:
             raise UserError(
-                f"{source}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
+                f"{source}: accel_y and yaw_rate are missing: without either nothing can be said about the "
+                "tyres"
             )
         self._stand_in = (
             next((axle for axle in SIDES if axle not in wheels), None) if wheels else "wheel_speed_rear"
         )
         names = [have & {axle, *pair} for axle, pair in SIDES.items()]
         sources = [{n for c in x for n in self._all.signals[c].name} for x in names]
-        self.one_speed = (
-            self._stand_in is not None or sources[0] == sources[1]
-        )  # both axles have one signal: no slip is seen
+        # both axles have one signal: slip is unknown
+        self.one_speed = self._stand_in is not None or sources[0] == sources[1]
         if self._stand_in:
-            self.notes.append(f"{self._stand_in} is not on the bus: the other axle stands in for it; accel_x is not used and "
-                              "cx_front not estimated")  # fmt: skip
+            self.notes.append(
+                f"{self._stand_in} is not on the bus: the other axle stands in for it; accel_x is not used "
+                "and cx_front not estimated"
+            )
 
     @property
     def rate(self) -> float | None:
-        """Of the rows, Hz; None: not known yet."""
+        """Rate of the rows, Hz; None: not known yet."""
         return self._rate if math.isfinite(self._start) else None
 
     def channels(self) -> list[str]:
-        """Columns of the rows, time not among them."""
+        """Return the columns of the rows, without time."""
         optional = [c for c in OPTIONAL_COLUMNS if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
 
-    def message_of(self, channel: str) -> str:
-        """Return the message that a channel comes with."""
+    def find_message(self, channel: str) -> str:
+        """Return the name of the message that contains a channel."""
         name = next(
             (s.name[0] for c, s in self._all.signals.items() if c == channel or channel in SIDES.get(c, ())),
             "",
@@ -195,12 +202,12 @@ class Stream:
         return str(self._kept[name].message.name) if name else ""
 
     def add(self, frames: Sequence[CanFrame]) -> list[str]:
-        """Take frames in the order in which they came; what is to be said of their clock."""
+        """Add frames in the order of arrival; return warnings about their clock."""
         said = []
         groups: dict[int, tuple[list[float], list[bytes]]] = {}
         for f in frames:
             time = f.time + self._shift
-            if time < self._last - BACK:
+            if time < self._last - MAX_STEP_BACK:
                 said.append(
                     f"the clock of the bus was set back by {self._last - time:.3g} s: it goes on from before"
                 )
@@ -213,7 +220,7 @@ class Stream:
                 continue
             self.known += 1
             if key in self._of_key:
-                self._first = time if math.isnan(self._first) else self._first  # of those that are needed
+                self._first = time if math.isnan(self._first) else self._first  # first needed frame
                 times, data = groups.setdefault(key, ([], []))
                 times.append(time)
                 data.append(f.data)
@@ -222,6 +229,7 @@ class Stream:
         return said
 
     def _decode(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
+        """Append the values of the frames of one message to its signals."""
         of = {k.signal.name: k for k in kept}
         for s, have, value in decode_signals(kept[0].message, [k.signal for k in kept], data):
             k = of[s.name]
@@ -234,11 +242,11 @@ class Stream:
 
     @property
     def time(self) -> float:
-        """Of the last frame, s."""
+        """Time of the last frame, s."""
         return self._last
 
-    def _series(self) -> dict[str, Series]:
-        """Return all channels of which there is something, in SI units."""
+    def _build_series(self) -> dict[str, Series]:
+        """Return all channels that have entries, in SI units."""
         times: dict[tuple[str, int, float, float], np.ndarray] = {}
         channels = {}
         for n, k in self._kept.items():
@@ -248,9 +256,9 @@ class Stream:
                     times[same] = np.array(k.time)
                 channels[n] = Channel(n, times[same], np.array(k.value), k.signal.unit or "", "", {})
         recording = Recording(Path("the bus"), "bus", channels)
-        now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _names(s))}
+        now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _list_names(s))}
         first = not self.last
-        found = series(recording, Signals(self._all.path, now), self._car, notes := [], most_lost=1.0)
+        found = map_signals(recording, Signals(self._all.path, now), self._car, notes := [], most_lost=1.0)
         if first:
             self.notes += [n for n in notes if "neither the log nor the file says the unit" in n]
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
@@ -262,76 +270,102 @@ class Stream:
         return found
 
     def rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the rows that can be made at the time `now`, s, of the bus: times, and by channel values, (rows,), NaN missing."""
-        if not self._may_be_ripe(now):
-            return self._empty()
-        found = self._series()
-        anew = now > self._looked + AGAIN or set(found) != set(self._usual)
+        """Return the rows that are complete at the time `now` of the bus, s.
+
+        Returns
+        -------
+        ndarray, (rows,)
+            Times, s.
+        dict of str to ndarray, (rows,)
+            Values by channel, NaN: missing.
+        """
+        if not self._may_have_rows(now):
+            return self._make_empty()
+        heard = self._receive(now)
+        if math.isnan(self._start) and not self._begin(heard):
+            return self._make_empty()
+        until = self._find_row_limit(heard)
+        rate = float(self._rate or 1.0)
+        last = math.floor((until - self._start) * rate + 1e-6) if math.isfinite(until) else -1
+        if last < self._sent:
+            return self._make_empty()
+        first, self._sent = max(self._sent, last + 1 - MAX_NEW_ROWS), last + 1
+        time = self._start + np.arange(first, last + 1) / rate
+        value = self._resample(heard, time)
+        core = [value[n] for n in heard.core]
+        some = np.any(np.isfinite(core), axis=0) if core else np.zeros(len(time), bool)
+        return time[some], {n: x[some] for n, x in self._finish_columns(value, len(time)).items()}
+
+    def _receive(self, now: float) -> _Heard:
+        """Return the channels received so far; note the time of their last values."""
+        found = self._build_series()
+        anew = now > self._looked + CHECK_INTERVAL or set(found) != set(self._usual)
         if anew:
             self._looked = now
-        own = {n: self._entries(n, s, anew) for n, s in found.items()}
+        own = {n: self._select_entries(n, s, anew) for n, s in found.items()}
         rates = {n: self._usual[n][0] for n in found}
         for n, s in found.items():
             there = np.isfinite(s.value)
             if there.any():
                 self.last[n] = float(s.time[len(there) - 1 - int(there[::-1].argmax())]) + s.latency
         core = [n for n in found if is_core(n) and len(own[n][0])]
-        heard = _Heard(now, found, own, rates, core)
-        if math.isnan(self._start) and not self._begin(heard):
-            return self._empty()
-        until = self._ripe(heard)
+        return _Heard(now, found, own, rates, core)
+
+    def _resample(self, heard: _Heard, time: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
-        last = math.floor((until - self._start) * rate + 1e-6) if math.isfinite(until) else -1
-        if last < self._sent:
-            return self._empty()
-        first, self._sent = max(self._sent, last + 1 - MOST_ROWS), last + 1
-        time = self._start + np.arange(first, last + 1) / rate
         value: dict[str, np.ndarray] = {}
         even: dict[int, list[str]] = {}  # channels that share their times, by the array of these
-        for n, s in found.items():
-            t, x = own[n]
+        for n, s in heard.found.items():
+            t, x = heard.own[n]
             if n in VELOCITY_COLUMNS:
-                value[n] = self._given(n, t, x, time)
+                value[n] = self._place_measurements(n, t, x, time)
             elif s.hold or n == "brake":
                 value[n] = hold(t, x, time)
             elif (
-                len(t) > FELT and 0 < rates[n] <= SMOOTHED * rate and t[-FELT] < time[0] and time[-1] <= t[-1]
+                len(t) > SPLINE_ENTRIES
+                and 0 < heard.rates[n] <= LOW_PASS_RATIO * rate
+                and t[-SPLINE_ENTRIES] < time[0]
+                and time[-1] <= t[-1]
             ):
                 even.setdefault(id(t), []).append(n)
             else:
                 value[n] = resample(t, x, time, rate)
         for names in even.values():
-            value |= self._splines(names, own, time, rate)
-        some = np.any([np.isfinite(value[n]) for n in core], axis=0) if core else np.zeros(len(time), bool)
-        return time[some], {n: x[some] for n, x in self._checked(value, len(time)).items()}
+            value |= self._interpolate_together(names, heard.own, time, rate)
+        return value
 
-    def _entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return times and values of a channel that are new, as entries() does; how it is held is looked at now and then."""
+    def _select_entries(self, name: str, s: Series, anew: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Return times and values of new entries, as select_entries() does.
+
+        Held values are searched for only if `anew`, since this is slow."""
         if not anew:
             rate, plain = self._usual[name]
-            if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= CLOSE / rate):
+            if plain and (rate == 0 or len(s.time) < 2 or float(np.diff(s.time).min()) >= BURST_STEP / rate):
                 there = np.isfinite(s.value)
                 return (s.time, s.value) if there.all() else (s.time[there], s.value[there])
-            return entries(s)
-        time, value = entries(s)
-        self._usual[name] = rate_of(time), len(time) == int(np.isfinite(s.value).sum())
+            return select_entries(s)
+        time, value = select_entries(s)
+        self._usual[name] = find_rate(time), len(time) == int(np.isfinite(s.value).sum())
         return time, value
 
-    def _splines(
+    def _interpolate_together(
         self, names: list[str], own: dict[str, tuple[np.ndarray, np.ndarray]], time: np.ndarray, rate: float
     ) -> dict[str, np.ndarray]:
-        """Return channels that share their times at those of the rows, as resample() does; all at once."""
-        t = own[names[0]][0][-FELT:]
-        if np.diff(t).max() > longest_gap(1.0 / self._usual[names[0]][0]):
+        """Return channels with the same times at those of the rows, as resample()
+        does."""
+        t = own[names[0]][0][-SPLINE_ENTRIES:]
+        if np.diff(t).max() > find_longest_gap(1.0 / self._usual[names[0]][0]):
             return {n: resample(*own[n], time, rate) for n in names}
-        values = make_interp_spline(t, np.column_stack([own[n][1][-FELT:] for n in names]))(time)
+        values = make_interp_spline(t, np.column_stack([own[n][1][-SPLINE_ENTRIES:] for n in names]))(time)
         return {n: values[:, i] for i, n in enumerate(names)}
 
-    def _empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def _make_empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return no rows."""
         return np.zeros(0), {c: np.zeros(0) for c in self.channels()}
 
     def _begin(self, heard: _Heard) -> bool:
-        """Find the rate of the rows and when the first one is, once enough has come."""
+        """Set rate and start of the rows; return False while there are too few frames."""
         wanted = [
             c
             for c, s in self._all.signals.items()
@@ -339,20 +373,19 @@ class Stream:
             if is_core(c)
         ]
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
-        if not heard.core or heard.now < self._first + (LISTENED if whole else LONGEST_LISTENED):
+        if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        if (
-            self._rate is None
-        ):  # of frames that the machine stamps, single steps are long and short: the mean is not
-            self._rate = rate_for([mean_rate(heard.found[n]) for n in heard.core])
+        if self._rate is None:  # the stamps of the computer jitter, but their mean rate is right
+            self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
         first = max(float(heard.own[n][0][0]) for n in drives)
         self._start = start_on_beat({n: heard.own[n][0] for n in heard.core}, heard.rates, self._rate, first)
         return True
 
-    def _may_be_ripe(self, now: float) -> bool:
-        """Return False where the next row surely waits for a channel: most frames bring no row."""
-        if math.isnan(self._start) or now > self._looked + AGAIN:
+    def _may_have_rows(self, now: float) -> bool:
+        """Return False if the next row certainly waits for a channel, as after most
+        frames."""
+        if math.isnan(self._start) or now > self._looked + CHECK_INTERVAL:
             return True
         rate = float(self._rate or 1.0)
         due = self._start + self._sent / rate
@@ -362,27 +395,31 @@ class Stream:
             if not is_core(c) or not usual:
                 continue
             last = min(self._kept[n].time[-1] for n in s.name) - s.latency - s.clock
-            silent = last < now - s.latency - max(SILENT * usual, LEAST_SILENT)
-            if last < due - 0.01 / rate and now - s.latency - PATIENCE * usual - WAIT < due and not silent:
+            silent = last < now - s.latency - max(SILENT_STEPS * usual, MIN_SILENCE)
+            if (
+                last < due - 0.01 / rate
+                and now - s.latency - WAIT_STEPS * usual - WAIT_TIME < due
+                and not silent
+            ):
                 return False
         return True
 
-    def _ripe(self, heard: _Heard) -> float:
-        """Return up to which time rows can be made: every channel has a value behind it, or is silent."""
+    def _find_row_limit(self, heard: _Heard) -> float:
+        """Return the time up to which each channel has a later value, or is silent, s."""
         until = []
         rate = float(self._rate or 1.0)
         for n in heard.core:
             usual = 1.0 / heard.rates[n] if heard.rates[n] > 0 else 1.0
             last = float(heard.own[n][0][-1])
             due = heard.now - heard.found[n].latency
-            if last < due - max(SILENT * usual, LEAST_SILENT):
+            if last < due - max(SILENT_STEPS * usual, MIN_SILENCE):
                 continue
-            ahead = AHEAD / rate if heard.rates[n] > SMOOTHED * rate else 0.0
-            until.append(max(last - ahead, due - PATIENCE * usual - WAIT))
+            ahead = LOW_PASS_ROWS / rate if heard.rates[n] > LOW_PASS_RATIO * rate else 0.0
+            until.append(max(last - ahead, due - WAIT_STEPS * usual - WAIT_TIME))
         return min(until) if until else -math.inf
 
-    def _given(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return each entry of a measurement that was not given yet in the row that is nearest, or the first of these."""
+    def _place_measurements(self, name: str, t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return each new entry in its nearest row, or in the first of the new rows."""
         out = np.full(len(time), np.nan)
         half = 0.5 / float(self._rate or 1.0)
         new = (t > self._given_until.get(name, -math.inf)) & (t <= time[-1] + half)
@@ -391,21 +428,21 @@ class Stream:
             self._given_until[name] = float(t[new][-1])
         return out
 
-    def _checked(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
-        """Return the columns of rows: means of axles, no value outside its range."""
+    def _finish_columns(self, value: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
+        """Return the columns of the rows: means of axles, NaN outside the ranges."""
         nothing = np.full(rows, np.nan)
         for f in library().channels:
             for n in (f.name, *SIDES.get(f.name, ())):
                 if n in value:
-                    value[n] = _inside(value[n], f.low, f.high)
+                    value[n] = _mask_outside(value[n], f.low, f.high)
         yaw = value.get("yaw_rate", nothing)
         columns = {}
         for axle, pair in SIDES.items():
             if axle not in value and any(s in value for s in pair):
-                value[axle] = self._axle(axle, *(value.get(s, nothing) for s in pair), yaw)
+                value[axle] = self._average_axle(axle, *(value.get(s, nothing) for s in pair), yaw)
         for c in self.channels():
             x = value.get(c, nothing)
-            columns[c] = _inside(x, *OPTIONAL_COLUMNS[c][1:3]) if c in OPTIONAL_COLUMNS else x
+            columns[c] = _mask_outside(x, *OPTIONAL_COLUMNS[c][1:3]) if c in OPTIONAL_COLUMNS else x
         if self._stand_in:
             other = next(axle for axle in SIDES if axle != self._stand_in)
             front, rear = (self._car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -415,8 +452,11 @@ class Stream:
             columns["accel_x"] = nothing
         return columns
 
-    def _axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-        """Return the middle of an axle; where a wheel is missing from the other, and what they differed by in turns so far."""
+    def _average_axle(self, axle: str, left: np.ndarray, right: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+        """Return the mean wheel speed of an axle.
+
+        If a wheel is missing, its speed follows from the other wheel and the yaw rate,
+        with the factor of the turns so far."""
         turn = self._turns.setdefault(axle, [0.0, 0.0])
         both = np.isfinite(left) & np.isfinite(right) & np.isfinite(yaw)
         turn[0] += float(np.sum((right - left)[both] * yaw[both]))
@@ -429,19 +469,20 @@ class Stream:
         return mean
 
 
-def mean_rate(s: Series) -> float:
-    """Return how many new values a second a channel has on average, Hz."""
+def find_mean_rate(s: Series) -> float:
+    """Return the mean rate of new values, Hz."""
     span = float(s.time[-1] - s.time[0]) if len(s.time) > 1 else 0.0
     return (int(find_new_values(s.value).sum()) - 1) / span if span > 0 else 0.0
 
 
-def _names(s: Signal) -> list[str]:
-    """Return the names of all signals that a channel is made of."""
+def _list_names(s: Signal) -> list[str]:
+    """Return the names of all signals of a channel."""
     needed = [*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name]
     return [n for n in needed if n]
 
 
-def _renamed(s: Signal, whole: Mapping[str, str]) -> Signal:
+def _rename_sources(s: Signal, whole: Mapping[str, str]) -> Signal:
+    """Return a signal with whole names."""
     return replace(
         s,
         name=tuple(whole[n] for n in s.name),
@@ -452,5 +493,6 @@ def _renamed(s: Signal, whole: Mapping[str, str]) -> Signal:
     )
 
 
-def _inside(x: np.ndarray, low: float, high: float) -> np.ndarray:
+def _mask_outside(x: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return the values, NaN outside the range."""
     return np.where((x >= low) & (x <= high), x, np.nan)

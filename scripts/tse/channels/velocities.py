@@ -1,4 +1,4 @@
-"""Which signals are the velocity of an INS or an optical sensor, and which way the one across the car counts."""
+"""Find the velocities of an INS or an optical sensor, and the sign of the lateral one."""
 
 import re
 from collections.abc import Sequence
@@ -7,11 +7,11 @@ import numpy as np
 
 from tse.channels import physics
 from tse.channels.look import Guess, Look
-from tse.channels.physics import MOVING
-from tse.channels.vocabulary import text_of
+from tse.channels.physics import MOVING_SPEED
+from tse.channels.vocabulary import join_words
 from tse.log.units import unit_factor, unit_kind
 
-VELOCITIES = {
+VELOCITY_NAMES = {
     "ins_vel_x": re.compile(
         r"\b(lo?n?g\w* ?(vel\w*|speed)|(vel\w*|speed) ?lo?n?g\w*|l(ä|ae)ngs ?geschw\w*)\b"
     ),
@@ -19,13 +19,11 @@ VELOCITIES = {
         r"\b(lat\w* ?(vel\w*|speed)|(vel\w*|speed) ?lat\w*|quer ?geschw\w*|vy|v y|vel\w* ?y)\b"
     ),
 }
-NO_VELOCITY = re.compile(
+NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-SHOWN = (
-    6.0  # sd by which the change of the velocity across the car goes with accel_y - v r, to prove its sign
-)
-ACROSS = 0.35  # of the speed: the car does not go more across than that, 98 % of the time
+MIN_SIGN_SDS = 6.0  # min slope, in sd, of the derivative of the lateral velocity over accel_y - v r
+MAX_ACROSS = 0.35  # max ratio of lateral velocity to speed, in 98 % of the rows
 
 
 def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, format_: str) -> list[Guess]:
@@ -36,45 +34,51 @@ def find_velocities(look: Look, guesses: Sequence[Guess], v: np.ndarray | None, 
     look : Look
         The log.
     guesses : sequence of Guess
-        Those of the other channels, with unit and sign.
+        Guesses of the other channels, with unit and sign.
     v : ndarray or None, (rows,)
-        Speed of the wheels, m/s. None: not known.
+        Speed of the wheels, m/s. None: unknown.
     format_ : str
         Format of the log: in VBOX files the lateral velocity is positive to the right.
 
     Returns
     -------
     list of Guess
-        The velocity along the car where it is that of the wheels. The velocity across it where its sign is shown by
-        accel_y - v r, or is known by the format.
+        The longitudinal velocity, if it equals the speed of the wheels. The lateral
+        velocity, if its sign follows from accel_y - v r or from the format.
     """
     taken = {n for g in guesses for n in g.name}
     found: list[Guess] = []
     if v is None:
         return found
-    for channel, pattern in VELOCITIES.items():
+    for channel, pattern in VELOCITY_NAMES.items():
         named = [n for n in look.x if n not in taken and _is_called(look, n, pattern)]
         made = [
-            g for n in named if (g := _guess(look, channel, n, guesses, v, format_ == "VBOX")) is not None
+            g
+            for n in named
+            if (g := _guess_velocity(look, channel, n, guesses, v, format_ == "VBOX")) is not None
         ]
         found += sorted(made, key=lambda g: len(g.unsure))[:1]
     return found
 
 
 def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
-    text = text_of(look.channels[name].short)
+    """Return whether name and unit are those of a velocity."""
+    text = join_words(look.channels[name].short)
     return (
-        bool(pattern.search(text)) and not NO_VELOCITY.search(text) and unit_kind(look.unit(name)) == "speed"
+        bool(pattern.search(text))
+        and not NO_VELOCITY_NAME.search(text)
+        and unit_kind(look.find_unit(name)) == "speed"
     )
 
 
-def _guess(
+def _guess_velocity(
     look: Look, channel: str, name: str, guesses: Sequence[Guess], v: np.ndarray, vbox: bool
 ) -> Guess | None:
-    unit = look.unit(name)
+    """Return the guess of a velocity; None: it contradicts the speed, or has no sign."""
+    unit = look.find_unit(name)
     x = look.x[name] * float(unit_factor(unit, "m/s") or 1.0)
-    moving = np.isfinite(x) & (v > MOVING)
-    if moving.sum() < physics.FEWEST:
+    moving = np.isfinite(x) & (v > MOVING_SPEED)
+    if moving.sum() < physics.MIN_ROWS:
         return None
     origin = "the log says so" if look.channels[name].unit else "the name ends so"
     guess = Guess(channel, (name,), unit, origin)
@@ -85,10 +89,10 @@ def _guess(
         guess.confidence = "sure"
         guess.figures.append(f"over the speed of the wheels: {share:.3f}")
         return guess
-    if np.quantile(np.abs(x[moving]) / v[moving], 0.98) > ACROSS:
+    if np.quantile(np.abs(x[moving]) / v[moving], 0.98) > MAX_ACROSS:
         return None
-    certainty = _sign(look, guesses, x, v, moving)
-    if abs(certainty) >= SHOWN:
+    certainty = _find_sign(look, guesses, x, v, moving)
+    if abs(certainty) >= MIN_SIGN_SDS:
         guess.sign = float(np.sign(certainty))
         guess.confidence = "sure"
         guess.figures.append(
@@ -104,22 +108,27 @@ def _guess(
     return guess
 
 
-def _sign(look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray) -> float:
-    """Return by how many sd the change of the velocity goes with accel_y - v r; 0: not known.
+def _find_sign(
+    look: Look, guesses: Sequence[Guess], x: np.ndarray, v: np.ndarray, moving: np.ndarray
+) -> float:
+    """Return the slope of accel_y - v r over the derivative of the velocity, in sd.
 
-    What the roll of the body adds to accel_y is taken out."""
+    The regression contains the part of accel_y that the roll of the body causes. 0:
+    unknown."""
     known = {g.channel: g for g in guesses}
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0
-    y, r = (look.x[(g := known[c]).name[0]] * g.sign * float(unit_factor(g.unit, u) or 1.0)
-            for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s")))  # fmt: skip
-    table = np.column_stack([physics.derivative(x), y, np.ones(len(x))])
+    y, r = (
+        look.x[(g := known[c]).name[0]] * g.sign * float(unit_factor(g.unit, u) or 1.0)
+        for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s"))
+    )
+    table = np.column_stack([physics.differentiate(x), y, np.ones(len(x))])
     left = y - v * r
     keep = moving & np.isfinite(table).all(axis=1) & np.isfinite(left)
-    if keep.sum() < physics.FEWEST or np.std(table[keep, 0]) < 1e-3:
+    if keep.sum() < physics.MIN_ROWS or np.std(table[keep, 0]) < 1e-3:
         return 0.0
     a, b = table[keep], left[keep]
     slope, *_ = np.linalg.lstsq(a, b, rcond=None)
-    independent = max(len(b) / (2.0 * physics.SMOOTH * physics.RATE), 4.0)
+    independent = max(len(b) / (2.0 * physics.MEAN_TIME * physics.COMPARISON_RATE), 4.0)
     variance = float(np.mean((b - a @ slope) ** 2)) * np.linalg.pinv(a.T @ a / len(b))[0, 0] / independent
     return float(slope[0] / np.sqrt(variance)) if variance > 0 else 0.0

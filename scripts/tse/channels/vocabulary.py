@@ -1,5 +1,9 @@
-"""What signals are called: words of makers, of ISO 8855, openpilot and ROS, in English, German, French, Spanish and Italian. A
-score per role: 3 the very words, 2 likely, 1 possible; below 0: something else that sounds alike."""
+"""Score how well the name of a signal describes a role.
+
+The split_words are those of manufacturers, ISO 8855, openpilot and ROS, in English, German,
+French, Spanish and Italian. Scores: 3 exact split_words, 2 likely, 1 possible; below 0: a
+similar name of another quantity.
+"""
 
 import functools
 import re
@@ -7,165 +11,209 @@ import re
 from tse.readers.recording import last_part
 from tse.readers.table import split_words
 
-# role -> (pattern over the words joined by blanks, score). The best one counts; NOT below takes off.
-ROLES: dict[str, tuple[tuple[str, float], ...]] = {
+# By role: patterns over the split_words of a name, joined by blanks, each with its score. The
+# best one counts.
+ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
     "yaw_rate": (
-        (r"yaw w\b|"
-         r"yaw ?rate|yaw ?rt|yaw ?vel|yaw ?speed|gier ?rate|gier ?geschw|giergeschwindigkeit|psi ?(p|dot|d)\b|d ?psi|vitesse lacet|"
-         r"velocidad guinada|(rate|vel\w*|omega|gyro\w*) yaw", 3.0),
-        (r"angular velocity z|angular velocity device z|angular rate z|ang vel z|(gyro\w*|gyr|omega|rate|w|rot\w*) ?z\b|rate ?z|"
-         r"imu ?wz|\bwz\b|"
-         r"rotation rate z|gyro uncalibrated v 2|lacet|imbardata|guinada|drehrate", 2.5),
+        (
+            r"yaw w\b|yaw ?rate|yaw ?rt|yaw ?vel|yaw ?speed|gier ?rate|gier ?geschw|"
+            r"giergeschwindigkeit|psi ?(p|dot|d)\b|d ?psi|vitesse lacet|velocidad guinada|"
+            r"(rate|vel\w*|omega|gyro\w*) yaw",
+            3.0,
+        ),
+        (
+            r"angular velocity z|angular velocity device z|angular rate z|ang vel z|"
+            r"(gyro\w*|gyr|omega|rate|w|rot\w*) ?z\b|rate ?z|imu ?wz|\bwz\b|rotation rate z|"
+            r"gyro uncalibrated v 2|lacet|imbardata|guinada|drehrate",
+            2.5,
+        ),
         (r"\byaw\b|\bgier|\br\b|turn rate", 1.2),
     ),
     "accel_y": (
-        (r"lat\w* ?acc\w*|acc\w* ?lat\w*|lateral ?g\b|quer ?beschl\w*|beschl\w* ?quer|\ba ?lat\d?\b|\bay\b|\ba y\b|acc\w* ?y\b|"
-         r"linear acceleration y|\bg ?lat\b|lat ?g\b|veh ?lat\w*( ?comp)? a\b|"
-         r"acc ?lat|\bgy\b|\by ?acc\w*|aquer|a ?quer|accel\w* transversal\w*|"
-         r"acceleration "
-         r"laterale|"
-         r"accelerazione laterale|beschl\w* y|\by ?beschl\w*|latacc", 3.0),
+        (
+            r"lat\w* ?acc\w*|acc\w* ?lat\w*|lateral ?g\b|quer ?beschl\w*|beschl\w* ?quer|"
+            r"\ba ?lat\d?\b|\bay\b|\ba y\b|acc\w* ?y\b|linear acceleration y|\bg ?lat\b|lat ?g\b|"
+            r"veh ?lat\w*( ?comp)? a\b|acc ?lat|\bgy\b|\by ?acc\w*|aquer|a ?quer|"
+            r"accel\w* transversal\w*|acceleration laterale|accelerazione laterale|beschl\w* y|"
+            r"\by ?beschl\w*|latacc",
+            3.0,
+        ),
         (r"lateral|\bquer|transvers", 1.2),
     ),
     "accel_x": (
-        (r"\ba ?lgt\d?\b|lng ?acc\w*|"
-         r"lon\w* ?acc\w*|lgt ?acc\w*|acc\w* ?lon\w*|laengs ?beschl\w*|längs ?beschl\w*|lngs ?beschl\w*|beschl\w* ?l(ä|ae)?ngs|\ba "
-         r"?lon\w*\b|\bax\b|\ba x\b|"
-         r"acc\w* ?x\b|linear acceleration x|\bg ?lon\w*\b|\blon\w* g\b|\blongg\b|veh ?lon\w*( ?comp)? a\b|\bgx\b|"
-         r"\bx ?acc\w*|a ?l(ä|ae)ngs|accel\w* longitudinal\w*|"
-         r"acceleration longitudinale|beschl\w* x|\bx ?beschl\w*|longacc|\ba ego\b", 3.0),
+        (
+            r"\ba ?lgt\d?\b|lng ?acc\w*|lon\w* ?acc\w*|lgt ?acc\w*|acc\w* ?lon\w*|"
+            r"laengs ?beschl\w*|längs ?beschl\w*|lngs ?beschl\w*|beschl\w* ?l(ä|ae)?ngs|"
+            r"\ba ?lon\w*\b|\bax\b|\ba x\b|acc\w* ?x\b|linear acceleration x|\bg ?lon\w*\b|"
+            r"\blon\w* g\b|\blongg\b|veh ?lon\w*( ?comp)? a\b|\bgx\b|\bx ?acc\w*|a ?l(ä|ae)ngs|"
+            r"accel\w* longitudinal\w*|acceleration longitudinale|beschl\w* x|\bx ?beschl\w*|"
+            r"longacc|\ba ego\b",
+            3.0,
+        ),
         (r"longitudinal|\bl(ä|ae)ngs", 1.2),
     ),
     "steer_angle": (
-        (r"internal ?sas|"
-         r"steer\w* ?(whl|wheel|wh|w)? ?ang\w*|\bstr ?(whl|wheel|wh)? ?ang\w*|str?g ?(whl|wheel|wh)? ?ang?\w*|lenk ?rad ?winkel|"
-         r"lenk ?winkel|\bswa\b|\blrw\b|\blw ?(wi)?\b|"
-         r"steer\w* ?(whl|wheel)? ?pos\w*|st ?whl ?ang\w*|sas ?ang\w*|ang\w* ?(volant|volante|sterzo|direccion)|(road ?wheel|front "
-         r"?wheel) ?ang\w*|"
-         r"hand ?wheel ?(ang\w*|pos\w*)|eps ?ang\w*|delta ?(h|sw|lrw|f|v|steer)\b|"
-         r"\bdf\b|steer\w* deg|steering wheel|angle steer\w*|ang "
-         r"?steer\w*", 3.0),
+        (
+            r"internal ?sas|steer\w* ?(whl|wheel|wh|w)? ?ang\w*|\bstr ?(whl|wheel|wh)? ?ang\w*|"
+            r"str?g ?(whl|wheel|wh)? ?ang?\w*|lenk ?rad ?winkel|lenk ?winkel|\bswa\b|\blrw\b|"
+            r"\blw ?(wi)?\b|steer\w* ?(whl|wheel)? ?pos\w*|st ?whl ?ang\w*|sas ?ang\w*|"
+            r"ang\w* ?(volant|volante|sterzo|direccion)|(road ?wheel|front ?wheel) ?ang\w*|"
+            r"hand ?wheel ?(ang\w*|pos\w*)|eps ?ang\w*|delta ?(h|sw|lrw|f|v|steer)\b|\bdf\b|"
+            r"steer\w* deg|steering wheel|angle steer\w*|ang ?steer\w*",
+            3.0,
+        ),
         (r"\bdelta\b|steer|lenk|volant|sterzo|strg|\bsteering\b|\bangle\b", 1.5),
     ),
     "speed": (
-        (r"veh\w* ?(spd|speed|vel\w*)|car ?speed|fzg ?geschw\w*|fahrzeug ?geschw\w*|v ?fzg|v ?veh|v ?ego\b|v ?ref\b|vel ?x|vx\b|v "
-         r"x\b|speed ?(over)? ?ground|"
-         r"gps ?(spd|speed)|gnss ?(spd|speed)|esp v signal|geschwindigkeit|vitesse vehicule|velocidad|velocita|twist linear x|"
-         r"ground ?speed", 3.0),
+        (
+            r"veh\w* ?(spd|speed|vel\w*)|car ?speed|fzg ?geschw\w*|fahrzeug ?geschw\w*|v ?fzg|"
+            r"v ?veh|v ?ego\b|v ?ref\b|vel ?x|vx\b|v x\b|speed ?(over)? ?ground|gps ?(spd|speed)|"
+            r"gnss ?(spd|speed)|esp v signal|geschwindigkeit|vitesse vehicule|velocidad|velocita|"
+            r"twist linear x|ground ?speed",
+            3.0,
+        ),
         (r"\bspeed\b|\bspd\b|\bv\b|\bgeschw|\bvelocity\b|\bvel\b", 1.5),
     ),
-    "accel_z": ((r"acc\w* ?z\b|\baz\b|\ba z\b|vert\w* ?acc\w*|linear acceleration z|vertikal\w*beschl\w*|\bz ?acc", 3.0),),
+    "accel_z": (
+        (
+            r"acc\w* ?z\b|\baz\b|\ba z\b|vert\w* ?acc\w*|linear acceleration z|"
+            r"vertikal\w*beschl\w*|\bz ?acc",
+            3.0,
+        ),
+    ),
     "latitude": ((r"\blatitude\b|\bgps lat\b|\bgnss lat\b|\blat deg\b", 3.0), (r"\blat\b|breitengrad", 2.0)),
-    "longitude": ((r"\blongitude\b|\bgps lon\w?\b|\bgnss lon\w?\b|\blon deg\b", 3.0), (r"\blon\b|\blng\b|l(ä|ae)ngengrad", 2.0)),
-    "heading": ((r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),),
-}  # fmt: skip
-NOT = {  # what sounds like a role and is another thing
-    "yaw_rate": r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|conf\w*|std|sd\b|var\b|"
-                r"cov\w*|temp\w*|raw off\w*|"
-                r"model|limit|torque|moment|counter|\bbz\b|qbit|gps|gnss|display|calc|est\b",
-    "accel_y": r"speed|spd|velocity|vel\b|"
-               r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
-               r"model|qbit|gyro|rate|pedal|"
-               r"display|calc|est\b|dist\w*|gain|latitude",
-    "accel_x": r"speed|spd|velocity|vel\b|"
-               r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
-               r"model|qbit|gyro|rate|pedal|"
-               r"display|calc|est\b|gain|longitude",
-    "steer_angle": r"rate|spd|speed|geschw\w*|vel\w*|torque|tq|trq|moment\w*|target|req\w*|soll|des\w*|cmd|command|offset|bias|"
-                   r"qual\w*|valid|status|stat\b|"
-                   r"ratio|qbit|vz\b|sign|limit|yaw|slip|heading|gps|pinion|motor|temp\w*|counter|rear|current|blink\w*|cal\b|"
-                   r"calib\w*|pitch|roll|lean|bank|camber|slope|incl\w*|grad\w*|tilt|gears?|gang|throttle|pedal|crank\w*|cam|"
-                   r"ignition|spark|timing|sideslip|attack|azimuth|elevation|course|lat\w*|lon\w*|phase|true|imu|jerk",
-    "speed": r"target|cmd|command|"
-             r"req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
-             r"var\b|cov\w*|yaw|angular|"
-             r"steer\w*|gear|turbine|wheel|whl|rad\b|wiper|down|east|north|vert\w*|lat\w*|vy\b|vz\b|accuracy|diff\w*",
+    "longitude": (
+        (r"\blongitude\b|\bgps lon\w?\b|\bgnss lon\w?\b|\blon deg\b", 3.0),
+        (r"\blon\b|\blng\b|l(ä|ae)ngengrad", 2.0),
+    ),
+    "heading": (
+        (r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),
+    ),
+}
+# By role: split_words of another quantity with a similar name. Such a name loses 4.
+NOT_ROLE_WORDS = {
+    "yaw_rate": (
+        r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|"
+        r"conf\w*|std|sd\b|var\b|cov\w*|temp\w*|raw off\w*|model|limit|torque|moment|counter|"
+        r"\bbz\b|qbit|gps|gnss|display|calc|est\b"
+    ),
+    "accel_y": (
+        r"speed|spd|velocity|vel\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|"
+        r"stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|model|qbit|gyro|rate|pedal|display|"
+        r"calc|est\b|dist\w*|gain|latitude"
+    ),
+    "accel_x": (
+        r"speed|spd|velocity|vel\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|"
+        r"stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|model|qbit|gyro|rate|pedal|display|"
+        r"calc|est\b|gain|longitude"
+    ),
+    "steer_angle": (
+        r"rate|spd|speed|geschw\w*|vel\w*|torque|tq|trq|moment\w*|target|req\w*|soll|des\w*|cmd|"
+        r"command|offset|bias|qual\w*|valid|status|stat\b|ratio|qbit|vz\b|sign|limit|yaw|slip|"
+        r"heading|gps|pinion|motor|temp\w*|counter|rear|current|blink\w*|cal\b|calib\w*|pitch|roll|"
+        r"lean|bank|camber|slope|incl\w*|grad\w*|tilt|gears?|gang|throttle|pedal|crank\w*|cam|"
+        r"ignition|spark|timing|sideslip|attack|azimuth|elevation|course|lat\w*|lon\w*|phase|true|"
+        r"imu|jerk"
+    ),
+    "speed": (
+        r"target|cmd|command|req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|"
+        r"offset|qual\w*|valid|status|std|sd\b|var\b|cov\w*|yaw|angular|steer\w*|gear|turbine|"
+        r"wheel|whl|rad\b|wiper|down|east|north|vert\w*|lat\w*|vy\b|vz\b|accuracy|diff\w*"
+    ),
     "accel_z": r"gyro|rate|offset|std|var|cov",
     "latitude": r"acc\w*|g\b|lateral|rate|std|sd\b|dist\w*|vel\w*|force|error",
     "longitude": r"acc\w*|g\b|longitudinal|rate|std|sd\b|dist\w*|vel\w*|force|error",
     "heading": r"rate|target|std|acc\w*|rms",
-}  # fmt: skip
-# What is no motion of the car: such a signal is none of the roles, however well it goes with the others by chance. A speed
-# is no acceleration and no angle.
-OTHER = re.compile(
-    r"\b(gears?|gang|ganganzeige|rpm|drehzahl|nmot|throttle|pedal|accelerator|gas|aps|clutch|kupplung|temp\w*|press\w*|druck|laps?|runde|"
-    r"fuel|tank|batt\w*|volt\w*|satellites?|sats|[hpv]dop|altitude|height|hoehe|dist\w*|odo\w*|mileage|counter|crc|checksum|lambda|"
-    r"afr|boost|oil|coolant|pitch|roll|engine|latitude|longitude|date|fragment|session|index|accuracy|humidity|wiper|door|fan|ignition|"
-    r"spark|camber|gradient|slope|azimuth)\b"
+}
+# Quantities other than the motion of the car. Such a signal has no role, even if it
+# correlates with the motion by chance. A speed is neither an acceleration nor an angle.
+OTHER_WORDS = re.compile(
+    r"\b(gears?|gang|ganganzeige|rpm|drehzahl|nmot|throttle|pedal|accelerator|gas|aps|clutch|kupplung|"
+    r"temp\w*|press\w*|druck|laps?|runde|fuel|tank|batt\w*|volt\w*|satellites?|sats|[hpv]dop|"
+    r"altitude|height|hoehe|dist\w*|odo\w*|mileage|counter|crc|checksum|lambda|afr|boost|oil|"
+    r"coolant|pitch|roll|engine|latitude|longitude|date|fragment|session|index|accuracy|humidity|"
+    r"wiper|door|fan|ignition|spark|camber|gradient|slope|azimuth)\b"
 )
-OTHER_SPEED = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
-PLACES = {  # where a wheel is, as a word or the end of one
-    "front_left": r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|"
-                   r"f ?l|l ?f|fr ?lt|delantera "
-                  r"izquierda|anteriore sinistra|di",
-    "front_right": r"fr|rf|vr|frt ?r|fr ?r|front ?right|right ?front|vorne? ?rechts|vo ?re|avd|av ?d|frnt ?rght|"
-                   r"rght ?frnt|f ?r|r ?f|fr ?rt|"
-                   r"delantera derecha|"
-                   r"anteriore destra|dd",
-    "rear_left": r"rl|lr|hl|re ?l|rr ?l|bck ?l|rear ?left|left ?rear|hinten ?links|hi ?li|arg|ar ?g|rr ?lft|lft ?rr|"
-                   r"r ?l|l ?r|re ?lt|trasera "
-                 r"izquierda|posteriore sinistra|ti|bl",
-    "rear_right": r"rr|hr|re ?r|bck ?r|rear ?right|right ?rear|hinten ?rechts|hi ?re|ard|ar ?d|rr ?rght|rght ?rr|r ?r|"
-                   r"re ?rt|trasera derecha|"
-                  r"posteriore destra|td|br",
+SPEED_WORDS = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
+# By place of a wheel or an axle: split_words, or the ends of split_words
+PLACE_WORDS = {
+    "front_left": (
+        r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|"
+        r"lft ?frnt|f ?l|l ?f|fr ?lt|delantera izquierda|anteriore sinistra|di"
+    ),
+    "front_right": (
+        r"fr|rf|vr|frt ?r|fr ?r|front ?right|right ?front|vorne? ?rechts|vo ?re|avd|av ?d|"
+        r"frnt ?rght|rght ?frnt|f ?r|r ?f|fr ?rt|delantera derecha|anteriore destra|dd"
+    ),
+    "rear_left": (
+        r"rl|lr|hl|re ?l|rr ?l|bck ?l|rear ?left|left ?rear|hinten ?links|hi ?li|arg|ar ?g|rr ?lft|"
+        r"lft ?rr|r ?l|l ?r|re ?lt|trasera izquierda|posteriore sinistra|ti|bl"
+    ),
+    "rear_right": (
+        r"rr|hr|re ?r|bck ?r|rear ?right|right ?rear|hinten ?rechts|hi ?re|ard|ar ?d|rr ?rght|"
+        r"rght ?rr|r ?r|re ?rt|trasera derecha|posteriore destra|td|br"
+    ),
     "front": r"front|vorne?|va|avant|fa|frnt|delantero|anteriore",
     "rear": r"rear|hinten|ha|arriere|ra|trasero|posteriore",
-}  # fmt: skip
+}
 AXLES = ("front", "rear")
-WHEEL = re.compile(r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bws(?=[fvrhl][lr]\b)|\bnrad|roue|rueda|"
-                   r"ruota|omega|\bwheels?\b|abs|\bn\b|\bv\b|drehzahl|"
-                   r"\bspeed\b|\bspd\b|\brw\b|\bvrad|wspd|whlspd|wheelspeed|\bvel")  # fmt: skip
-NO_WHEEL = re.compile(r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|brems|slip|schlupf|accel|beschl|qual\w*|valid|status|"
-                      r"stat\b|counter|puls\w*|impuls\w*|"
-                      r"ticks?|dir\w*|richtung|height|susp\w*|tpms|tire|tyre|reifen|susp|damper|\bfx\b|\bfy\b|\bfz\b|force|target|"
-                      r"soll|qbit|seat|door|window|mirror|"
-                      r"steer\w*|angle|winkel|radius|raw cnt|edge")  # fmt: skip
+WHEEL_WORDS = re.compile(
+    r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bws(?=[fvrhl][lr]\b)|"
+    r"\bnrad|roue|rueda|ruota|omega|\bwheels?\b|abs|\bn\b|\bv\b|drehzahl|\bspeed\b|\bspd\b|\brw\b|"
+    r"\bvrad|wspd|whlspd|wheelspeed|\bvel"
+)
+NO_WHEEL_WORDS = re.compile(
+    r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|brems|slip|schlupf|accel|beschl|"
+    r"qual\w*|valid|status|stat\b|counter|puls\w*|impuls\w*|ticks?|dir\w*|richtung|height|susp\w*|"
+    r"tpms|tire|tyre|reifen|susp|damper|\bfx\b|\bfy\b|\bfz\b|force|target|soll|qbit|seat|door|"
+    r"window|mirror|steer\w*|angle|winkel|radius|raw cnt|edge"
+)
 
 
 @functools.lru_cache(maxsize=4096)
-def text_of(name: str) -> str:
-    """The words of a name with blanks between: topic, message and all."""
+def join_words(name: str) -> str:
+    """Return the split_words of a whole name, with topic and message, joined by blanks."""
     return " ".join(split_words(name))
 
 
 @functools.lru_cache(maxsize=65536)
-def score(role: str, name: str) -> float:
-    """How much a name sounds like a role; the last part of a path counts more than the whole."""
+def score_name(role: str, name: str) -> float:
+    """Return the score of a name for a role; the last part of a path counts more."""
     last = last_part(name)
-    text, end = text_of(name), text_of(last)
-    best = max((s for p, s in ROLES[role] if re.search(p, end)), default=0.0)
+    text, end = join_words(name), join_words(last)
+    best = max((s for p, s in ROLE_WORDS[role] if re.search(p, end)), default=0.0)
     if best < 3.0:
-        best = max([best, *(s - 0.2 for p, s in ROLES[role] if re.search(p, text))])
-    if best and re.search(rf"\b({NOT[role]})", end):
+        best = max([best, *(s - 0.2 for p, s in ROLE_WORDS[role] if re.search(p, text))])
+    if best and re.search(rf"\b({NOT_ROLE_WORDS[role]})", end):
         best -= 4.0
     return best
 
 
 @functools.lru_cache(maxsize=65536)
 def is_another_thing(role: str, name: str) -> bool:
-    """Return whether a name says that a signal is something else than a role: a gear is no angle, a speed no acceleration."""
-    if score(role, name) >= 1.0:
+    """Return whether a name describes another quantity than that of a role."""
+    if score_name(role, name) >= 1.0:
         return False
-    text = text_of(name)
-    return bool(OTHER.search(text) or (role != "speed" and OTHER_SPEED.search(text)))
+    text = join_words(name)
+    return bool(OTHER_WORDS.search(text) or (role != "speed" and SPEED_WORDS.search(text)))
 
 
 @functools.lru_cache(maxsize=65536)
-def place_of(name: str) -> tuple[str, float]:
-    """Which wheel's or axle's speed a name sounds like, and how much; "" where none."""
+def find_place(name: str) -> tuple[str, float]:
+    """Return wheel or axle whose speed a name describes, and its score; "" if none."""
     last = last_part(name)
-    text, end = text_of(name), text_of(last)
-    if NO_WHEEL.search(end):
+    text, end = join_words(name), join_words(last)
+    if NO_WHEEL_WORDS.search(end):
         return "", 0.0
-    wheel = bool(WHEEL.search(text))
+    wheel = bool(WHEEL_WORDS.search(text))
     for part in (end, text):
-        found = _place(part, wheel)
+        found = _match_place(part, wheel)
         if found[0]:
             return found
     return "", 0.0
 
 
-# A corner that is written together with what it is of, in one word: FLwhlspd, LFspeed, whlflspd
+# Place and quantity of a wheel in one word: FLwhlspd, LFspeed, whlflspd
 OF_A_WHEEL = r"wheel|whl|wh|wss|wsp|ws|spd|speed|vel|rad|rpm|geschw|rot|omega"
 CORNERS = {
     "front_left": r"fl|lf|vl|frontleft|leftfront|frontl|lfront",
@@ -175,8 +223,8 @@ CORNERS = {
 }
 
 
-def _corner(joined: str) -> str:
-    """Return the corner that begins a word, or stands between two words of a wheel; "" where none does."""
+def _match_corner(joined: str) -> str:
+    """Return the place of a wheel at the start or inside of a single word; "" if none."""
     for place, pattern in CORNERS.items():
         if re.match(rf"({pattern})({OF_A_WHEEL})", joined) or re.search(
             rf"(wheel|whl|rad|ws|tire|tyre)({pattern})({OF_A_WHEEL})", joined
@@ -185,10 +233,13 @@ def _corner(joined: str) -> str:
     return ""
 
 
-def _place(end: str, wheel: bool) -> tuple[str, float]:
+def _match_place(end: str, wheel: bool) -> tuple[str, float]:
+    """Return the place in the split_words of a name, and its score.
+
+    `wheel`: the name has a word for a wheel."""
     joined = end.replace(" ", "")
-    corner = _corner(joined)
-    for place, pattern in PLACES.items():
+    corner = _match_corner(joined)
+    for place, pattern in PLACE_WORDS.items():
         if corner and place in AXLES:
             return corner, 2.7
         worth = 3.0 if wheel else 1.0

@@ -1,4 +1,5 @@
-"""Which signals are wheels, on which side, and what they say of speed and turn."""
+"""Find the wheels and their places, then the other channels by name, unit and
+kinematics."""
 
 from __future__ import annotations
 
@@ -9,40 +10,48 @@ from itertools import product
 import numpy as np
 
 from tse.channels import physics
-from tse.channels.look import AXLES, KINDS, NAMED, TURNED, WHEELS, Guess, Look
-from tse.channels.physics import fit, mean_of
+from tse.channels.look import MIN_NAME_SCORE, MIN_PROOF_CORR, ROLE_KINDS, WHEEL_PLACES, Guess, Look
+from tse.channels.physics import average, fit
 from tse.channels.raster import resample
-from tse.channels.vocabulary import NO_WHEEL, is_another_thing, place_of, score, text_of
+from tse.channels.vocabulary import (
+    AXLES,
+    NO_WHEEL_WORDS,
+    find_place,
+    is_another_thing,
+    join_words,
+    score_name,
+)
 from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording, last_part
 
-SLOWEST = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
+# Hz: min rate of a wheel speed. A GNSS receiver with 1 Hz misses braking.
+MIN_WHEEL_RATE = 5.0
 
 
 def find_wheels(look: Look) -> dict[str, str]:
-    """Place -> name; of several sets the most complete one that behaves like wheels."""
+    """Return place and name of each wheel, from the most complete and similar set."""
     groups: dict[str, dict[str, tuple[float, str]]] = {}
     for name in look.x:
-        place, worth = place_of(name)
+        place, worth = find_place(name)
         if (
             not place
             or worth <= 0
-            or unit_kind(look.unit(name)) not in ("", *KINDS["wheel"])
-            or not rolls(look.x[name])
+            or unit_kind(look.find_unit(name)) not in ("", *ROLE_KINDS["wheel"])
+            or not is_rolling(look.x[name])
         ):
             continue
-        worth += unit_kind(look.unit(name)) in KINDS["wheel"]
+        worth += unit_kind(look.find_unit(name)) in ROLE_KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
         for key in (
-            f"{len(text_of(name).split())} {look.unit(name)} {_stem(name)}",
-            f"message {stem} {look.unit(name)}",
+            f"{len(join_words(name).split())} {look.find_unit(name)} {_strip_place(name)}",
+            f"message {stem} {look.find_unit(name)}",
         ):
             best = groups.setdefault(key, {}).get(place)
             if best is None or worth > best[0]:
                 groups[key][place] = worth, name
     found, best = {}, 0.0
     for group in groups.values():
-        for places in (WHEELS, AXLES):
+        for places in (WHEEL_PLACES, AXLES):
             mine = {p: group[p] for p in places if p in group}
             pairs = len(mine) == len(places) or any(
                 all(f"{a}_{s}" in mine for s in ("left", "right")) for a in AXLES
@@ -51,29 +60,30 @@ def find_wheels(look: Look) -> dict[str, str]:
                 len(mine) * 2.0
                 + sum(w for w, _ in mine.values()) / max(len(mine), 1)
                 + 3.0 * (len(mine) == 4)
-                + _alike(look, [n for _, n in mine.values()])
+                + _compare_motion(look, [n for _, n in mine.values()])
             )
             if pairs and len({n for _, n in mine.values()}) == len(mine) and value > best:
                 found, best = {p: n for p, (_, n) in mine.items()}, value
     if "front_left" in found or "rear_left" in found:
-        for axle in AXLES:  # one wheel of an axle is none
+        for axle in AXLES:  # a single wheel of an axle is not used
             if sum(f"{axle}_{s}" in found for s in ("left", "right")) == 1:
                 found = {p: n for p, n in found.items() if not p.startswith(axle)}
-    return found or _nameless_wheels(look)
+    return found or _find_nameless_wheels(look)
 
 
-def _stem(name: str) -> str:
-    """A name without what says where."""
-    text = text_of(last_part(name))
+def _strip_place(name: str) -> str:
+    """Return a name with * in place of the words for the place."""
+    text = join_words(last_part(name))
     return re.sub(
-        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b",
+        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|"
+        r"[a-z]?[fvhrl]{2})\b",
         "*",
         text,
     ).replace("* *", "*")
 
 
-def rolls(x: np.ndarray) -> bool:
-    """Hardly ever below 0, and moves."""
+def is_rolling(x: np.ndarray) -> bool:
+    """Return whether a signal may be a speed: hardly ever below 0, and not constant."""
     good = x[np.isfinite(x)]
     return (
         len(good) > 10
@@ -82,26 +92,28 @@ def rolls(x: np.ndarray) -> bool:
     )
 
 
-def _alike(look: Look, names: list[str]) -> float:
-    """2: all go alike, as wheels do; less otherwise."""
+def _compare_motion(look: Look, names: list[str]) -> float:
+    """Return twice the min correlation of signals with the first one; wheels have 2."""
     if len(names) < 2:
         return 0.0
     first = look.x[names[0]]
     return 2.0 * min(max(fit(first, look.x[n]).corr, 0.0) for n in names[1:])
 
 
-def _nameless_wheels(look: Look) -> dict[str, str]:
-    """Four signals that are the same but for some percent, of one unit: wheels, in the order of the file."""
+def _find_nameless_wheels(look: Look) -> dict[str, str]:
+    """Return four signals of one unit that differ by a few percent, in file order."""
     rolling = [
         n
         for n in look.x
-        if rolls(look.x[n])
-        and unit_kind(look.unit(n)) in ("", *KINDS["wheel"])
-        and not NO_WHEEL.search(text_of(n))
+        if is_rolling(look.x[n])
+        and unit_kind(look.find_unit(n)) in ("", *ROLE_KINDS["wheel"])
+        and not NO_WHEEL_WORDS.search(join_words(n))
     ]
     for first in rolling:
         same = [
-            n for n in rolling if look.unit(n) == look.unit(first) and _same_size(look.x[first], look.x[n])
+            n
+            for n in rolling
+            if look.find_unit(n) == look.find_unit(first) and _is_same_size(look.x[first], look.x[n])
         ]
         distinct: list[str] = []
         for n in same:
@@ -111,57 +123,62 @@ def _nameless_wheels(look: Look) -> dict[str, str]:
             ):
                 distinct.append(n)
         if len(distinct) == 4:
-            return dict(zip(WHEELS, distinct, strict=True))
+            return dict(zip(WHEEL_PLACES, distinct, strict=True))
     return {}
 
 
-def _same_size(a: np.ndarray, b: np.ndarray) -> bool:
+def _is_same_size(a: np.ndarray, b: np.ndarray) -> bool:
+    """Return whether the ratio of two signals is near 1 and almost constant."""
     keep = np.isfinite(a) & np.isfinite(b) & (np.abs(a) > 0.3 * np.nanmax(np.abs(a)))
-    if keep.sum() < physics.FEWEST:
+    if keep.sum() < physics.MIN_ROWS:
         return False
     part = b[keep] / a[keep]
     return bool(abs(np.median(part) - 1) < 0.05 and np.std(part) < 0.03)
 
 
-def speed_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """The speed in whatever unit: of the wheels, or what is called one."""
+def compute_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+    """Return the speed by wheels, or else by name, in the unit of the log."""
     if wheels:
-        return mean_of([look.x[n] for n in wheels.values()]) if len(look.time) else None
-    name = named_speed(look)
+        return average([look.x[n] for n in wheels.values()]) if len(look.time) else None
+    name = find_named_speed(look)
     return look.x[name] if name else None
 
 
 def find_speed(look: Look) -> dict[str, str]:
-    """Without wheels: the car's speed in place of the rear axle, which drives or brakes less. The reader has it stand in for the
-    front one as well, as for any axle that is not logged, and knows then that slip is not known."""
-    name = named_speed(look, SLOWEST)
+    """Return the speed of the car as the rear axle, for a log without wheels.
+
+    The reader uses it for the front axle, too, and marks slip as unknown."""
+    name = find_named_speed(look, MIN_WHEEL_RATE)
     return {"rear": name} if name else {}
 
 
-def is_speed(wheels: Mapping[str, str]) -> bool:
-    """Are these wheels the car's speed?"""
+def is_car_speed(wheels: Mapping[str, str]) -> bool:
+    """Return whether these wheels are the speed of the car."""
     return len(wheels) == 1
 
 
-def named_speed(look: Look, slowest: float = 0.0) -> str:
-    """What is called the speed of the car, and has at least so many values a second, Hz; "" where nothing is."""
+def find_named_speed(look: Look, slowest: float = 0.0) -> str:
+    """Return the signal whose name is that of the car's speed; "" if there is none.
+
+    `slowest`: min rate, Hz."""
     named = sorted(
-        (score("speed", look.called(n)) + (unit_kind(look.unit(n)) == "speed"), n)
+        (score_name("speed", look.clean_name(n)) + (unit_kind(look.find_unit(n)) == "speed"), n)
         for n in look.x
-        if look.rate[n] >= slowest and unit_kind(look.unit(n)) in ("", "speed") and rolls(look.x[n])
+        if look.rate[n] >= slowest and unit_kind(look.find_unit(n)) in ("", "speed") and is_rolling(look.x[n])
     )
-    return named[-1][1] if named and named[-1][0] >= NAMED else ""
+    return named[-1][1] if named and named[-1][0] >= MIN_NAME_SCORE else ""
 
 
-def sided(wheels: Mapping[str, str]) -> bool:
-    """Do the names say which wheel is left?"""
-    return bool(wheels) and bool(place_of(next(iter(wheels.values())))[0])
+def is_sided(wheels: Mapping[str, str]) -> bool:
+    """Return whether the names state which wheel is left."""
+    return bool(wheels) and bool(find_place(next(iter(wheels.values())))[0])
 
 
-def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Right less left, of the axle behind if it is there: the yaw rate but for a factor. None: no pair, or no name says which is
-    left."""
-    if not sided(wheels):
+def find_turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
+    """Return right less left wheel, which is proportional to the yaw rate.
+
+    None: there is no pair, or the names do not state which is left."""
+    if not is_sided(wheels):
         return None
     for axle in ("rear", "front"):
         left, right = wheels.get(f"{axle}_left"), wheels.get(f"{axle}_right")
@@ -171,62 +188,89 @@ def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 
 def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
-    """Nameless wheels: those that are slower in a left turn are left; the first of each side is front."""
-    if not wheels or sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
+    """Assign places to nameless wheels.
+
+    Those that are slower in a left turn are left. The first of each side is front."""
+    if not wheels or is_sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
         return wheels
-    r, mean = look.x[chosen["yaw_rate"]], mean_of([look.x[n] for n in wheels.values()])
+    r, mean = look.x[chosen["yaw_rate"]], average([look.x[n] for n in wheels.values()])
     order = sorted(wheels.values(), key=lambda n: fit(r, look.x[n] - mean).corr)
     left = [n for n in wheels.values() if n in order[:2]]
     right = [n for n in wheels.values() if n in order[2:]]
     return {"front_left": left[0], "front_right": right[0], "rear_left": left[1], "rear_right": right[1]}
 
 
-# ---- Which signal is which of the other channels: by its name and unit, and by how well it agrees with the others.
+# ---- The other channels, by name, unit and agreement with each other.
 
-
-# Correlation that speaks neither for nor against a role; the change of the wheels' speed is a noisy reference, and slopes add to it
-HALFWAY = {"accel_x": 0.68}
-MOST_SHOWN = 4.0  # that physics may speak for or against a role
-LATERAL = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
+# Correlation that is neutral for a role (others: 0.75). The derivative of the wheel speed
+# is a noisy reference, and grade adds to accel_x.
+NEUTRAL_CORR = {"accel_x": 0.68}
+MAX_PHYSICS_SCORE = 4.0  # max score for or against a role by physics
+MOTION_ROLES = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
 
 
 def find_roles(
     look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
-    """Role -> name, and what every candidate was worth: by name and unit, and by physics."""
-    taken = set(wheels.values()) | quaternions(look)
-    said = {role: {n: _said(look, role, n) for n in look.x if n not in taken} for role in LATERAL}
+    """Assign signals to the roles of MOTION_ROLES.
+
+    Parameters
+    ----------
+    look : Look
+        The log.
+    wheels : mapping of str to str
+        Place and name of each wheel.
+    v : ndarray or None, (rows,)
+        Speed in any unit. None: unknown.
+    before : mapping of str to str
+        Role and name of the last pass, as references. Empty: names alone.
+
+    Returns
+    -------
+    dict of str to str
+        Role and name.
+    dict of str to dict of str to float
+        By role: the scores by name and unit ("said"), and by physics ("shown").
+    """
+    taken = set(wheels.values()) | find_quaternions(look)
+    said = {
+        role: {n: _score_by_name(look, role, n) for n in look.x if n not in taken} for role in MOTION_ROLES
+    }
     ref = dict(before)
     if not ref:
-        for role in LATERAL:
+        for role in MOTION_ROLES:
             best = max(said[role].items(), key=lambda i: i[1], default=("", 0.0))
-            if best[1] >= NAMED:
+            if best[1] >= MIN_NAME_SCORE:
                 ref[role] = best[0]
         if v is not None and ("yaw_rate" not in ref or "accel_y" not in ref):
-            ref |= _pair(look, v, taken, said, ref)
+            ref |= _find_pair(look, v, taken, said, ref)
     total: dict[str, dict[str, float]] = {}
     shown: dict[str, dict[str, float]] = {}
-    turn = turn_of(look, wheels)
+    turn = find_turn(look, wheels)
     top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
     usual = (
         None if v is None else v * (25.0 / top if top else 1.0)
     )  # as fast as cars drive: its unit is not known yet
-    change = None if v is None else physics.derivative(v)
-    for role in LATERAL:  # of what cannot become it whatever physics says nothing is computed
+    change = None if v is None else physics.differentiate(v)
+    for role in MOTION_ROLES:  # only for candidates that physics can lift to MIN_NAME_SCORE
         shown[role] = {
-            n: _shown(look, role, n, v, usual, change, turn, ref) if w + MOST_SHOWN >= NAMED else 0.0
+            n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
+            if w + MAX_PHYSICS_SCORE >= MIN_NAME_SCORE
+            else 0.0
             for n, w in said[role].items()
         }
         total[role] = {n: said[role][n] + shown[role][n] for n in said[role]}
     found: dict[str, str] = {}
-    pairs = sorted(((w, role, n) for role in LATERAL for n, w in total[role].items()), reverse=True)
+    pairs = sorted(((w, role, n) for role in MOTION_ROLES for n, w in total[role].items()), reverse=True)
     for w, role, n in pairs:  # the best first; one signal has one role
         if (
             role not in found
             and n not in found.values()
-            and w >= NAMED
-            and (score(role, look.called(n)) >= 0.8 or shown[role][n] >= 2.5)  # a unit alone is no name
-            and not is_another_thing(role, look.called(n))
+            and w >= MIN_NAME_SCORE
+            and (
+                score_name(role, look.clean_name(n)) >= 0.8 or shown[role][n] >= 2.5
+            )  # a unit alone is no name
+            and not is_another_thing(role, look.clean_name(n))
         ):
             found[role] = n
     return found, {
@@ -234,21 +278,22 @@ def find_roles(
     }
 
 
-def quaternions(look: Look) -> set[str]:
-    """Parts of attitudes: x, y, z beside a w are no rates, though rotation.z sounds like one."""
+def find_quaternions(look: Look) -> set[str]:
+    """Return the parts of quaternions: x, y, z beside a w."""
     known = set(look.channels)
     stems = {n[:-1] for n in known if n[-2:] in (".w", "_w") and n[:-1] + "z" in known}
     return {n for n in known if n[:-1] in stems and n[-1] in "wxyz"}
 
 
-def _said(look: Look, role: str, name: str) -> float:
-    unit = unit_kind(look.unit(name))
-    of_kind = 1.0 if unit in KINDS[role] else (0.0 if unit == "" else -3.0)
-    of_kind -= 3.0 * is_another_thing(role, look.called(name))
-    return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
+def _score_by_name(look: Look, role: str, name: str) -> float:
+    """Return the score of a signal for a role by name, unit and rate."""
+    unit = unit_kind(look.find_unit(name))
+    of_kind = 1.0 if unit in ROLE_KINDS[role] else (0.0 if unit == "" else -3.0)
+    of_kind -= 3.0 * is_another_thing(role, look.clean_name(name))
+    return score_name(role, look.clean_name(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
 
-def _shown(
+def _score_by_physics(
     look: Look,
     role: str,
     name: str,
@@ -258,7 +303,9 @@ def _shown(
     turn: np.ndarray | None,
     ref: Mapping[str, str],
 ) -> float:
-    """-MOST_SHOWN .. MOST_SHOWN: how well it agrees with the others; 0: nothing to compare with."""
+    """Return the score of a signal for a role by its correlation with the others.
+
+    -MAX_PHYSICS_SCORE .. MAX_PHYSICS_SCORE; 0: no signal to compare with."""
     x = look.x[name]
     said = []
     if role == "yaw_rate":
@@ -276,71 +323,86 @@ def _shown(
     elif role == "steer_angle" and usual is not None:
         r = look.x[ref["yaw_rate"]] if "yaw_rate" in ref and ref["yaw_rate"] != name else turn
         if r is not None:
-            found = physics.steering(x, usual, r)
+            found = physics.fit_steering(x, usual, r)
             said.append(np.sqrt(max(found.share, 0.0)) if found else 0.0)
     said = [s for s in said if s > 0]
     return (
-        float(np.clip(16.0 * (np.mean(said) - HALFWAY.get(role, 0.75)), -MOST_SHOWN, MOST_SHOWN))
+        float(
+            np.clip(
+                16.0 * (np.mean(said) - NEUTRAL_CORR.get(role, 0.75)), -MAX_PHYSICS_SCORE, MAX_PHYSICS_SCORE
+            )
+        )
         if said
         else 0.0
     )
 
 
-def _pair(
+def _find_pair(
     look: Look,
     v: np.ndarray,
     taken: set[str],
     said: Mapping[str, Mapping[str, float]],
     ref: Mapping[str, str],
 ) -> dict[str, str]:
-    """Yaw rate and lateral acceleration without a name that says so: the two for which a_y = v r holds best."""
-    free = [n for n in look.x if n not in taken and not rolls(look.x[n])]
+    """Return the unnamed yaw rate and accel_y with the best fit of a_y = v r."""
+    free = [n for n in look.x if n not in taken and not is_rolling(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
     accels = [ref["accel_y"]] if "accel_y" in ref else [n for n in free if said["accel_y"][n] > -1]
-    best, found = TURNED, {}
+    best, found = MIN_PROOF_CORR, {}
     for r, a in product(rates[:80], accels[:80]):
         if r == a:
             continue
         corr = abs(fit(v * look.x[r], look.x[a]).corr) + 0.01 * (said["yaw_rate"][r] + said["accel_y"][a])
-        # of two that go together anyway the one of which v times the other is nearer is the acceleration
+        # of two correlated signals, the acceleration is the one that v times the other
+        # fits better
         corr -= 0.5 * max(0.0, abs(fit(look.x[r], look.x[a]).corr) - abs(fit(v * look.x[r], look.x[a]).corr))
         if corr > best:
             best, found = corr, {"yaw_rate": r, "accel_y": a}
     return found
 
 
-# ---- Brake switch or pressure, and wheel torques: by name and unit, and by what the speed does meanwhile.
+# ---- Brake switch or pressure, and wheel torques: by name, unit and change of the speed.
 
-
-BRAKE = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
-NO_BRAKE = re.compile(
-    r"\b(park|hand|epb|fest|fault|fail|fehler|temp|wear|req|soll|target|aeb|valid|qual|count|torque|trq|moment|assist)"
+BRAKE_NAME = re.compile(r"\b(brake?|brk|brems|frein|freno|bls)")
+NO_BRAKE_NAME = re.compile(
+    r"\b(park|hand|epb|fest|fault|fail|fehler|temp|wear|req|soll|target|aeb|valid|qual|count|"
+    r"torque|trq|moment|assist)"
 )
-WHEEL, MOMENT = r"\b(wheel|whl|axle|achs\w*|rad|roue|ruota|rueda)\b", r"\b(torque|trq|tq|moment)"
-TORQUE = re.compile(f"{WHEEL}.*{MOMENT}|{MOMENT}.*{WHEEL}")
-OTHER_TORQUE = re.compile(r"left|right|links|rechts|soll|req|target")
-AXLE = {
+WHEEL_WORD = r"\b(wheel|whl|axle|achs\w*|rad|roue|ruota|rueda)\b"
+MOMENT_WORD = r"\b(torque|trq|tq|moment)"
+TORQUE_NAME = re.compile(f"{WHEEL_WORD}.*{MOMENT_WORD}|{MOMENT_WORD}.*{WHEEL_WORD}")
+OTHER_TORQUE_NAME = re.compile(r"left|right|links|rechts|soll|req|target")
+AXLE_NAME = {
     "front": re.compile(r"\b(front|vorne?|va|avant|frnt)\b"),
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
-SLOWS = 0.7  # m/s2 that the car must lose more while it brakes than while it does not
-FROM, TOP = 0.03, 0.995  # a pressure is one from this share of its largest values (quantile)
+MIN_BRAKING_LOSS = 0.7  # m/s2: min additional deceleration while the brake is on
+PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995  # the car brakes above this share of this quantile
 
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
-    """Return the guesses. v: speed on the raster of `look`, m/s; None: not known."""
-    found = [g for c in recording if (g := _brake(c, look, v)) is not None]
+    """Return the guesses of brake and wheel torques.
+
+    `v`: speed on the raster of `look`, m/s. None: unknown."""
+    found = [g for c in recording if (g := _guess_brake(c, look, v)) is not None]
     best = sorted(found, key=lambda g: (len(g.unsure), g.above is not None))[:1]
-    return [*best, *(g for a in AXLE if (g := _torque(recording, a)) is not None)]
+    return [*best, *(g for a in AXLE_NAME if (g := _guess_torque(recording, a)) is not None)]
 
 
-def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
-    """Return the guess that a signal is the brake's; None where its name is another, or the car does not slow by it."""
-    name, x = text_of(c.short), c.value[np.isfinite(c.value)]
-    if not BRAKE.search(name) or NO_BRAKE.search(name) or len(x) < physics.FEWEST or np.ptp(x) == 0:
+def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
+    """Return the guess that a signal is the brake.
+
+    None: its name is another, or the car does not decelerate more while it is on."""
+    name, x = join_words(c.short), c.value[np.isfinite(c.value)]
+    if (
+        not BRAKE_NAME.search(name)
+        or NO_BRAKE_NAME.search(name)
+        or len(x) < physics.MIN_ROWS
+        or np.ptp(x) == 0
+    ):
         return None
     switch = set(np.unique(x)) <= {0.0, 1.0}
-    above = None if switch else float(f"{FROM * np.quantile(x, TOP):.2g}")
+    above = None if switch else float(f"{PEDAL_SHARE * np.quantile(x, PEDAL_QUANTILE):.2g}")
     if above is not None and (above <= 0 or (not c.unit and not re.search(r"press|druck|pedal", name))):
         return None
     guess = Guess(
@@ -352,17 +414,20 @@ def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     )
     if above is not None:
         guess.figures.append(
-            f"a pressure or a pedal: the car brakes above {100 * FROM:g} % of its large values"
+            f"a pressure or a pedal: the car brakes above {100 * PEDAL_SHARE:g} % of its large values"
         )
     good = np.isfinite(c.value)
-    on = resample(c.time[good], 1.0 * (c.value[good] > (above or 0.5)), look.time, physics.RATE) > 0.5
-    moving = np.abs(v) > physics.MOVING if v is not None else np.zeros(len(on), bool)
-    if v is None or min((moving & on).sum(), (moving & ~on).sum()) < physics.FEWEST:
+    on = (
+        resample(c.time[good], 1.0 * (c.value[good] > (above or 0.5)), look.time, physics.COMPARISON_RATE)
+        > 0.5
+    )
+    moving = np.abs(v) > physics.MOVING_SPEED if v is not None else np.zeros(len(on), bool)
+    if v is None or min((moving & on).sum(), (moving & ~on).sum()) < physics.MIN_ROWS:
         guess.unsure = ["the signal, by its name alone"]
         return guess
-    rate = physics.derivative(v)
+    rate = physics.differentiate(v)
     gains = [float(np.nanmean(rate[moving & rows])) for rows in (on, ~on)]
-    if gains[0] > gains[1] - SLOWS:
+    if gains[0] > gains[1] - MIN_BRAKING_LOSS:
         return None
     guess.confidence = "sure"
     guess.figures.append(
@@ -371,11 +436,15 @@ def _brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
     return guess
 
 
-def _torque(recording: Recording, axle: str) -> Guess | None:
-    """Return the guess of an axle's wheel torque, by name and unit; the run compares it with mass times accel_x."""
+def _guess_torque(recording: Recording, axle: str) -> Guess | None:
+    """Return the guess of an axle's wheel torque, by name and unit.
+
+    agree.py compares it with mass x accel_x."""
     for c in recording:
-        name = text_of(c.short)
-        named = TORQUE.search(name) and AXLE[axle].search(name) and not OTHER_TORQUE.search(name)
+        name = join_words(c.short)
+        named = (
+            TORQUE_NAME.search(name) and AXLE_NAME[axle].search(name) and not OTHER_TORQUE_NAME.search(name)
+        )
         if named and unit_kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "the log says so")
             guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")

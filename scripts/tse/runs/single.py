@@ -13,7 +13,7 @@ import pandas as pd
 from tse.calibration.own import STOPPED, Own, calibrated, of_class, uncalibrated
 from tse.car.config import check_effect, make_config
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
-from tse.channels.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
+from tse.channels.agree import MAX_CHECKED_ROWS, PERHAPS, check_car, find_false_stops, late_across, sure
 from tse.channels.log import read_log
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimate, Learnt, estimate_to
@@ -115,7 +115,7 @@ def assemble(
         from tse.roads.road_match import on_road  # scipy: for those who have a road
 
         log, profile = on_road(log, road, Config.exact(vehicle.values))
-    lively = select_liveliest(log, MOST_ROWS)
+    lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
     else:
@@ -161,7 +161,7 @@ def assemble(
     notes = [
         *said,
         *late,
-        *stood(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
+        *find_false_stops(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
         *log.notes,
         *describe_sampling(log, config.max_gap),
         *describe_steering(log, config.max_steer),

@@ -20,9 +20,9 @@ import pandas as pd
 
 from tse.car.config import set_sampling
 from tse.car.vehicle import Vehicle
-from tse.channels.agree import check_car, sure
+from tse.channels.agree import check_car, select_certain
 from tse.channels.look import Proposal
-from tse.channels.proposal import headline, propose, toml_text
+from tse.channels.proposal import format_headline, format_signals, propose
 from tse.channels.signals import Signals, read_signals
 from tse.channels.stream import Stream
 from tse.estimation import regimes
@@ -484,10 +484,10 @@ class Live:
                 )
                 return
             path = self.record.folder / "frames.signals.toml"
-            path.write_text(toml_text(recording, proposal, None, self.record.folder), encoding="utf-8")
+            path.write_text(format_signals(recording, proposal, None, self.record.folder), encoding="utf-8")
             self._proposed = read_signals(path)
             for g in proposal.guesses:
-                self.say(f"proposed: {headline(g)}")
+                self.say(f"proposed: {format_headline(g)}")
             self.say(
                 f"guessed by names, units and physics: look at {path}, and name it with --signals the next time"
             )
@@ -587,7 +587,7 @@ class Live:
             if gone and c not in self._silent:
                 self._silent[c] = last
                 self.say(
-                    f"{c}: no value for a second (message {stream.message_of(c)}): it is missing until one comes"
+                    f"{c}: no value for a second (message {stream.find_message(c)}): it is missing until one comes"
                 )
             elif not gone and c in self._silent:
                 self.say(f"{c}: values again, after {bus_now - self._silent.pop(c):.1f} s")
@@ -676,7 +676,7 @@ class Live:
             said = check_car(select_liveliest(log, MOST_CHECKED), self.vehicle, self.config)
             for text in said:
                 self._say_once(f"warning: {text}")
-            self.drive.contradicted = sure(said)
+            self.drive.contradicted = select_certain(said)
         except UserError as error:
             self._say_once(str(error).splitlines()[0])
         except Exception as error:  # a check that fails must not end a drive, nor be silent
