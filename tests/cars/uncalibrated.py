@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
 from tse.car.config import make_config
-from tse.car.vehicle import filter_values, make_vehicle
+from tse.car.vehicle import make_filter_values, make_vehicle
 from tse.channels.log import read_frame
 from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
 from tse.report.tables import markdown_table
@@ -55,10 +55,10 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
         CAR if of_class else {key: getattr(Config.exact(), key) for key in FACTS} | {"driven_axle": "front"}
     )
     vehicle = make_vehicle(dict(facts), Path("car.toml"))
-    car = Config.exact((filter_values(vehicle) if of_class else {}) | effects)
+    car = Config.exact((make_filter_values(vehicle) if of_class else {}) | effects)
     factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
     sim = SimConfig({f"true_{key}": value for key, value in factor.items()} | {"seed": seed})
-    duration = max(LEAST, maneuvers.KINDS[maneuver].duration)
+    duration = max(LEAST, maneuvers.MANEUVERS[maneuver].duration)
     plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
     log = read_frame(simulate(plan, car, sim).log)
     config, _ = make_config(vehicle, log)
@@ -100,7 +100,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-uncalibrated.md", help="the table")
     given = parser.parse_args(arguments)
     seeds = range(given.first, given.first + given.seeds)
-    jobs = list(product(maneuvers.KINDS, RELAXATION, ROLL, seeds, CARS))
+    jobs = list(product(maneuvers.MANEUVERS, RELAXATION, ROLL, seeds, CARS))
     with ProcessPoolExecutor(given.jobs) as pool:
         runs = pd.DataFrame(
             tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr)

@@ -19,16 +19,23 @@ from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
 from tse.calibration import workflow
-from tse.calibration.result import Channel, Finding, Proof, against, misstated, proof_words
+from tse.calibration.result import (
+    NumberFinding,
+    Proof,
+    ProofChannel,
+    describe_misstated,
+    describe_proofs,
+    list_contradicting,
+)
 from tse.car.formula import Number, parse, write_formula
-from tse.car.vehicle import Vehicle, ordinary_car, read_vehicle
+from tse.car.vehicle import Vehicle, get_ordinary_car, read_vehicle
 from tse.channels.log import read_frame
 from tse.identify import vehicle_file
-from tse.identify.fit import Fit
+from tse.identify.fit import CarFit
 from tse.identify.lasting import Piece
-from tse.identify.slip import MODEL_SD, slip_bands, slip_words, slips
-from tse.identify.unknowns import LATE, UNKNOWNS, prior_of
-from tse.identify.vehicle_file import BEFORE, unexplained
+from tse.identify.slip import SLIP_MODEL_SD, apply_slip_regression, describe_slip, describe_wheel_latencies
+from tse.identify.unknowns import LATE_CHANNELS, UNKNOWNS, make_prior
+from tse.identify.vehicle_file import PRIOR_PIECES, measure_unexplained
 from tse.library.core import NOMINAL, Config
 from tse.library.files import read_toml
 from tse.log.rows import Log
@@ -102,7 +109,7 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(
     assert (
         vehicle.values["model_sd"] < 0.07
     )  # of a simulator, less than half of the class; real cars have .1 .. .3
-    assert vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
+    assert vehicle.values["yaw_rate_bias_walk"] <= workflow.MAX_GYRO_WALK
     out = case / "again.toml"
     run = tselab_here(
         "calibrate", "--verbose", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out
@@ -112,7 +119,7 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(
     for a, b in zip(first, second, strict=True):
         assert b["prior_sd"] == pytest.approx(a["sd"], rel=1e-6), a["name"]
         assert b["prior"] == pytest.approx(a["value"], rel=1e-6, abs=1e-9), a["name"]
-    start = prior_of(vehicle, Config.exact(vehicle.values))
+    start = make_prior(vehicle, Config.exact(vehicle.values))
     stiffness = [
         start.mean[start.names.index(k)] for k in NOMINAL
     ]  # over the file's, which has what was found
@@ -130,19 +137,19 @@ def test_what_the_model_does_not_explain_is_counted_as_what_lasts_a_second() -> 
     size = np.full(len(time), 0.2)
     problem = SimpleNamespace(
         groups=[(0, "accel_y"), (0, "yaw_rate")],
-        one_at_speed=lambda g: np.full(len(time), 1.0 / v),
-        piece=lambda g, residual: Piece(time, size, residual),
+        compute_unit_yaw_rate=lambda g: np.full(len(time), 1.0 / v),
+        make_piece=lambda g, residual: Piece(time, size, residual),
     )
     constants = read_toml(ROOT / "src" / "tables" / "constants.toml")
     least = next(section["LEAST_ACTIVITY"] for section in constants.values() if "LEAST_ACTIVITY" in section)[
         "value"
     ]
     happens = 0.2**2 + (least / v) ** 2
-    left, count = unexplained(problem, [None, error])
+    left, count = measure_unexplained(problem, [None, error])
     assert left == pytest.approx(np.sqrt(0.04**2 * 0.4 / happens), rel=0.15)
     assert count == pytest.approx(90 * 0.2**2 / happens)
     problem.groups = [(0, "accel_y")]
-    assert unexplained(problem, [None]) == (0.0, 0.0)
+    assert measure_unexplained(problem, [None]) == (0.0, 0.0)
 
 
 def test_what_was_known_of_the_model_counts_beside_what_logs_show(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,17 +158,17 @@ def test_what_was_known_of_the_model_counts_beside_what_logs_show(monkeypatch: p
         (0.03, 0.0, 0.12),
         (0.03, 1e6, 0.03),
         (0.65, 1e6, 0.5),
-        (0.03, BEFORE, np.hypot(0.03, 0.12) / np.sqrt(2)),
+        (0.03, PRIOR_PIECES, np.hypot(0.03, 0.12) / np.sqrt(2)),
     ):
-        monkeypatch.setattr(vehicle_file, "unexplained", lambda *_, found=(left, count): found)
-        assert vehicle_file.model_sd(None, [], 0.12) == pytest.approx(kept, rel=1e-3)
+        monkeypatch.setattr(vehicle_file, "measure_unexplained", lambda *_, found=(left, count): found)
+        assert vehicle_file.estimate_model_sd(None, [], 0.12) == pytest.approx(kept, rel=1e-3)
 
 
 def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
     page = calibrated[0].with_suffix(".html").read_text(encoding="utf-8")
     assert "converged after" in page and "relaxation length" in page
     assert page.count('class="plot"') == 2
-    for late in LATE:
+    for late in LATE_CHANNELS:
         assert f"{late}_latency" in page
 
 
@@ -173,7 +180,7 @@ def test_noise_of_accel_x_is_that_of_the_rows(sd: float) -> None:
     t = log.time
     loud = log.data.assign(accel_x=np.sin(t) + sd * rng.standard_normal(len(t)))
     other = log.data.assign(accel_x=np.sin(t) + 0.5 * sd * rng.standard_normal(len(t)))
-    found = workflow.row_noise([replace(log, data=other), replace(log, data=loud)], Config.exact())
+    found = workflow.measure_row_noise([replace(log, data=other), replace(log, data=loud)], Config.exact())
     assert found["accel_x_sd"] == pytest.approx(sd, rel=0.1)
     assert found.keys() == {"accel_x_sd", "accel_y_sd", "yaw_rate_sd"}
 
@@ -181,10 +188,10 @@ def test_noise_of_accel_x_is_that_of_the_rows(sd: float) -> None:
 def test_quantisation_is_found_where_it_is() -> None:
     rng = np.random.default_rng(6)
     signal = 3 * np.sin(0.01 * np.arange(6000)) + 0.02 * rng.standard_normal(6000)
-    assert workflow.step_of(signal) == 0
-    assert workflow.step_of(np.round(signal / 0.0123) * 0.0123) == pytest.approx(0.0123, rel=1e-6)
-    assert workflow.step_of(np.full(100, 2.0)) == 0
-    assert workflow.step_of(np.full(100, np.nan)) == 0
+    assert workflow.find_quantisation(signal) == 0
+    assert workflow.find_quantisation(np.round(signal / 0.0123) * 0.0123) == pytest.approx(0.0123, rel=1e-6)
+    assert workflow.find_quantisation(np.full(100, 2.0)) == 0
+    assert workflow.find_quantisation(np.full(100, np.nan)) == 0
 
 
 def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
@@ -365,7 +372,7 @@ def slip_of(config: Config, driven: str, stiffness: float, push: float, share: f
     base = config.lf + config.lr
     rest = config.mass * 9.81 * (config.lr if driven == "front" else config.lf) / base
     load = rest + (1 if driven == "rear" else -1) * config.mass * push * HEIGHT / base
-    shape = ordinary_car(config)["tyre_saturation_shape"]
+    shape = get_ordinary_car(config)["tyre_saturation_shape"]
 
     def force(slip: float) -> float:
         q = stiffness * load / rest * slip / load
@@ -440,7 +447,7 @@ def _all_wheel_drive(
     return read_frame(pd.DataFrame(frame | {"brake": 0.0 * t}))
 
 
-def searched() -> tuple[Any, Fit]:
+def searched() -> tuple[Any, CarFit]:
     """Return what a search leaves that saw nothing of it, and was wrong of the stiffness."""
     x = np.array([0.004, 0.004, ROLLING, DRAG, PITCH, 0.7, RADIUS, RADIUS])
     prior = np.array([LATE_SD] * 2 + [0.0] * 3 + [PRIOR_SD] + [0.003 * RADIUS] * 2)
@@ -449,7 +456,7 @@ def searched() -> tuple[Any, Fit]:
     problem = SimpleNamespace(
         config=Config.exact(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance
     )
-    return problem, Fit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
+    return problem, CarFit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
 
 
 def driven_car(driven: str) -> Vehicle:
@@ -466,10 +473,10 @@ def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(
     regression leaves out. The stiffness to 3 %: 1 % of prior, 1 % of scatter."""
     problem, fit = searched()
     logs = [drive(driven, later, 1, factor), drive(driven, later, 2, factor)]
-    found = slips(problem, fit, logs, driven_car(driven))
+    found = apply_slip_regression(problem, fit, logs, driven_car(driven))
     assert found.x[0] - found.x[1] == pytest.approx(later, abs=0.003)
-    late = [w for w in slip_words(problem, found) if w.startswith("wheel speeds")]
-    assert len(late) == len(slip_bands(problem, found)) / 2 == (later != 0)
+    late = [w for w in describe_slip(problem, found) if w.startswith("wheel speeds")]
+    assert len(late) == len(describe_wheel_latencies(problem, found)) / 2 == (later != 0)
     assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(
         0.0
     )  # how late both are is as before, not what the search says
@@ -477,7 +484,7 @@ def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(
     assert not found.covariance[:2, 2:].any()
     np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
     assert np.exp(found.x[5]) == pytest.approx(factor, rel=0.03)
-    assert MODEL_SD * 0.99 < np.sqrt(found.covariance[5, 5]) < 1.5 * MODEL_SD
+    assert SLIP_MODEL_SD * 0.99 < np.sqrt(found.covariance[5, 5]) < 1.5 * SLIP_MODEL_SD
 
 
 def test_what_logs_do_not_show_is_left_as_it_was() -> None:
@@ -486,8 +493,8 @@ def test_what_logs_do_not_show_is_left_as_it_was() -> None:
     log = drive("front", 0.008, 1)
     steady = drive("front", 0.008, 1, faster=0.0)
     for found in (
-        slips(problem, fit, [log], driven_car("both")),
-        slips(problem, fit, [steady], driven_car("front")),
+        apply_slip_regression(problem, fit, [log], driven_car("both")),
+        apply_slip_regression(problem, fit, [steady], driven_car("front")),
     ):
         np.testing.assert_array_equal(found.x[:2], 0.0)
         np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
@@ -504,8 +511,8 @@ def test_what_they_hardly_show_is_shrunk() -> None:
     loud = log.data.assign(
         wheel_speed_front=log.data["wheel_speed_front"] + 3.0 * rng.standard_normal(len(log.data))
     )
-    sure = slips(problem, fit, [log], driven_car("front"))
-    found = slips(problem, fit, [replace(log, data=loud)], driven_car("front"))
+    sure = apply_slip_regression(problem, fit, [log], driven_car("front"))
+    found = apply_slip_regression(problem, fit, [replace(log, data=loud)], driven_car("front"))
     assert found.x[0] == found.x[1] == 0.0
     assert found.covariance[5, 5] > 1.1 * sure.covariance[5, 5]
 
@@ -516,10 +523,10 @@ def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
     problem, fit = searched()
     log = drive("front", 0.0, 5)
     other = replace(log, data=log.data.assign(wheel_speed_rear=log.data["wheel_speed_rear"] / (1.0 + off)))
-    right, found = (slips(problem, fit, [x], driven_car("front")) for x in (log, other))
+    right, found = (apply_slip_regression(problem, fit, [x], driven_car("front")) for x in (log, other))
     front, rear = (found.x[NAMES.index(f"wheel_radius_{axle}")] / RADIUS for axle in ("front", "rear"))
     assert rear / front - 1.0 == pytest.approx(off, abs=0.001)
-    (words,) = slip_words(problem, found)
+    (words,) = describe_slip(problem, found)
     assert (
         f"rear one is {100 * abs(off):.0f}."[:-1] in words and ("smaller" if off < 0 else "larger") in words
     )
@@ -531,24 +538,24 @@ def test_of_two_driven_axles_wheel_torques_and_brake_show_the_stiffness() -> Non
     those of the engine alone."""
     problem, fit = searched()
     log = drive("both", 0.0, 6, 0.8)
-    found = slips(problem, fit, [log], driven_car("both"))
+    found = apply_slip_regression(problem, fit, [log], driven_car("both"))
     assert np.exp(found.x[5]) == pytest.approx(0.8, rel=0.03)
     blind = replace(log, extra=log.extra.drop(columns="brake"))
-    left = slips(problem, fit, [blind], driven_car("both"))
+    left = apply_slip_regression(problem, fit, [blind], driven_car("both"))
     assert left.x[5] == 0.0
-    assert slip_words(problem, left)[0].startswith("longitudinal stiffness: not shown")
+    assert describe_slip(problem, left)[0].startswith("longitudinal stiffness: not shown")
 
 
 def test_a_log_that_contradicts_the_calibration_is_named() -> None:
     right = Proof(
         "a.csv",
         False,
-        {"accel_y": Channel(2.0, 0.3, 0.2, 0.03), "yaw_rate": Channel(0.1, 0.02, 0.0205, 0.001)},
+        {"accel_y": ProofChannel(2.0, 0.3, 0.2, 0.03), "yaw_rate": ProofChannel(0.1, 0.02, 0.0205, 0.001)},
     )
     wrong = replace(
-        right, log="b.csv", channels={**right.channels, "yaw_rate": Channel(0.1, 0.02, 0.025, 0.001)}
+        right, log="b.csv", channels={**right.channels, "yaw_rate": ProofChannel(0.1, 0.02, 0.025, 0.001)}
     )
-    (first,) = against([right, wrong])
+    (first,) = list_contradicting([right, wrong])
     assert (
         first.startswith("b.csv contradicts the calibration (accel_y -33 %, yaw_rate +25 %")
         and "another car" in first
@@ -559,11 +566,11 @@ def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() ->
     """Of two logs the root mean square; 1 - (0.3/2)^2 of a signal is explained before, 1
     - (0.1/2)^2 after."""
     logs = [
-        Proof(f"{k}.csv", False, {"accel_y": Channel(2.0, before, 0.1, 0.03)})
+        Proof(f"{k}.csv", False, {"accel_y": ProofChannel(2.0, before, 0.1, 0.03)})
         for k, before in enumerate((0.3, 0.3))
     ]
-    held = Proof("h.csv", True, {"accel_y": Channel(2.0, 0.4, 0.2, 0.03)})
-    fitted, other = proof_words([*logs, held])
+    held = Proof("h.csv", True, {"accel_y": ProofChannel(2.0, 0.4, 0.2, 0.03)})
+    fitted, other = describe_proofs([*logs, held])
     assert fitted.startswith("accel_y of fitted logs: 0.3 m/s2 off before, 0.1 after, 0.03 is noise")
     assert fitted.endswith("(98 % of the signal explained before, 100 % after).")
     assert other.startswith("accel_y of held-out logs: 0.4 m/s2 off before, 0.2 after, 0.03 is noise")
@@ -571,6 +578,8 @@ def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() ->
 
 
 def test_what_the_vehicle_file_says_wrong_is_said_and_a_surprise_is_not() -> None:
-    ratio = Finding("steering_ratio_change", "steering", "1", 0.0, 0.0, 0.03, 0.09, 0.01, True, "")
-    assert misstated([ratio, replace(ratio, name="relaxation_length", value=0.3)]) == ""
-    assert misstated([replace(ratio, value=-0.17)]).startswith("the steering ratio or lf + lr seems wrong")
+    ratio = NumberFinding("steering_ratio_change", "steering", "1", 0.0, 0.0, 0.03, 0.09, 0.01, True, "")
+    assert describe_misstated([ratio, replace(ratio, name="relaxation_length", value=0.3)]) == ""
+    assert describe_misstated([replace(ratio, value=-0.17)]).startswith(
+        "the steering ratio or lf + lr seems wrong"
+    )

@@ -26,24 +26,24 @@ from tse.library.errors import UserError
 from tse.library.files import alone, read_sealed, tomllib, write_sealed
 from tse.log.rows import Log, liveliest
 
-MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
-LEAST_SECONDS = 60.0  # that can be compared with a simulation,
-ENDS = 2.0  # s: less what its ends leave out: a row, and where the simulation starts
-LEAST_TURNING = 2.0  # s with a lateral acceleration of
-TURNING = 1.0  # m/s2
-KNOWN = 0.175  # ln: where neither cornering stiffness comes out to this, the log shows nothing of them
-LONGEST = 300.0  # s: a search that takes longer on this machine is given up
+MAX_OWN_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
+MIN_OWN_SECONDS = 60.0  # that can be compared with a simulation,
+END_SECONDS = 2.0  # s: less what its ends leave out: a row, and where the simulation starts
+MIN_TURNING_SECONDS = 2.0  # s with a lateral acceleration of
+MIN_TURNING_ACCEL = 1.0  # m/s2
+MAX_SHOWN_SD = 0.175  # ln: where neither cornering stiffness comes out to this, the log shows nothing of them
+MAX_SEARCH_SECONDS = 300.0  # s: a search that takes longer on this machine is given up
 STOPPED = "it was stopped by Ctrl-C"
-TOO_LONG = f"the search took longer than {LONGEST:g} s"
+TOO_LONG = f"the search took longer than {MAX_SEARCH_SECONDS:g} s"
 AXLES = {"cy_front": "front", "cy_rear": "rear"}
 
 
 class _TooLong(Exception):
-    """The search has taken LONGEST."""
+    """The search has taken MAX_SEARCH_SECONDS."""
 
 
 @dataclass
-class Own:
+class OwnCalibration:
     """What came of it. `text`: the calibrated vehicle file; empty: the car stays one of its class. `found`: for programs."""
 
     text: str
@@ -61,36 +61,36 @@ class Own:
         return replace(made, found=self.words, **kept)
 
 
-def uncalibrated(vehicle: Vehicle) -> bool:
+def is_uncalibrated(vehicle: Vehicle) -> bool:
     """Return whether nobody has calibrated the car, or said how well it is known."""
     return not vehicle.calibration and not vehicle.given_uncertainty
 
 
-def cache_folder() -> Path:
+def get_cache_folder() -> Path:
     """Where calibrations are kept, of this user."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
     return Path(base) / "tselab" / "calibrated"
 
 
-def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None] = lambda _: None) -> Own:
+def calibrate_once(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None] = lambda _: None) -> OwnCalibration:
     """Calibrate on logs of the car, or return what an earlier run has found on the same ones."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
-    if seconds < LEAST_SECONDS - ENDS:
-        return of_class(f"it lasts {seconds:.4g} s, {LEAST_SECONDS:g} s are needed")
-    if (turning := sum(_turning(log, vehicle) for log in logs)) < LEAST_TURNING:
-        return of_class(
-            f"it hardly turns: {turning:.1f} s above {TURNING:g} m/s2 across, {LEAST_TURNING:g} s are needed"
+    if seconds < MIN_OWN_SECONDS - END_SECONDS:
+        return keep_class(f"it lasts {seconds:.4g} s, {MIN_OWN_SECONDS:g} s are needed")
+    if (turning := sum(_measure_turning(log, vehicle) for log in logs)) < MIN_TURNING_SECONDS:
+        return keep_class(
+            f"it hardly turns: {turning:.1f} s above {MIN_TURNING_ACCEL:g} m/s2 across, {MIN_TURNING_SECONDS:g} s are needed"
         )
-    parts = [_part(log, MOST_SECONDS / len(logs)) for log in logs]
-    key = _key(vehicle, parts)
-    path = _place(f"{key}.json")
+    parts = [_select_part(log, MAX_OWN_SECONDS / len(logs)) for log in logs]
+    key = _compute_key(vehicle, parts)
+    path = _make_cache_path(f"{key}.json")
     if path is None:
         return _calibrate(vehicle, parts, say)
     lock = path.with_suffix(".lock")
-    with alone(lock), _gone(lock):
+    with alone(lock), _remove_on_exit(lock):
         kept = read_sealed(path)
         if isinstance(kept, dict) and kept.get("key") == key:
-            return Own(kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"])
+            return OwnCalibration(kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"])
         where = "broken, made anew" if path.exists() else "kept for the next run"
         own = _calibrate(vehicle, parts, say)
         if own.found.get("why") != TOO_LONG:
@@ -100,7 +100,7 @@ def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
 
 
 @contextmanager
-def _gone(lock: Path) -> Iterator[None]:
+def _remove_on_exit(lock: Path) -> Iterator[None]:
     """Take the lock file away behind the block, however it ends: who comes then does the work twice, at worst."""
     try:
         yield
@@ -109,7 +109,7 @@ def _gone(lock: Path) -> Iterator[None]:
             lock.unlink()
 
 
-def _turning(log: Log, vehicle: Vehicle) -> float:
+def _measure_turning(log: Log, vehicle: Vehicle) -> float:
     """Seconds with a lateral acceleration of TURNING by speed and yaw rate, or by accel_y where there is no gyro."""
     rate, speed = (
         log.data["yaw_rate"].to_numpy(float),
@@ -117,24 +117,24 @@ def _turning(log: Log, vehicle: Vehicle) -> float:
     )
     across = speed.to_numpy(float) * rate if np.isfinite(rate).any() else log.data["accel_y"].to_numpy(float)
     with np.errstate(invalid="ignore"):
-        return float(log.dt[np.abs(across) > TURNING].sum())
+        return float(log.dt[np.abs(across) > MIN_TURNING_ACCEL].sum())
 
 
-def _place(name: str) -> Path | None:
+def _make_cache_path(name: str) -> Path | None:
     """Where to keep it; None where no folder can hold it."""
     try:
-        folder = cache_folder()
+        folder = get_cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError):  # RuntimeError: there is no home
         return None
     return folder / name if os.access(folder, os.W_OK) else None
 
 
-def _part(log: Log, seconds: float) -> Log:
+def _select_part(log: Log, seconds: float) -> Log:
     return liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 
-def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
+def _compute_key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
     """Of all that the calibration depends on: what was read of the logs, the car, the code."""
     digest = hashlib.sha256(library().path.read_bytes())
     for code in sorted(Path(__file__).parents[1].rglob("*.py")):
@@ -150,11 +150,11 @@ def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
     return digest.hexdigest()
 
 
-def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]) -> Own:
+def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]) -> OwnCalibration:
     from tse.calibration import output, workflow
 
     car = copy.deepcopy(vehicle)
-    until = time.monotonic() + LONGEST
+    until = time.monotonic() + MAX_SEARCH_SECONDS
 
     def watched(text: str) -> None:
         if time.monotonic() > until:
@@ -162,33 +162,33 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
         say(f"calibrating on the log itself: {text}")
 
     try:
-        result = workflow.of_logs(logs, car, watched, least=LEAST_SECONDS - ENDS)
+        result = workflow.calibrate_logs(logs, car, watched, least=MIN_OWN_SECONDS - END_SECONDS)
     except (UserError, ValueError) as error:  # ValueError: LinAlgError, of rows that determine nothing
-        return of_class(str(error))
+        return keep_class(str(error))
     except _TooLong:
-        return of_class(TOO_LONG)
-    found = _found(result)
+        return keep_class(TOO_LONG)
+    found = _collect_findings(result)
     if not result.fit.converged:
-        return of_class(f"the search did not converge in {result.fit.steps} steps", found)
-    if not any(found["stiffness"][axle]["sd_relative"] < KNOWN for axle in AXLES):
-        return of_class("these rows show nothing of the cornering stiffness", found)
+        return keep_class(f"the search did not converge in {result.fit.steps} steps", found)
+    if not any(found["stiffness"][axle]["sd_relative"] < MAX_SHOWN_SD for axle in AXLES):
+        return keep_class("these rows show nothing of the cornering stiffness", found)
     if wrong := result.misstated:
-        return of_class(wrong, found | {"wrong": wrong})
+        return keep_class(wrong, found | {"wrong": wrong})
     result = replace(result, vehicle=replace(car, formula=None), own=True)
-    made = Own(output.toml(result, [log.path.name for log in logs], Path()), _words(result, found), found)
-    for car, contradicts in ((vehicle, _contradicted), (made.vehicle(vehicle), None)):
+    made = OwnCalibration(output.format_calibrated(result, [log.path.name for log in logs], Path()), _describe(result, found), found)
+    for car, contradicts in ((vehicle, _describe_contradiction), (made.vehicle(vehicle), None)):
         for log in logs:
             config, _ = make_config(car, log)
             out = Filter(config).over(log.rows())
             used = out[out["status"] >= 0]
             if (used["change_kind"] > 0).any():  # a stiffness of two roads is that of neither
-                return of_class("the road or the tyres change during it", found)
+                return keep_class("the road or the tyres change during it", found)
             if contradicts and len(used) and (against := contradicts(config, used[-1], found)):
-                return of_class(against, found)
+                return keep_class(against, found)
     return made
 
 
-def _contradicted(config: Config, last: np.void, found: Mapping[str, Any]) -> str:
+def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, Any]) -> str:
     """Return how search and filter of the class, two estimates from the same rows, contradict each other; empty: they agree.
 
     Both intervals claim 95 %. Where the means are further apart than both together allow, one model is wrong, and nothing in the
@@ -205,18 +205,18 @@ def _contradicted(config: Config, last: np.void, found: Mapping[str, Any]) -> st
     return ""
 
 
-def of_class(why: str, found: Mapping[str, Any] | None = None) -> Own:
+def keep_class(why: str, found: Mapping[str, Any] | None = None) -> OwnCalibration:
     """Return that the car stays one of its class, and why."""
     words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
-    return Own("", words, {**(found or {}), "used": False, "why": why})
+    return OwnCalibration("", words, {**(found or {}), "used": False, "why": why})
 
 
-def _found(result: Any) -> dict[str, Any]:
+def _collect_findings(result: Any) -> dict[str, Any]:
     """For programs: stiffness, latencies, and what could not be shown."""
     from tse.calibration import output
 
     sds = dict(zip(result.problem.names, np.sqrt(np.diag(result.fit.covariance)), strict=True))
-    values, stiffness = output.values(result), {}
+    values, stiffness = output.collect_settings(result), {}
     for key in AXLES:
         value, sd = values[NOMINAL[key]], float(sds[key])
         stiffness[key] = {
@@ -230,7 +230,7 @@ def _found(result: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _words(result: Any, found: dict[str, Any]) -> list[str]:
+def _describe(result: Any, found: dict[str, Any]) -> list[str]:
     stiffness = ", ".join(
         f"{AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"
         for key, s in found["stiffness"].items()

@@ -7,33 +7,33 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tse.calibration.result import Proof, Result
+from tse.calibration.result import Proof, CalibrationResult
 from tse.identify.unknowns import MEASURED
 from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, ORANGE, layout
 from tse.report.report import write_page
 
 
-def write(path: Path, result: Result, words: Sequence[str]) -> None:
+def write(path: Path, result: CalibrationResult, words: Sequence[str]) -> None:
     """Write the page."""
     sections: list[tuple[str, str, go.Figure]] = [
         ("What is known now, and was before", "Each number with its 95 % interval, in units of its sd before (0: what "
-         "cars usually have; -2 .. 2: their 95 % range). Grey: these logs do not show it.", bands(result)),
+         "cars usually have; -2 .. 2: their 95 % range). Grey: these logs do not show it.", draw_bands(result)),
         ("Measured less simulated, before and after", "Rms about the mean of each log. Before: the car of the vehicle file. After: "
          "the calibrated car; of a fitted log on the road that was found, of a held-out log on one that leans into its curves.",
-         misfit(result.proofs)),
+         draw_misfit(result.proofs)),
     ]  # fmt: skip
     write_page(path, "calibrate.html.j2", sections,
                title="Calibrated" if result.fit.converged else "Calibrated, but the search has not converged",
                converged=result.fit.converged, vehicle=result.vehicle.name, words=words, notes=result.notes, groups=result.groups,
-               facts=_facts(result))  # fmt: skip
+               facts=_list_facts(result))  # fmt: skip
 
 
-def _facts(result: Result) -> list[tuple[str, str]]:
+def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
     rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
     rows.append(
         ("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}")
     )
-    for c, left in result.problem.lasting(result.fit.level).items():
+    for c, left in result.problem.measure_lasting(result.fit.level).items():
         unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # compared as what it adds to the speed
         text = f"as much as {np.sqrt(left.power):.2g} {unit} for 1 s; it walks {left.walk:.2g} {unit}/sqrt(s)"
         rows.append((f"Not explained on level roads, {c}", text))
@@ -43,7 +43,7 @@ def _facts(result: Result) -> list[tuple[str, str]]:
     return rows
 
 
-def bands(result: Result) -> go.Figure:
+def draw_bands(result: CalibrationResult) -> go.Figure:
     """Posterior of every number over its prior."""
     rows = [f for g in result.groups for f in g.members][::-1]
     figure = go.Figure()
@@ -66,7 +66,7 @@ def bands(result: Result) -> go.Figure:
     return layout(figure, 160 + 20 * len(rows), title_text=None)
 
 
-def misfit(proofs: Sequence[Proof]) -> go.Figure:
+def draw_misfit(proofs: Sequence[Proof]) -> go.Figure:
     """Bars of each log, before and after."""
     names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
     figure = make_subplots(

@@ -22,12 +22,12 @@ from tse.log.rows import MEASURES, Log
 GRAVITY = 9.81
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 WHEELBASE_TOLERANCE = 0.01  # m
-HEAVY, LIGHT = (
+MAX_MASS_RATIO, MIN_MASS_RATIO = (
     420.0,
     70.0,
 )  # kg/m2: of mass over wheelbase squared: small cars 100, vans 380; pounds for kg make 2.2 of it
-CALIBRATED_OF = ("mass", "lf", "lr")  # what a calibration takes as the file says it
-REAR_HEAVY = 1.05  # lf over lr: no car that drives its front wheels alone is more so
+CALIBRATED_FACTS = ("mass", "lf", "lr")  # what a calibration takes as the file says it
+MAX_REAR_RATIO = 1.05  # lf over lr: no car that drives its front wheels alone is more so
 DESCRIPTIVE = (
     "name",
     "wheelbase",
@@ -40,13 +40,13 @@ DESCRIPTIVE = (
 )
 FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
 SHAPE = "tyre_saturation_shape"
-TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
-ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is thought to be misspelt
-MOST_UNKNOWN = 3  # keys that one message lists
+VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
+MIN_TABLE_LIKENESS = 0.75  # of difflib: a table that is named so much like one of TABLES is thought to be misspelt
+MAX_UNKNOWN_KEYS = 3  # keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
 # Limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
-LEAST_GRIP_SD, LEAST_INVERSE = 0.1, 0.2
+MIN_GRIP_SD, MIN_INVERSE_FRICTION = 0.1, 0.2
 CALIBRATED_MODEL_SD = 0.05
 FOUND_SENSORS = (  # what a calibration says of sensors is of its own residuals: the filter finds their noise while driving
     "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk", "wheel_noise_sd",
@@ -86,17 +86,17 @@ class Vehicle:
 
 
 @functools.cache
-def unknown_car() -> dict[str, float]:
+def get_unknown_car() -> dict[str, float]:
     """Return how uncertain the parameters of an uncalibrated car are: sd in units of src/tables/uncertainty.toml."""
     return {
         name: value
-        for name, value in _class_values(1900.0, 1.25, 1.5).items()
+        for name, value in _compute_class_values(1900.0, 1.25, 1.5).items()
         if name in library().uncertainties
     }
 
 
 @functools.cache
-def _class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
+def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
     """Return what an ordinary car of this mass and these axles has, where it is not what a car has that is known exactly."""
     about = {"mass": mass, "lf": lf, "lr": lr}
     before = Config.exact(about).as_dict()
@@ -105,7 +105,7 @@ def _class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
     return {name: float(value) for name, value in car.as_dict().items() if value != before[name]}
 
 
-def filter_values(vehicle: Vehicle) -> dict[str, float]:
+def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
     """Return the settings of the car's filter, beside the defaults: what the vehicle file says, and the prior of what it does not.
 
     Nobody has calibrated it: an ordinary car of its class (src/tables/uncalibrated.toml), the same as in C and FMU. Calibrated: the
@@ -114,9 +114,9 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
     if "cg_height" in vehicle.facts:
         v["cg_height"] = float(vehicle.facts["cg_height"])
-    if all(v.get(key) == 0 for key in uncertainty_settings()):
+    if all(v.get(key) == 0 for key in list_uncertainty_settings()):
         return {**Config.settings_of("exact"), **v}
-    ordinary = _class_values(v["mass"], v["lf"], v["lr"])
+    ordinary = _compute_class_values(v["mass"], v["lf"], v["lr"])
     if not vehicle.calibration:
         return {**ordinary, **v}
     c = vehicle.calibration
@@ -126,30 +126,30 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
         found[setting] = float(min(sd.get(key, np.inf), ordinary.get(setting, getattr(plain, setting))))
-    found["grip"], found[SHAPE] = curve_of(ordinary, mean.get(FRICTION, 0.0), v.get(SHAPE, ordinary[SHAPE]))
+    found["grip"], found[SHAPE] = choose_curve(ordinary, mean.get(FRICTION, 0.0), v.get(SHAPE, ordinary[SHAPE]))
     if mean.get(FRICTION):
-        found["grip_sd"] = min(max(sd[FRICTION] * found["grip"], LEAST_GRIP_SD), 1.0)  # relative
+        found["grip_sd"] = min(max(sd[FRICTION] * found["grip"], MIN_GRIP_SD), 1.0)  # relative
     stated = {name: x for name, x in v.items() if name not in FOUND_SENSORS}
     sensors = {
-        name: stated.get(name, ordinary.get(name, float(getattr(plain, name)))) for name in sensor_settings()
+        name: stated.get(name, ordinary.get(name, float(getattr(plain, name)))) for name in list_sensor_settings()
     }
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     of_class = {name: ordinary[name] for name in ("cg_height", "grade_sd")}
     return {**Config.settings_of("exact"), **of_class, **v, **sensors, **found}
 
 
-def ordinary_car(config: Config) -> dict[str, float]:
+def get_ordinary_car(config: Config) -> dict[str, float]:
     """Return what an ordinary car has of this mass and these axles."""
-    return _class_values(float(config.mass), float(config.lf), float(config.lr))
+    return _compute_class_values(float(config.mass), float(config.lf), float(config.lr))
 
 
-def curve_of(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
+def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
     """Return grip and shape of the tyres' curve: of a fit, 1/friction and the curve of that; of the class where the fit has no such
     effect, 0."""
-    return (1.0 / max(inverse, LEAST_INVERSE), shape) if inverse else (ordinary["grip"], ordinary[SHAPE])
+    return (1.0 / max(inverse, MIN_INVERSE_FRICTION), shape) if inverse else (ordinary["grip"], ordinary[SHAPE])
 
 
-def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
+def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
     """Return each stiffness and its 95 % interval, N/rad and N, by the names of NOMINAL: of a file that tselab has calibrated."""
     c, found = vehicle.calibration, {}
     for key in NOMINAL if c else ():
@@ -159,7 +159,7 @@ def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
     return found
 
 
-def stiffness_words(vehicle: Vehicle) -> str:
+def describe_stiffness(vehicle: Vehicle) -> str:
     """Return what a person should know first."""
     rear = vehicle.driven_axle == "rear"  # the axle that drives is the one that shows it; the other follows
     along = "rear longitudinal" if rear else "front longitudinal"
@@ -168,7 +168,7 @@ def stiffness_words(vehicle: Vehicle) -> str:
         "cy_rear": ("rear cornering", "kN/rad"),
         "cx_front": (along, "kN"),
     }
-    known = {k: [x / 1000 for x in v] for k, v in known_stiffness(vehicle).items()}
+    known = {k: [x / 1000 for x in v] for k, v in list_known_stiffness(vehicle).items()}
     if rear and known:
         by = vehicle.values["longitudinal_stiffness_rear"] / vehicle.values["longitudinal_stiffness_front"]
         known["cx_front"] = [by * x for x in known["cx_front"]]
@@ -179,39 +179,39 @@ def stiffness_words(vehicle: Vehicle) -> str:
     return f"Stiffness at no slip, 95 % interval: {', '.join(parts)}."
 
 
-def vehicle_settings() -> list[str]:
+def list_vehicle_settings() -> list[str]:
     """Names of the settings that belong in a vehicle file."""
     names = [f.name for f in library().fields(CONFIG)]
-    return names[: names.index(uncertainty_settings()[0])]
+    return names[: names.index(list_uncertainty_settings()[0])]
 
 
-def uncertainty_settings() -> list[str]:
+def list_uncertainty_settings() -> list[str]:
     """Names of the settings that belong in its [uncertainty] table: rows of src/tables/uncertainty.toml."""
     return list(library().uncertainties)
 
 
-def sensor_settings() -> list[str]:
+def list_sensor_settings() -> list[str]:
     """Names of the settings that belong in its [sensors] table."""
     names = [f.name for f in library().fields(CONFIG)]
     others = {
         p.setting for e in library().effects.values() for p in e.parameters
     }  # they have tables of their own
-    others |= set(latency_settings().values()) | set(formula_settings())
+    others |= set(list_latency_settings().values()) | set(list_formula_settings())
     return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in others]
 
 
-def latency_settings() -> dict[str, str]:
+def list_latency_settings() -> dict[str, str]:
     """Settings that belong in its [latency] table, rows of src/tables/sensors.toml, by their keys there: the channels."""
     settings = {f"{c.name}_latency": c.name for c in library().channels}
     return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
 
 
-def formula_settings() -> list[str]:
+def list_formula_settings() -> list[str]:
     """Names of the settings of a formula of the user, rows of src/tables/formula.toml."""
     return [f.name for f in library().fields(CONFIG) if f.name.startswith("formula_")]
 
 
-def default_vehicle() -> Vehicle:
+def make_default_vehicle() -> Vehicle:
     """The car of the library's defaults."""
     return Vehicle(None, "the built-in car", {}, {"driven_axle": "front"})
 
@@ -227,19 +227,19 @@ def read_vehicle(path: Path) -> Vehicle:
 
 def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     """The same of what a vehicle file says, as dictionaries, which are used up. `path` stands in messages."""
-    sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
-    calibration = _calibration(path, _table(path, data, "calibration"))
-    latency, latencies = _table(path, data, "latency"), latency_settings()
-    formula_path = _formula_path(path, _table(path, data, "formula"))
+    sensors, uncertainty = _pop_table(path, data, "sensors"), _pop_table(path, data, "uncertainty")
+    calibration = _read_calibration(path, _pop_table(path, data, "calibration"))
+    latency, latencies = _pop_table(path, data, "latency"), list_latency_settings()
+    formula_path = _find_formula(path, _pop_table(path, data, "formula"))
     formula = read_formula(formula_path) if formula_path else None
     values: dict[str, float] = dict(formula.settings()) if formula else {}
     facts: dict[str, Any] = {}
     check = Config()
     unknown = _read_effects(path, data.pop("effects", {}), check, values)
     tables = {
-        "": (data, {key: key for key in vehicle_settings()}),
-        "uncertainty": (uncertainty, {key: key for key in uncertainty_settings()}),
-        "sensors": (sensors, {key: key for key in sensor_settings()}),
+        "": (data, {key: key for key in list_vehicle_settings()}),
+        "uncertainty": (uncertainty, {key: key for key in list_uncertainty_settings()}),
+        "sensors": (sensors, {key: key for key in list_sensor_settings()}),
         "latency": (latency, latencies),
     }
     others: list[str] = []  # tables
@@ -252,17 +252,17 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
             elif not name and key in DESCRIPTIVE + HINT_ONLY:
                 facts[key] = value
             elif not name and _is_table(value):
-                if near := get_close_matches(key, TABLES, 1, ALIKE):
+                if near := get_close_matches(key, VEHICLE_TABLES, 1, MIN_TABLE_LIKENESS):
                     raise UserError(f"{path}: table [{key}] is not known (did you mean [{near[0]}]?)")
                 others.append(key)
             else:
                 unknown.append(
-                    f"key {prefix}{key} is not known{_advice(name, key, {n: t[1] for n, t in tables.items()})}"
+                    f"key {prefix}{key} is not known{_advise_key(name, key, {n: t[1] for n, t in tables.items()})}"
                 )
     if unknown:
-        more = len(unknown) - MOST_UNKNOWN
+        more = len(unknown) - MAX_UNKNOWN_KEYS
         raise UserError(
-            f"{path}: {'; '.join(unknown[:MOST_UNKNOWN])}{f'; and {more} more' if more > 0 else ''}"
+            f"{path}: {'; '.join(unknown[:MAX_UNKNOWN_KEYS])}{f'; and {more} more' if more > 0 else ''}"
         )
     missing = [key for key in REQUIRED if key not in values]
     if missing:
@@ -276,9 +276,9 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
         vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is not known and not used")
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
-    vehicle.given_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
-    if all(uncertainty.get(key) == 0 for key in uncertainty_settings()) and any(
-        key in values and values[key] != getattr(Config.exact(), key) for key in vehicle_settings()
+    vehicle.given_uncertainty = [key for key in list_uncertainty_settings() if key in uncertainty]
+    if all(uncertainty.get(key) == 0 for key in list_uncertainty_settings()) and any(
+        key in values and values[key] != getattr(Config.exact(), key) for key in list_vehicle_settings()
     ):
         vehicle.notes.append(
             f"{path.name}: [uncertainty] is 0 throughout: the car is taken as known exactly, and bands are of the sensors alone; "
@@ -290,8 +290,8 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
             f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: the filter's grip is "
             f"that of [calibration], {found:.3g}; without that table yours is used, and the sds of an ordinary car"
         )
-    vehicle.wrong = _wrong(path, vehicle)
-    vehicle.notes += [*vehicle.wrong, *_of_another(path, vehicle)]
+    vehicle.wrong = _list_implausible(path, vehicle)
+    vehicle.notes += [*vehicle.wrong, *_list_changed_facts(path, vehicle)]
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
             f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "
@@ -300,17 +300,17 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     return vehicle
 
 
-def _wrong(path: Path, vehicle: Vehicle) -> list[str]:
+def _list_implausible(path: Path, vehicle: Vehicle) -> list[str]:
     """Return what no car has, and no log tells: stiffness goes with the mass, and with where it is."""
     mass, lf, lr = (vehicle.values[key] for key in ("mass", "lf", "lr"))
     found = []
-    if not LIGHT < mass / (lf + lr) ** 2 < HEAVY:
-        what = "little" if mass / (lf + lr) ** 2 < HEAVY else "much"
+    if not MIN_MASS_RATIO < mass / (lf + lr) ** 2 < MAX_MASS_RATIO:
+        what = "little" if mass / (lf + lr) ** 2 < MAX_MASS_RATIO else "much"
         found.append(
             f"{path.name}: mass = {mass:g} kg is {what} for lf + lr = {lf + lr:.3g} m: is it in kg, and are lf and lr in m, "
             "from the centre of gravity? Stiffness is wrong by the same factor"
         )
-    if vehicle.driven_axle == "front" and lf > REAR_HEAVY * lr:
+    if vehicle.driven_axle == "front" and lf > MAX_REAR_RATIO * lr:
         found.append(
             f"{path.name}: lf = {lf:g} m and lr = {lr:g} m are of a car that is heavier in the rear, and driven_axle is front: are "
             "lf and lr exchanged, or is lf the wheelbase? Both cornering stiffnesses are wrong then"
@@ -318,13 +318,13 @@ def _wrong(path: Path, vehicle: Vehicle) -> list[str]:
     return found
 
 
-def _of_another(path: Path, vehicle: Vehicle) -> list[str]:
+def _list_changed_facts(path: Path, vehicle: Vehicle) -> list[str]:
     """Return what the file says now, and did not when it was calibrated."""
     found = []
     of = vehicle.calibration.get("of", {})
     for key, value in of.items() if isinstance(of, dict) else ():
         if (
-            key in CALIBRATED_OF
+            key in CALIBRATED_FACTS
             and isinstance(value, int | float)
             and abs(vehicle.values[key] - value) > 1e-3 * abs(value)
         ):
@@ -342,7 +342,7 @@ def _is_table(value: Any) -> bool:
     )
 
 
-def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
+def _advise_key(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
     """What may have been meant by a key that is not known in a table; `known`: the keys of all tables by name, "": the top."""
     if (table, key) == ("latency", "yaw_rate"):
         return ": it is the clock, behind which the others are late"
@@ -361,7 +361,7 @@ def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
     return f"; 'tselab vehicle --example' shows what is{own}"
 
 
-def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
+def _pop_table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
     """A table of the file, taken out; empty when it is not there."""
     table = data.pop(name, {})
     if not isinstance(table, dict):
@@ -369,7 +369,7 @@ def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
+def _find_formula(path: Path, table: dict[str, Any]) -> Path | None:
     """The file of a formula that [formula] names, beside this one; None when there is none."""
     if not table:
         return None
@@ -381,12 +381,12 @@ def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
     return path.parent / name
 
 
-def formula_toml(formula: Formula, file: Path) -> str:
+def format_formula_table(formula: Formula, file: Path) -> str:
     """The table [formula] of a vehicle file beside `file`, which holds the formula."""
     return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {json.dumps(file.name, ensure_ascii=False)}\n"
 
 
-def calibration_toml(
+def format_calibration_table(
     names: Sequence[str],
     mean: np.ndarray,
     covariance: np.ndarray,
@@ -396,19 +396,19 @@ def calibration_toml(
     """The table [calibration] of a vehicle file, in lines. `own`: on the logs that are estimated; `of`: settings of the car."""
     lines = ["[calibration]"]
     if of:
-        lines.append(f"of = {{ {', '.join(f'{key} = {of[key]:.9g}' for key in CALIBRATED_OF)} }}")
+        lines.append(f"of = {{ {', '.join(f'{key} = {of[key]:.9g}' for key in CALIBRATED_FACTS)} }}")
     if own:
         lines.append("own = true  # on the logs that are estimated: for their estimate, and for no other")
-    lines += [f"names = {json.dumps(list(names))}", f"mean = {_numbers(mean)}", "covariance = ["]
-    return [*lines, *(f"  {_numbers(row)}," for row in 0.5 * (covariance + covariance.T)), "]"]
+    lines += [f"names = {json.dumps(list(names))}", f"mean = {_format_numbers(mean)}", "covariance = ["]
+    return [*lines, *(f"  {_format_numbers(row)}," for row in 0.5 * (covariance + covariance.T)), "]"]
 
 
-def _numbers(values: np.ndarray) -> str:
+def _format_numbers(values: np.ndarray) -> str:
     """To nine digits: beyond them is what order of summation leaves."""
     return json.dumps([float(f"{x:.9g}") for x in values])
 
 
-def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
+def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
     """The table [calibration], which tselab wrote: names, means and covariance of what was found; {} when it is not there."""
     if not table:
         return {}
@@ -500,9 +500,9 @@ def _check_facts(path: Path, vehicle: Vehicle) -> None:
 def _fill_vehicle(vehicle: Vehicle) -> None:
     """Fill in yaw inertia and stiffness of the class, where the file does not say them."""
     v = vehicle.values
-    ordinary = _class_values(v["mass"], v["lf"], v["lr"])
+    ordinary = _compute_class_values(v["mass"], v["lf"], v["lr"])
     fields = Config().fields
-    for key in vehicle_settings():
+    for key in list_vehicle_settings():
         if key in ordinary and key not in v:
             v[key] = ordinary[key]
             vehicle.filled.append(
@@ -514,7 +514,7 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
 def _fill_uncertainty(vehicle: Vehicle) -> None:
     """What the file does not say how well it knows, as of a car that nobody has calibrated; in one line."""
     fields = Config().fields
-    missing = {key: sd for key, sd in unknown_car().items() if key not in vehicle.values}
+    missing = {key: sd for key, sd in get_unknown_car().items() if key not in vehicle.values}
     vehicle.values |= missing
     if missing:
         units = {key: "" if fields[key].unit == "1" else f" {fields[key].unit}" for key in missing}
@@ -526,7 +526,7 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     """Sensor noise and bias that the vehicle file leaves out, from the log; the rules are in noise.py."""
     average_sensors(vehicle, log)
     v = vehicle.values
-    config, ordinary = Config(v), _class_values(v["mass"], v["lf"], v["lr"])
+    config, ordinary = Config(v), _compute_class_values(v["mass"], v["lf"], v["lr"])
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
     silent = any(f"{channel}_sd" not in v for channel in MEASURES)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.car.vehicle import Vehicle, default_vehicle
+from tse.car.vehicle import Vehicle, make_default_vehicle
 from tse.channels import physics
 from tse.channels.log import read_log
 from tse.channels.raster import resample
@@ -130,7 +130,7 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
     out is a note. UserError: all are."""
     found: list[Log] = []
     refused: list[UserError] = []
-    car = reading.car or default_vehicle()
+    car = reading.car or make_default_vehicle()
     for given in logs:
         path = given.path if isinstance(given, Log) else given
         try:

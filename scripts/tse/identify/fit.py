@@ -23,21 +23,21 @@ from scipy.optimize import lsq_linear
 from scipy.sparse import csc_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
-from tse.identify.problem import Problem
+from tse.identify.problem import CarProblem
 
 HUBER = 4.0  # rms of the channel: a larger residual counts as its size, not its square
 MODEL_TIME = 2.0  # s: what the model lacks lasts so long
-MOST_STEPS = 40  # of a fit
-FARTHEST = 1.5  # prior sd, of one step
-NEAR = 0.9  # of the rms of every channel: a step that leaves more is near a fit
-SETTLED = 0.1  # posterior sd: a step below it ends the search,
-LITTLE = 0.1  # nats: or one that gains less
-LEAST_GAIN = 0.25  # of the gain that slopes predict: below it they are simulated anew
-HALVINGS = 6  # of a step that gains nothing
+MAX_FIT_STEPS = 40  # of a fit
+MAX_STEP_SD = 1.5  # prior sd, of one step
+NEAR_RATIO = 0.9  # of the rms of every channel: a step that leaves more is near a fit
+MAX_FINAL_STEP = 0.1  # posterior sd: a step below it ends the search,
+MIN_GAIN_NATS = 0.1  # nats: or one that gains less
+MIN_GAIN_SHARE = 0.25  # of the gain that slopes predict: below it they are simulated anew
+MAX_HALVINGS = 6  # of a step that gains nothing
 
 
 @dataclass(frozen=True)
-class Scale:
+class ResidualScale:
     """Size of the residuals of a channel, in their unit: rms, and the sd that one value
     counts as."""
 
@@ -46,7 +46,7 @@ class Scale:
 
 
 @dataclass
-class Fit:
+class CarFit:
     """Where the search stands, or ended.
 
     Attributes
@@ -71,10 +71,10 @@ class Fit:
     z: np.ndarray
     covariance: np.ndarray
     search: np.ndarray
-    scales: dict[str, Scale]
+    scales: dict[str, ResidualScale]
     residuals: list[np.ndarray]
     slopes: tuple[list[np.ndarray], list[csc_matrix]]
-    equations: Normal
+    equations: NormalEquations
     converged: bool = False
     steps: int = 0
     moved: float = np.inf
@@ -82,11 +82,11 @@ class Fit:
 
 
 def measure_scales(
-    problem: Problem,
+    problem: CarProblem,
     residuals: list[np.ndarray],
-    before: Mapping[str, Scale] | None = None,
+    before: Mapping[str, ResidualScale] | None = None,
     near: bool = True,
-) -> dict[str, Scale]:
+) -> dict[str, ResidualScale]:
     """Return the size of the residuals of each channel. `near`: they are of a fit; else each
     value counts by itself.
 
@@ -94,26 +94,26 @@ def measure_scales(
     MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. It is at least UNLIKE of what
     happens: a fit that explains its logs down to the noise has not found another car for
     that. Of a measured velocity it is at least the error that the settings say."""
-    found: dict[str, Scale] = {}
+    found: dict[str, ResidualScale] = {}
     for c in problem.channels:
         mine = [g for g, (_, channel) in enumerate(problem.groups) if channel == c]
         e = np.concatenate([residuals[g] for g in mine])
         size = before[c].rms if before else 1.4826 * float(np.median(np.abs(e)))
         noise = float(
             np.sqrt(
-                np.average([problem.noise(g) ** 2 for g in mine], weights=[len(residuals[g]) for g in mine])
+                np.average([problem.compute_noise(g) ** 2 for g in mine], weights=[len(residuals[g]) for g in mine])
             )
         )
         rms = float(np.sqrt(np.mean(np.minimum(np.abs(e), HUBER * max(size, noise)) ** 2)))
-        rms = max(rms, float(np.hypot(noise, problem.lasting_error(c))), 1e-9)
+        rms = max(rms, float(np.hypot(noise, problem.compute_lasting_error(c))), 1e-9)
         share = min(1.0, (noise / rms) ** 2) if near else 1.0
-        values = max(1.0, MODEL_TIME / problem.step(mine[0]))
-        found[c] = Scale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
+        values = max(1.0, MODEL_TIME / problem.get_step(mine[0]))
+        found[c] = ResidualScale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
     return found
 
 
-def cost(
-    problem: Problem, scales: Mapping[str, Scale], x: np.ndarray, z: np.ndarray, residuals: list[np.ndarray]
+def compute_cost(
+    problem: CarProblem, scales: Mapping[str, ResidualScale], x: np.ndarray, z: np.ndarray, residuals: list[np.ndarray]
 ) -> float:
     """Return what the search makes small, with the scales as they are."""
     away = x - problem.mean
@@ -126,7 +126,7 @@ def cost(
 
 
 @dataclass
-class Normal:
+class NormalEquations:
     """Normal equations about a point: the road eliminated (Schur complement), and what it
     is for a step of x."""
 
@@ -136,13 +136,13 @@ class Normal:
     own: np.ndarray  # gradient of z
     factor: object | None
 
-    def road(self, step: np.ndarray) -> np.ndarray:
+    def solve_road(self, step: np.ndarray) -> np.ndarray:
         """Return the step of z that goes with one of x."""
         if self.factor is None:
             return np.zeros(0)
         return -self.factor.solve(self.own + self.across @ step)
 
-    def worth(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
+    def compute_road_evidence(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
         """Return by how many nats the logs are likelier with some values of the road than with none of them.
 
         Savage-Dickey: the density of nothing there, in the prior over in the posterior,
@@ -158,7 +158,7 @@ class Normal:
         away = np.linalg.solve(root, z[values])
         return float(0.5 * away @ away + np.log(np.diag(root)).sum() - len(away) * np.log(prior_sd))
 
-    def road_sd(self) -> np.ndarray:
+    def compute_road_sd(self) -> np.ndarray:
         """Return the sd of each value of the road, car and biases free."""
         if self.factor is None:
             return np.zeros(0)
@@ -168,16 +168,16 @@ class Normal:
         return np.sqrt(np.diag(inner) + by_car)
 
 
-def normal(
-    problem: Problem,
-    scales: Mapping[str, Scale],
+def build_normal(
+    problem: CarProblem,
+    scales: Mapping[str, ResidualScale],
     x: np.ndarray,
     z: np.ndarray,
     residuals: list[np.ndarray],
     tables: list[np.ndarray],
     roads: list[csc_matrix],
     channels: Collection[str] | None = None,
-) -> Normal:
+) -> NormalEquations:
     """Return the normal equations of residuals with these slopes; `channels`: of some of them alone."""
     information = problem.information.copy()
     gradient = problem.information @ (x - problem.mean)
@@ -197,34 +197,34 @@ def normal(
             own += r.T @ (weight * e)
             inner = inner + r.T @ (diags(weight) @ r)
     if not size:
-        return Normal(information, gradient, across, own, None)
+        return NormalEquations(information, gradient, across, own, None)
     factor = splu(inner.tocsc())
     solved = factor.solve(np.column_stack([across, own]))
-    return Normal(
+    return NormalEquations(
         information - across.T @ solved[:, :-1], gradient - across.T @ solved[:, -1], across, own, factor
     )
 
 
-def step(problem: Problem, equations: Normal, x: np.ndarray) -> np.ndarray:
+def compute_step(problem: CarProblem, equations: NormalEquations, x: np.ndarray) -> np.ndarray:
     """Return the step of x to the least of the quadratic within the bounds, FARTHEST at most."""
     scale = 1.0 / np.sqrt(np.diag(equations.information))
     root = cholesky(equations.information * np.outer(scale, scale))  # root' root
     target = -solve_triangular(root, equations.gradient * scale, trans="T")
-    low = np.maximum(problem.low - x, -FARTHEST * problem.sd)
-    high = np.minimum(problem.high - x, FARTHEST * problem.sd)
+    low = np.maximum(problem.low - x, -MAX_STEP_SD * problem.sd)
+    high = np.minimum(problem.high - x, MAX_STEP_SD * problem.sd)
     found = scale * lsq_linear(root, target, (low / scale - 1e-12, high / scale + 1e-12), method="bvls").x
     return np.clip(found, low, high)
 
 
 def fit(
-    problem: Problem,
+    problem: CarProblem,
     x: np.ndarray | None = None,
     z: np.ndarray | None = None,
     say: Callable[[str], None] = lambda _: None,
     most: int | None = None,
     near: bool = False,
     tables: list[np.ndarray] | None = None,
-) -> Fit:
+) -> CarFit:
     """Search.
 
     Parameters
@@ -255,58 +255,58 @@ def fit(
     """
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
     z = np.zeros(problem.knots) if z is None else z
-    residuals = problem.residuals(x, z)
+    residuals = problem.compute_residuals(x, z)
     rough = tables is not None
     scales = measure_scales(problem, residuals, near=near)
-    tables, roads = tables if rough else problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+    tables, roads = tables if rough else problem.compute_slopes(x, z, residuals), problem.compute_road_slopes(x, z, residuals)
     # the road first, the car as it is: else latencies and slip follow a hill
     if len(z):
-        hills = z + normal(problem, scales, x, z, residuals, tables, roads).road(np.zeros(len(x)))
-        on_hills = problem.residuals(x, hills)
-        if cost(problem, scales, x, hills, on_hills) < cost(problem, scales, x, z, residuals):
+        hills = z + build_normal(problem, scales, x, z, residuals, tables, roads).solve_road(np.zeros(len(x)))
+        on_hills = problem.compute_residuals(x, hills)
+        if compute_cost(problem, scales, x, hills, on_hills) < compute_cost(problem, scales, x, z, residuals):
             z, residuals = hills, on_hills
             scales = measure_scales(problem, residuals, scales, near)
     exact, converged, moved, steps = True, False, np.inf, 0
-    most = MOST_STEPS if most is None else most
+    most = MAX_FIT_STEPS if most is None else most
     while True:
-        equations = normal(problem, scales, x, z, residuals, tables, roads)
+        equations = build_normal(problem, scales, x, z, residuals, tables, roads)
         if converged or steps >= most:
             break
-        here = cost(problem, scales, x, z, residuals)
-        whole = step(problem, equations, x)
-        for halving in range(HALVINGS):
+        here = compute_cost(problem, scales, x, z, residuals)
+        whole = compute_step(problem, equations, x)
+        for halving in range(MAX_HALVINGS):
             there = np.clip(x + whole * 0.5**halving, problem.low, problem.high)
             by = there - x
-            along = equations.road(whole) * 0.5**halving
-            new = problem.residuals(there, z + along)
-            gain = here - cost(problem, scales, there, z + along, new)
+            along = equations.solve_road(whole) * 0.5**halving
+            new = problem.compute_residuals(there, z + along)
+            gain = here - compute_cost(problem, scales, there, z + along, new)
             if gain > 0 or not exact:
                 break
-        expected = _expected(problem, scales, x, z, residuals, tables, roads, by, along)
+        expected = _predict_gain(problem, scales, x, z, residuals, tables, roads, by, along)
         moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(equations.information)))))
-        settled = moved < SETTLED or expected < LITTLE
+        settled = moved < MAX_FINAL_STEP or expected < MIN_GAIN_NATS
         converged = near and (exact or rough) and (settled or gain <= 0)
         if gain > 0:
-            tables = _followed(problem, tables, roads, residuals, new, by, along)
+            tables = _update_slopes(problem, tables, roads, residuals, new, by, along)
             x, z, residuals = there, z + along, new
             steps += 1
             say(f"step {steps}: the largest change is {moved:.2g} sd")
-        exact = not converged and ((near and settled) or gain < LEAST_GAIN * expected)
+        exact = not converged and ((near and settled) or gain < MIN_GAIN_SHARE * expected)
         if exact:
-            tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+            tables, roads = problem.compute_slopes(x, z, residuals), problem.compute_road_slopes(x, z, residuals)
         before, scales = scales, measure_scales(problem, residuals, scales, near)
-        near = near or (gain > 0 and all(scales[c].rms > NEAR * before[c].rms for c in scales))
-    ln = problem.ln_slope(x)
+        near = near or (gain > 0 and all(scales[c].rms > NEAR_RATIO * before[c].rms for c in scales))
+    ln = problem.compute_ln_slope(x)
     covariance = np.linalg.inv(equations.information) * np.outer(ln, ln)
-    return Fit(
+    return CarFit(
         problem.to_ln(x), z, covariance, x, scales, residuals, (tables, roads), equations, converged, steps, moved,
-        problem.residuals(x, np.zeros(len(z))) if len(z) else residuals,
+        problem.compute_residuals(x, np.zeros(len(z))) if len(z) else residuals,
     )  # fmt: skip
 
 
-def _expected(
-    problem: Problem,
-    scales: Mapping[str, Scale],
+def _predict_gain(
+    problem: CarProblem,
+    scales: Mapping[str, ResidualScale],
     x: np.ndarray,
     z: np.ndarray,
     residuals: list[np.ndarray],
@@ -317,11 +317,11 @@ def _expected(
 ) -> float:
     """Return the gain that slopes predict of a step."""
     there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
-    return cost(problem, scales, x, z, residuals) - cost(problem, scales, x + by, z + along, there)
+    return compute_cost(problem, scales, x, z, residuals) - compute_cost(problem, scales, x + by, z + along, there)
 
 
-def _followed(
-    problem: Problem,
+def _update_slopes(
+    problem: CarProblem,
     tables: list[np.ndarray],
     roads: list[csc_matrix],
     before: list[np.ndarray],
@@ -338,8 +338,8 @@ def _followed(
     ]
 
 
-def covariance_of(problem: Problem, fit: Fit, channels: Collection[str]) -> np.ndarray:
+def compute_covariance(problem: CarProblem, fit: CarFit, channels: Collection[str]) -> np.ndarray:
     """Return the covariance of a fit by some of its channels alone, stiffness in ln."""
-    equations = normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
-    ln = problem.ln_slope(fit.search)
+    equations = build_normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
+    ln = problem.compute_ln_slope(fit.search)
     return np.linalg.inv(equations.information) * np.outer(ln, ln)

@@ -12,9 +12,9 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import Log
 from tse.roads.road import Road
-from tse.roads.road_match import common, road_of, track_of
+from tse.roads.road_match import match_common, derive_road, derive_track
 
-LEAST_SHARE = 0.5  # of the rows of a log that are on a road, to be a lap of it
+MIN_LAP_SHARE = 0.5  # of the rows of a log that are on a road, to be a lap of it
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class Laps:
         """Return how many logs are on a road."""
         return self.of.count(road)
 
-    def knots(self, kinds: Sequence[str] = PROFILES) -> Knots:
+    def lay_knots(self, kinds: Sequence[str] = PROFILES) -> Knots:
         """Return knots over the roads."""
-        return Knots.of(self.distance, self.of, kinds)
+        return Knots.lay(self.distance, self.of, kinds)
 
 
-def laps(logs: Sequence[Log], config: Config) -> Laps:
+def find_laps(logs: Sequence[Log], config: Config) -> Laps:
     """Find which logs share a road, each compared with the roads of those before it.
 
     Cost: half a second for a lap of 4 km beside another."""
@@ -54,36 +54,36 @@ def laps(logs: Sequence[Log], config: Config) -> Laps:
     for i, log in enumerate(logs):
         for k, group in enumerate(groups):
             try:
-                found, road = common([*(logs[j] for j in group), log], config)
+                found, road = match_common([*(logs[j] for j in group), log], config)
             except UserError:  # on another road, or nothing shows where on this one
                 continue
-            if min(float(np.isfinite(d).mean()) for d in found) >= LEAST_SHARE:
+            if min(float(np.isfinite(d).mean()) for d in found) >= MIN_LAP_SHARE:
                 group.append(i)
                 distance |= dict(zip(group, found, strict=True))
                 path[k] = road
                 break
         else:
             groups.append([i])
-            track = track_of(log, config)
+            track = derive_track(log, config)
             distance[i] = track.travelled
-            path.append(_path(track))
+            path.append(_derive_path(track))
     of = [next(k for k, group in enumerate(groups) if i in group) for i in range(len(logs))]
     return Laps([distance[i] for i in range(len(logs))], of, path)
 
 
-def _path(track: object) -> Road | None:
+def _derive_path(track: object) -> Road | None:
     try:
-        road = road_of(track)
+        road = derive_road(track)
     except UserError:
         return None
     return None if road.is_closed else road  # rounds of one log have each their own values
 
 
-def profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
+def make_profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
     """Return a road with the values that a fit has found of it. A profile that was not
     fitted is not known."""
     columns: dict[str, np.ndarray] = {}
     for kind in knots.kinds:
-        mine = knots.values(road, kind)
+        mine = knots.get_slice(road, kind)
         columns |= {kind: z[mine], f"{kind}_sd": sd[mine]}
-    return path.with_profile(knots.places(road), **columns)
+    return path.with_profile(knots.compute_places(road), **columns)

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SHORT, LONG = 0.5, 10.0  # s
-MOST_LAG = 4.0  # s: of the autocovariance
-FEWEST = 20  # differences over a lag, or values of a piece
-CUT = 10.0  # s: a manoeuvre or two
-MOST = 0.9  # of the pieces, in which a share holds
+SHORT_LAG, LONG_LAG = 0.5, 10.0  # s
+MAX_COVARIANCE_LAG = 4.0  # s: of the autocovariance
+MIN_PIECE_VALUES = 20  # differences over a lag, or values of a piece
+PIECE_TIME = 10.0  # s: a manoeuvre or two
+SHARE_QUANTILE = 0.9  # of the pieces, in which a share holds
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Lasting:
     walk: float
 
 
-def measure(pieces: Sequence[Piece]) -> Lasting:
+def measure_lasting(pieces: Sequence[Piece]) -> Lasting:
     """Return it of all logs of a channel together, each about its mean.
 
     Values are about evenly spaced; over a gap between stretches nothing is counted."""
@@ -50,28 +50,28 @@ def measure(pieces: Sequence[Piece]) -> Lasting:
 
     def pairs(lag: int, of: np.ufunc) -> np.ndarray:
         both = zip(pieces, centred, strict=True)
-        return np.concatenate([_over(p, e, lag, step, of) for p, e in both])
+        return np.concatenate([_combine_lagged(p, e, lag, step, of) for p, e in both])
 
-    last = round(MOST_LAG / step)
+    last = round(MAX_COVARIANCE_LAG / step)
     covariance = []
     for lag in range(last + 1):
         products = pairs(lag, np.multiply)
-        if len(products) < FEWEST:
+        if len(products) < MIN_PIECE_VALUES:
             break
         covariance.append(float(products.mean()))
-    power = step * (0.5 * covariance[0] + _positive(np.array(covariance[1:]))) if covariance else 0.0
+    power = step * (0.5 * covariance[0] + _sum_positive(np.array(covariance[1:]))) if covariance else 0.0
 
     def apart(lag: int) -> float:
         found = pairs(lag, np.subtract)
-        return float(np.mean(found**2)) if len(found) >= FEWEST else np.nan
+        return float(np.mean(found**2)) if len(found) >= MIN_PIECE_VALUES else np.nan
 
-    short = max(1, round(SHORT / step))
-    lags = np.arange(2 * short, round(LONG / step) + 1, short)
+    short = max(1, round(SHORT_LAG / step))
+    lags = np.arange(2 * short, round(LONG_LAG / step) + 1, short)
     rise = [(apart(k) - apart(short)) / ((k - short) * step) for k in lags]
     return Lasting(max(power, 0.0), float(np.sqrt(2.0 * max(0.0, *np.nan_to_num(rise), 0.0))))
 
 
-def _over(piece: Piece, residual: np.ndarray, lag: int, step: float, of: np.ufunc) -> np.ndarray:
+def _combine_lagged(piece: Piece, residual: np.ndarray, lag: int, step: float, of: np.ufunc) -> np.ndarray:
     """Return `of` each value and the one `lag` before it, where these are so far apart."""
     if lag >= len(residual):
         return np.zeros(0)
@@ -80,14 +80,14 @@ def _over(piece: Piece, residual: np.ndarray, lag: int, step: float, of: np.ufun
     return of(residual[lag:], residual[near])[there]
 
 
-def _positive(covariance: np.ndarray) -> float:
+def _sum_positive(covariance: np.ndarray) -> float:
     """Return the sum of autocovariances as long as two neighbours are positive (Geyer 1992)."""
     pairs = covariance[: len(covariance) // 2 * 2].reshape(-1, 2).sum(axis=1)
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     return float(pairs[:end].sum())
 
 
-def share(pieces: Sequence[Piece], least: Sequence[np.ndarray]) -> tuple[float, float]:
+def measure_share(pieces: Sequence[Piece], least: Sequence[np.ndarray]) -> tuple[float, float]:
     """Return the sd of an error that lasts 1 s and has the power of the residuals, as a share
     of what happens; and in how many pieces of CUT something happens.
 
@@ -95,15 +95,15 @@ def share(pieces: Sequence[Piece], least: Sequence[np.ndarray]) -> tuple[float, 
     holds in MOST of the pieces: a model that is right on a motorway and 15 % off in a hairpin
     is not 5 % off. A piece counts by the part of what happens that is no `least`."""
     square = np.mean(np.concatenate([(p.residual - p.residual.mean()) ** 2 for p in pieces]))
-    lasts = measure(pieces).power / max(float(square), 1e-300)
+    lasts = measure_lasting(pieces).power / max(float(square), 1e-300)
     found, count = [], 0.0
     for p, x in zip(pieces, least, strict=True):
-        place = (p.time // CUT).astype(int)
+        place = (p.time // PIECE_TIME).astype(int)
         for k in np.unique(place):
             mine = place == k
-            if mine.sum() >= FEWEST:
+            if mine.sum() >= MIN_PIECE_VALUES:
                 size = np.mean(p.size[mine] ** 2)
                 happens = size + np.mean(x[mine] ** 2)
                 found.append(lasts * np.mean((p.residual[mine] - p.residual.mean()) ** 2) / happens)
                 count += float(size / happens)
-    return (float(np.sqrt(np.quantile(found, MOST))) if found else 0.0), count
+    return (float(np.sqrt(np.quantile(found, SHARE_QUANTILE))) if found else 0.0), count

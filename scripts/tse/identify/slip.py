@@ -16,47 +16,47 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.car.vehicle import FRICTION, GRAVITY, Vehicle, curve_of, ordinary_car
-from tse.identify.fit import Fit
-from tse.identify.problem import Problem
-from tse.identify.unknowns import LATENCY, prior_of
+from tse.car.vehicle import FRICTION, GRAVITY, Vehicle, choose_curve, get_ordinary_car
+from tse.identify.fit import CarFit
+from tse.identify.problem import CarProblem
+from tse.identify.unknowns import LATENCY_SUFFIX, make_prior
 from tse.library.core import Config
 from tse.log.noise import noise_of
 from tse.log.rows import TORQUES, Log
 
-STIFFNESS = "cx_front"
+LONGITUDINAL_KEY = "cx_front"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
-RADII = ("wheel_radius_front", "wheel_radius_rear")
+RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 # s, sd before the logs: latency of one wheel speed behind the other, two messages of a
 # bus with cycles of 10 .. 20 ms
-APART_SD = 0.006
+WHEEL_LATENCY_SD = 0.006
 # 1, sd before the logs: radius of one axle over the other's, relative to the file, by wear
 # and pressure. The bias of accel_x is in it
-RADIUS_SD = 0.01
+RADIUS_RATIO_SD = 0.01
 LAG_SD = 0.1  # s, sd before the logs: latency of accel_x behind the wheels, less what tyres relax
 DRAG_SD = 0.1  # kg/m, sd before the logs: drag
-UNKNOWN_SD = 1e3  # 1, sd before the logs: 1/stiffness, over the file's
+INVERSE_STIFFNESS_SD = 1e3  # 1, sd before the logs: 1/stiffness, over the file's
 BEND_SD = 0.25  # 1, sd before the logs: tyre curve and moved load of a car, over those of the model
-PRIOR_SD = (UNKNOWN_SD, APART_SD, LAG_SD, DRAG_SD, BEND_SD)  # of the numbers that all logs share
+PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)  # of the numbers that all logs share
 # ln: error of the model of force over slip, however long the logs: pitch, rolling radii
 # under load, tyre curve. Ten cars of tests/cars: 0.034 rms, 0.042 of each road alone
-MODEL_SD = 0.05
+SLIP_MODEL_SD = 0.05
 SURE = 3.0  # sd from 0 above which a latency is applied, and above which 1/stiffness has a logarithm
-MOST_NOISE = 0.5  # 1: share of noise in the square of the slip by accel_x, above which nothing is shown
-MISMATCH = 0.01  # 1: of the radii, from which it is said
+MAX_NOISE_SHARE = 0.5  # 1: share of noise in the square of the slip by accel_x, above which nothing is shown
+MIN_MISMATCH = 0.01  # 1: of the radii, from which it is said
 SHOWN = 0.7  # posterior over prior sd, below which logs have shown the stiffness
 # Rows that are used: tyres far from their grip, no brake, no curve
-SLOW, STRAIGHT, ACROSS, HARD = 4.0, 0.03, 1.0, 0.5  # m/s, rad, m/s2, 1
+MIN_REGRESSION_SPEED, MAX_STRAIGHT_STEER, MAX_STRAIGHT_ACCEL, MAX_GRIP_SHARE = 4.0, 0.03, 1.0, 0.5  # m/s, rad, m/s2, 1
 # m/s2: accel_x from which no brake acts, where no brake switch is logged. -0.1 lets brakes
 # in, which make a steady drive 14 % too stiff, -0.3 65 %
-COASTS = 0.0
-BRAKES = 0.5  # 1: of the brake switch, above which brakes act
-SMOOTH, EVERY, BLOCK, FEWEST = 0.6, 0.1, 10.0, 6  # s, s, s, blocks
-GIVE = 0.005  # 1: rolling radius that a tyre loses by its static load (src/model/car.c)
-SPIN = 0.014  # 1: mass of two wheels at their radius over that of the car: 2.4 kg m2, 0.33 m, 1600 kg
+MIN_COAST_ACCEL = 0.0
+BRAKE_THRESHOLD = 0.5  # 1: of the brake switch, above which brakes act
+SMOOTH_TIME, SAMPLE_PERIOD, REGRESSION_BLOCK, MIN_REGRESSION_BLOCKS = 0.6, 0.1, 10.0, 6  # s, s, s, blocks
+TYRE_COMPRESSION = 0.005  # 1: rolling radius that a tyre loses by its static load (src/model/car.c)
+WHEEL_MASS_SHARE = 0.014  # 1: mass of two wheels at their radius over that of the car: 2.4 kg m2, 0.33 m, 1600 kg
 
 
-def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> Fit:
+def apply_slip_regression(problem: CarProblem, fit: CarFit, logs: Sequence[Log], vehicle: Vehicle) -> CarFit:
     """Return the fit with the longitudinal stiffness of the regression, and what it shows
     of wheel latencies and radii.
 
@@ -92,57 +92,57 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
     1982). MODEL_SD is added to k.
     """
     names = list(problem.names)
-    k = names.index(STIFFNESS)
+    k = names.index(LONGITUDINAL_KEY)
     at = dict(zip(names, map(float, fit.x), strict=True))
-    found = _regression(problem.config, at, logs, vehicle)
-    wheels = [names.index(name + LATENCY) for name in WHEELS]
+    found = _run_regression(problem.config, at, logs, vehicle)
+    wheels = [names.index(name + LATENCY_SUFFIX) for name in WHEELS]
     x, covariance = fit.x.copy(), fit.covariance.copy()
     x[wheels] = problem.mean[wheels]
     covariance[[k, *wheels], :] = covariance[:, [k, *wheels]] = 0.0
     covariance[np.ix_(wheels, wheels)] = problem.covariance[np.ix_(wheels, wheels)]
-    x[k], covariance[k, k] = _beside(found, float(problem.mean[k]), float(problem.sd[k]) ** 2)
+    x[k], covariance[k, k] = _combine_with_prior(found, float(problem.mean[k]), float(problem.sd[k]) ** 2)
     if found is not None and abs(found.later) > SURE * found.later_sd:
         x[wheels] += found.later * np.array([0.5, -0.5])
-    if found is not None and abs(found.mismatch) >= MISMATCH:
-        radii = [names.index(name) for name in RADII]
-        x[radii] = _with_mismatch(problem.config, x[radii], found.mismatch)
+    if found is not None and abs(found.mismatch) >= MIN_MISMATCH:
+        radii = [names.index(name) for name in RADIUS_SETTINGS]
+        x[radii] = _apply_mismatch(problem.config, x[radii], found.mismatch)
     return replace(fit, x=x, covariance=covariance)
 
 
-def longitudinal(
+def estimate_longitudinal(
     config: Config, values: Mapping[Any, float], logs: Sequence[Log], vehicle: Vehicle
 ) -> tuple[float, float]:
     """Return ln of the longitudinal stiffness over the vehicle file's and its sd, as a
     calibration on these logs has them.
 
     values: settings that a fit has found. The prior counts for the others."""
-    prior = prior_of(vehicle, config)
+    prior = make_prior(vehicle, config)
     at = dict(zip(prior.names, map(float, prior.mean), strict=True))
     at |= {n: values[n] for n in at if n in values}
-    found = _regression(config, at, logs, vehicle) if logs else None
-    k = prior.names.index(STIFFNESS)
-    mean, var = _beside(found, float(prior.mean[k]), float(prior.sd[k]) ** 2)
+    found = _run_regression(config, at, logs, vehicle) if logs else None
+    k = prior.names.index(LONGITUDINAL_KEY)
+    mean, var = _combine_with_prior(found, float(prior.mean[k]), float(prior.sd[k]) ** 2)
     return mean, float(np.sqrt(var))
 
 
-def slip_words(problem: Problem, fit: Fit) -> list[str]:
+def describe_slip(problem: CarProblem, fit: CarFit) -> list[str]:
     """Return in words the findings of slips(): a stiffness that the logs do not show, a
     latency between both wheel speeds, a mismatch of the wheel radii from MISMATCH on."""
     names, found = list(problem.names), []
-    k = names.index(STIFFNESS)
+    k = names.index(LONGITUDINAL_KEY)
     if not fit.covariance[k, k] < (SHOWN * problem.sd[k]) ** 2:
         found.append(
             "longitudinal stiffness: not shown by these logs: it takes straight rows in which the driven axle pulls "
             "and coasts, and of two driven axles wheel torques and brake"
         )
-    if (late := _apart(problem, fit)) != 0.0:
+    if (late := _compute_wheel_delay(problem, fit)) != 0.0:
         which = "front" if late > 0 else "rear"
         found.append(
             f"wheel speeds: the {which} one is {1000 * abs(late):.1f} ms behind the other, half of it each"
         )
-    front, rear = (fit.x[names.index(name)] / getattr(problem.config, name) for name in RADII)
+    front, rear = (fit.x[names.index(name)] / getattr(problem.config, name) for name in RADIUS_SETTINGS)
     off = rear / front - 1.0
-    if abs(off) >= MISMATCH:
+    if abs(off) >= MIN_MISMATCH:
         found.append(
             f"wheel radii: the rear one is {100 * abs(off):.1f} % {'smaller' if off < 0 else 'larger'}, beside the "
             f"front one, than the vehicle file says"
@@ -150,39 +150,39 @@ def slip_words(problem: Problem, fit: Fit) -> list[str]:
     return found
 
 
-def slip_bands(problem: Problem, fit: Fit) -> dict[str, str]:
+def describe_wheel_latencies(problem: CarProblem, fit: CarFit) -> dict[str, str]:
     """Return what a vehicle file says behind the latencies of the wheel speeds, where
     slips() has moved them."""
     text = ", behind each other as these logs show, both together as before"
-    return dict.fromkeys((name + LATENCY for name in WHEELS), text) if _apart(problem, fit) != 0.0 else {}
+    return dict.fromkeys((name + LATENCY_SUFFIX for name in WHEELS), text) if _compute_wheel_delay(problem, fit) != 0.0 else {}
 
 
-def _apart(problem: Problem, fit: Fit) -> float:
+def _compute_wheel_delay(problem: CarProblem, fit: CarFit) -> float:
     """Return how much later [s] than before the logs the front wheel speed is, over the
     rear one."""
-    front, rear = (list(problem.names).index(name + LATENCY) for name in WHEELS)
+    front, rear = (list(problem.names).index(name + LATENCY_SUFFIX) for name in WHEELS)
     return float(fit.x[front] - problem.mean[front] - fit.x[rear] + problem.mean[rear])
 
 
-def _with_mismatch(config: Config, radii: np.ndarray, mismatch: float) -> np.ndarray:
+def _apply_mismatch(config: Config, radii: np.ndarray, mismatch: float) -> np.ndarray:
     """Return the radii [m] of the search, front and rear, with this mismatch of rear over
     front; their mean stays."""
-    front, rear = radii / np.array([getattr(config, name) for name in RADII])
+    front, rear = radii / np.array([getattr(config, name) for name in RADIUS_SETTINGS])
     half = 0.5 * (np.log1p(mismatch) - np.log(rear / front))
     return radii * np.exp([-half, half])
 
 
-def _beside(found: _Found | None, mean: float, var: float) -> tuple[float, float]:
+def _combine_with_prior(found: _SlipFinding | None, mean: float, var: float) -> tuple[float, float]:
     """Return mean and variance of ln of the stiffness: the prior, and beside it what the
     logs show."""
     if found is None:
         return mean, var
-    seen = found.stiffness_sd**2 + MODEL_SD**2
+    seen = found.stiffness_sd**2 + SLIP_MODEL_SD**2
     return (mean * seen + found.stiffness * var) / (seen + var), seen * var / (seen + var)
 
 
 @dataclass(frozen=True)
-class _Found:
+class _SlipFinding:
     """What straight rows show, with sds: ln of the stiffness over the vehicle file's,
     latency [s] of the front wheel speed behind the rear one, and by how much [1] the
     ratio of the radii, rear over front, is larger than the file's."""
@@ -194,17 +194,17 @@ class _Found:
     mismatch: float
 
 
-def _regression(
+def _run_regression(
     config: Config, at: Mapping[str, float], logs: Sequence[Log], vehicle: Vehicle
-) -> _Found | None:
+) -> _SlipFinding | None:
     """Return what all logs show together; None: nothing. at: numbers of the car."""
     if vehicle.driven_axle != "front" and config.rear_longitudinal_follows_front != 1.0:
         return None
     car = _Car(config, at, vehicle)
-    parts = [p for log in logs if (p := _samples(car, log)) is not None]
-    if sum(len(np.unique(p.block)) for p in parts) < FEWEST:
+    parts = [p for log in logs if (p := _select_samples(car, log)) is not None]
+    if sum(len(np.unique(p.block)) for p in parts) < MIN_REGRESSION_BLOCKS:
         return None
-    b, b_sd = _solve(parts, np.array([*PRIOR_SD, *[RADIUS_SD] * len(parts)]))
+    b, b_sd = _solve(parts, np.array([*PRIOR_SD, *[RADIUS_RATIO_SD] * len(parts)]))
     if not b[0] > SURE * b_sd[0]:  # soft tyres and stiff ones, which show no slip, are not distinguished
         return None
     sign = 1.0 if car.driven == "front" else -1.0
@@ -213,7 +213,7 @@ def _regression(
     # a driven axle that turns faster than it drives is smaller than the file says
     mismatch = (1.0 + slip) ** sign - 1.0
     stiffness = float(np.log1p(slip) - np.log(b[0]))
-    return _Found(stiffness, float(b_sd[0] / b[0]), -sign * float(b[1]), float(b_sd[1]), mismatch)
+    return _SlipFinding(stiffness, float(b_sd[0] / b[0]), -sign * float(b[1]), float(b_sd[1]), mismatch)
 
 
 def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -247,7 +247,7 @@ def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray,
     inverse = np.linalg.inv(information)
     sandwich = inverse @ (score.T @ score + prior) @ inverse
     sd = np.sqrt(np.maximum(np.diag(inverse), np.diag(sandwich)))
-    if noisy > MOST_NOISE:
+    if noisy > MAX_NOISE_SHARE:
         sd[0] = np.inf
     return b, sd
 
@@ -256,14 +256,14 @@ class _Car:
     """What of the car the regression needs; forces per mass."""
 
     def __init__(self, c: Config, at: Mapping[str, float], vehicle: Vehicle):
-        ordinary = ordinary_car(c)
-        self.grip, shape = curve_of(ordinary, at.get(FRICTION, 0.0), c.tyre_saturation_shape)
+        ordinary = get_ordinary_car(c)
+        self.grip, shape = choose_curve(ordinary, at.get(FRICTION, 0.0), c.tyre_saturation_shape)
         self.driven = vehicle.driven_axle
         self.radius = c.wheel_radius_front, c.wheel_radius_rear
         self.base, self.mass = c.lf + c.lr, c.mass
         self.load = GRAVITY * c.lr / self.base, GRAVITY * c.lf / self.base  # m/s2: front, rear
         self.height = float(vehicle.facts.get("cg_height", ordinary["cg_height"])) / self.base
-        self.give = GIVE * self.height * self.base**2 / (GRAVITY * c.lf * c.lr)  # of both axles, per m/s2
+        self.give = TYRE_COMPRESSION * self.height * self.base**2 / (GRAVITY * c.lf * c.lr)  # of both axles, per m/s2
         self.stiffness = (
             c.longitudinal_stiffness_front,
             at.get("longitudinal_stiffness_rear", c.longitudinal_stiffness_rear),
@@ -306,7 +306,7 @@ class _Samples:
     block: np.ndarray
 
 
-def _samples(car: _Car, log: Log) -> _Samples | None:
+def _select_samples(car: _Car, log: Log) -> _Samples | None:
     """Return the straight rows of a log without brakes; None: no row says which axle
     pulls how much.
 
@@ -314,7 +314,7 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
     brake, torque = log.extra.get("brake"), [log.extra.get(name) for name in TORQUES]
     if car.driven == "both" and (brake is None or any(t is None for t in torque)):
         return None
-    count = max(1, round(SMOOTH / (log.sample_time or 0.01)))
+    count = max(1, round(SMOOTH_TIME / (log.sample_time or 0.01)))
 
     def smooth(x: np.ndarray) -> np.ndarray:
         return pd.Series(x).rolling(count, center=True, min_periods=1).mean().to_numpy()
@@ -330,7 +330,7 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
     slip = smooth(rear_ahead - front if first else front - rear_ahead) / np.maximum(v, 0.1)
     pull, gains = smooth(pull) / car.scale, smooth(np.gradient(v, log.time))
     push = pull + GRAVITY * car.rolling + car.drag * v**2 / car.mass
-    turns = SPIN * gains  # force that turns the wheels of an axle up
+    turns = WHEEL_MASS_SHARE * gains  # force that turns the wheels of an axle up
     if car.driven == "both":
         pulls = [t.to_numpy(float) / (r * car.mass) for t, r in zip(torque, car.radius, strict=True)]
         apart = smooth(pulls[0] - pulls[1])
@@ -339,13 +339,13 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
         forces = push + turns, -turns
     own, other = (car.slip(axle, f, push) for axle, f in zip((first, 1 - first), forces, strict=True))
     takes, bend, share = own[0] - other[0], own[1] - other[1], own[2]
-    switch = np.zeros(len(v)) if brake is None else np.where(brake.to_numpy(float) < BRAKES, 0.0, 1.0)
-    brakes = smooth(switch) > 0 if switch.any() else pull < COASTS
+    switch = np.zeros(len(v)) if brake is None else np.where(brake.to_numpy(float) < BRAKE_THRESHOLD, 0.0, 1.0)
+    brakes = smooth(switch) > 0 if switch.any() else pull < MIN_COAST_ACCEL
     use = (
-        (v > SLOW)
-        & (np.abs(steer) < STRAIGHT)
-        & (np.abs(v * smooth(rate)) < ACROSS)
-        & (share < HARD)
+        (v > MIN_REGRESSION_SPEED)
+        & (np.abs(steer) < MAX_STRAIGHT_STEER)
+        & (np.abs(v * smooth(rate)) < MAX_STRAIGHT_ACCEL)
+        & (share < MAX_GRIP_SHARE)
         & ~brakes
     )
     later, lag = gains / np.maximum(v, 0.1), np.gradient(takes, log.time)
@@ -355,11 +355,11 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
     radii = (1 if first else -1) * car.give * push
     seen = slip - radii
     use &= np.isfinite(seen + takes + lag)
-    use &= np.arange(len(v)) % max(1, round(EVERY / (log.sample_time or 0.01))) == 0
+    use &= np.arange(len(v)) % max(1, round(SAMPLE_PERIOD / (log.sample_time or 0.01))) == 0
     if not use.any():
         return None
     columns = np.column_stack([takes, later, lag, drag, bend + radii])[use]
-    white = noise_of(log, "accel_x", v > SLOW)
+    white = noise_of(log, "accel_x", v > MIN_REGRESSION_SPEED)
     of_mean = white.unraised**2 / count if white is not None else 0.0
     noise = np.full(len(columns), of_mean * (car.mass / (car.scale * car.stiffness[first])) ** 2)
-    return _Samples(columns, noise, seen[use], np.minimum(v[use], 15.0), np.floor(log.time[use] / BLOCK))
+    return _Samples(columns, noise, seen[use], np.minimum(v[use], 15.0), np.floor(log.time[use] / REGRESSION_BLOCK))

@@ -17,16 +17,16 @@ from tse.library.core import NOMINAL, Config
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
 VELOCITY = ("ins_vel_x", "ins_vel_y", "gnss_speed")  # channels of a log that are compared where it has them
 CHANNEL_UNIT = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"} | dict.fromkeys(VELOCITY, "m/s")
-LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
-LATENCY = "_latency"
-LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
-MOST_LATENCY = 0.2  # s: of a channel behind the gyro, or before it
+LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
+LATENCY_SUFFIX = "_latency"
+LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # unknowns, and the channels that are late
+MAX_LATENCY = 0.2  # s: of a channel behind the gyro, or before it
 # s; 1: how late messages are, behind that of the gyro; relative: how far off radii in the file are. What is own to a
 # channel is less: axles come from one unit - and how far one is behind the other hardly shows, so that any error of
 # the model would pass for it - accelerometers from one chip, tyres from one shop
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
-STIFFNESS_SD = 0.5  # ln: of the car's over the vehicle file's
-MOST_STIFFNESS = 1.8  # ln: the same, most
+LN_STIFFNESS_SD = 0.5  # ln: of the car's over the vehicle file's
+MAX_LN_STIFFNESS = 1.8  # ln: the same, most
 # Searched as its inverse: what a car does is nearly linear in the compliance of its
 # axles, and a search in the stiffness goes past the end of a valley
 COMPLIANCE = ("cy_front", "cy_rear")
@@ -37,7 +37,7 @@ LEAN_MEAN, LEAN_SD = 0.12, 0.05
 BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # m/s2, rad/s: of each log
 # 1, m, 1, m, rad: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of
 # the logs, steering moves with force, axles differ in relaxation, a rack's zero is not that of another day
-LEAST_SD = {
+MIN_SD = {
     "lean_sd": 0.1,
     "trail_sd": 0.02,
     "gyro_scale_sd": 0.005,
@@ -61,17 +61,17 @@ class Unknown:
     worth: float = 0.0  # smallest size that a user should know of; 0: the shape of an effect
 
 
-def _late(name: str, own: float, message: str = "") -> Unknown:
+def _make_latency(name: str, own: float, message: str = "") -> Unknown:
     return Unknown(
-        name + LATENCY, "latency", 0.0, own, -MOST_LATENCY, MOST_LATENCY, message=message, worth=0.001
+        name + LATENCY_SUFFIX, "latency", 0.0, own, -MAX_LATENCY, MAX_LATENCY, message=message, worth=0.001
     )
 
 
 # Sources of the sizes: src/tables/effects.toml (typical sizes), and for the sensors: CAN cycle times of 10 .. 20 ms and filters of
 # 10 .. 30 ms (latencies), 1 to 2 degrees of mounting, 1 % of scale.
 UNKNOWNS: tuple[Unknown, ...] = (
-    _late("steer_angle", 0.025), _late("wheel_speed_front", 0.0005, "wheels"), _late("wheel_speed_rear", 0.0005, "wheels"),
-    _late("accel_x", 0.01, "accelerometers"), _late("accel_y", 0.01, "accelerometers"),
+    _make_latency("steer_angle", 0.025), _make_latency("wheel_speed_front", 0.0005, "wheels"), _make_latency("wheel_speed_rear", 0.0005, "wheels"),
+    _make_latency("accel_x", 0.01, "accelerometers"), _make_latency("accel_y", 0.01, "accelerometers"),
     Unknown("steering_ratio_change", "steering", 0.0, 0.03, -0.3, 0.3, worth=0.005),
     Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
@@ -116,34 +116,34 @@ UNKNOWNS: tuple[Unknown, ...] = (
 )  # fmt: skip
 # Of what measures the velocity, where a log has it: sd from the settings of the filter (sensors.toml).
 OF_VELOCITY: tuple[Unknown, ...] = (
-    Unknown("velocity_latency", "velocity", 0.0, 0.03, -MOST_LATENCY, MOST_LATENCY, worth=0.002),
+    Unknown("velocity_latency", "velocity", 0.0, 0.03, -MAX_LATENCY, MAX_LATENCY, worth=0.002),
     Unknown("velocity_lever_x", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_lever_y", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_heading", "velocity", 0.0, 0.02, -0.5, 0.5, worth=0.001),
 )
 VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}  # settings
 # Settings of [uncertainty], and the parameters that they are the sd of: prior of a fit, and what is written of its posterior.
-UNCERTAIN = {
+UNCERTAIN_SETTINGS = {
     "cg_sd": "cg_shift_distance", "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle",
     "accel_y_scale_sd": "imu_scale_ay_error", "accel_delay_sd": "accel_y_latency", "relaxation_sd": "relaxation_length",
     "gyro_scale_sd": "gyro_scale_error", "trail_sd": "aligning_moment_trail",
 }  # fmt: skip
-ALSO = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}  # by which accel_y reads more, as by its scale
+SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}  # by which accel_y reads more, as by its scale
 STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's
 SUPERELEVATION = "superelevation"  # of each log, of_log()
 
 
-def of_log(name: str, log: int) -> str:
+def name_in_log(name: str, log: int) -> str:
     """Return what a number goes by that is of one log."""
     return f"{name}@{log}"
 
 
-def bias_of(channel: str, log: int) -> str:
+def name_bias(channel: str, log: int) -> str:
     """Return what the bias of a channel in one log goes by."""
     return f"{channel}~{log}"
 
 
-def unit_of(name: str) -> str:
+def get_unit(name: str) -> str:
     """Unit of an unknown."""
     if name in LATENCIES:
         return "s"
@@ -165,7 +165,7 @@ class Prior:
     def sd(self) -> np.ndarray:
         return np.sqrt(np.diag(self.covariance))
 
-    def only(self, names: Sequence[str]) -> Prior:
+    def select(self, names: Sequence[str]) -> Prior:
         """Return that of some of the unknowns; the others are what the settings say."""
         at = [self.names.index(n) for n in names]
         return Prior(
@@ -173,14 +173,14 @@ class Prior:
         )
 
 
-def prior_of(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
+def make_prior(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
     """What is known before any log: the table, around what the vehicle file tells; or the whole result of an earlier
     calibration, if the file holds one. `velocity`: a log has one that is measured."""
     known = UNKNOWNS + (OF_VELOCITY if velocity else ())
     names = tuple(u.name for u in known) + STIFFNESS
     mean, sd, low, high = (np.zeros(len(names)) for _ in range(4))
     scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in known]
-    stated = {name: key for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
+    stated = {name: key for key, name in UNCERTAIN_SETTINGS.items() if key in vehicle.given_uncertainty}
     stated |= {"yaw_inertia": "yaw_inertia_sd"} if "yaw_inertia_sd" in vehicle.given_uncertainty else {}
     for k, (u, by) in enumerate(zip(known, scale, strict=True)):
         own = max(vehicle.values[stated[u.name]], 0.01 * u.sd) if u.name in stated and not u.message else u.sd
@@ -189,7 +189,7 @@ def prior_of(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
         if not u.relative and u.name in vehicle.values:
             mean[k] = vehicle.values[u.name]
     n = len(known)
-    sd[n:], low[n:], high[n:] = STIFFNESS_SD, -MOST_STIFFNESS, MOST_STIFFNESS
+    sd[n:], low[n:], high[n:] = LN_STIFFNESS_SD, -MAX_LN_STIFFNESS, MAX_LN_STIFFNESS
     covariance = np.diag(sd**2)
     for i, u in enumerate(known):
         for k, v in enumerate(known):

@@ -12,17 +12,17 @@ import numpy as np
 from tse.car.vehicle import (
     HINT_ONLY,
     Vehicle,
-    formula_toml,
+    format_formula_table,
     is_set,
-    latency_settings,
-    sensor_settings,
-    vehicle_settings,
+    list_latency_settings,
+    list_sensor_settings,
+    list_vehicle_settings,
 )
-from tse.identify.lasting import Piece, share
+from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
-BEFORE = 2.0  # pieces of 10 s: what is known of a car before its logs counts as so many
-LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
+PRIOR_PIECES = 2.0  # pieces of 10 s: what is known of a car before its logs counts as so many
+MIN_LATERAL_ACTIVITY = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
 
 
 class Residuals(Protocol):
@@ -30,36 +30,36 @@ class Residuals(Protocol):
 
     groups: Sequence[tuple[int, str]]
 
-    def piece(self, g: int, residual: np.ndarray) -> Piece: ...
+    def make_piece(self, g: int, residual: np.ndarray) -> Piece: ...
 
-    def one_at_speed(
+    def compute_unit_yaw_rate(
         self, g: int
     ) -> np.ndarray: ...  # a yaw rate of 1 m/s2 across, in the unit of the residuals
 
 
-def model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
+def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
     """Return what the filter counts of the model: the mean square of what was known before
     the logs, and of what they leave, each by its number of pieces.
 
     Half a minute straight on shows nothing of how well a model turns; half an hour of bends
     does."""
-    left, count = unexplained(problem, residuals)
-    found = np.sqrt((BEFORE * before**2 + count * left**2) / (BEFORE + count))
+    left, count = measure_unexplained(problem, residuals)
+    found = np.sqrt((PRIOR_PIECES * before**2 + count * left**2) / (PRIOR_PIECES + count))
     return min(float(found), Config().fields["model_sd"].high)
 
 
-def unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
+def measure_unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
     """Return the share of what happens that the model does not explain and that lasts 1 s, of
     yaw_rate, in which no road stands; and in how many pieces something happens. Without a
     gyro nothing is shown."""
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
         return 0.0, 0.0
-    pieces = [problem.piece(g, residuals[g]) for g in own]
-    return share(pieces, [LEAST_ACROSS * problem.one_at_speed(g) for g in own])
+    pieces = [problem.make_piece(g, residuals[g]) for g in own]
+    return measure_share(pieces, [MIN_LATERAL_ACTIVITY * problem.compute_unit_yaw_rate(g) for g in own])
 
 
-def toml(
+def format_vehicle(
     title: Sequence[str],
     vehicle: Vehicle,
     values: Mapping[str, float],
@@ -88,7 +88,7 @@ def toml(
     formula
         File of the formula beside it.
     """
-    config, fields, late = Config.exact(values), Config().fields, latency_settings()
+    config, fields, late = Config.exact(values), Config().fields, list_latency_settings()
 
     def rows(names: Mapping[str, str]) -> list[str]:
         return [
@@ -99,15 +99,15 @@ def toml(
         k: v for k, v in vehicle.facts.items() if k not in HINT_ONLY and isinstance(v, (str, int, float))
     }
     lines = [*title, "", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items())]
-    lines += rows({k: k for k in vehicle_settings() if k in values})
+    lines += rows({k: k for k in list_vehicle_settings() if k in values})
     lines += ["", "[uncertainty]", *(f"{k} = {v:.3g}  # {fields[k].unit}" for k, v in uncertainty.items())]
     for table, names in (
         ("latency", {c: k for c, k in late.items() if k in values}),
-        ("sensors", {k: k for k in sensor_settings() if k in values}),
+        ("sensors", {k: k for k in list_sensor_settings() if k in values}),
     ):
         lines += ["", f"[{table}]", *rows(names)] if names else []
     if formula is not None and vehicle.formula is not None:
-        lines += formula_toml(vehicle.formula, formula).splitlines()
+        lines += format_formula_table(vehicle.formula, formula).splitlines()
     for effect in library().effects.values():
         said = [f"# {note}" for note in notes.get(effect.id, ())]
         if is_set(config, effect):

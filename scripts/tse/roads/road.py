@@ -28,15 +28,15 @@ from tse.library.files import atomic, check_regular
 
 Array = npt.NDArray[np.float64]
 
-LARGEST_ROAD = 1 << 30  # bytes of a road file: 10 000 km in steps of a metre
-STEEPEST = 0.35  # rad: range of bank_angle and grade_angle
+MAX_ROAD_BYTES = 1 << 30  # bytes of a road file: 10 000 km in steps of a metre
+MAX_ROAD_ANGLE = 0.35  # rad: range of bank_angle and grade_angle
 PROFILE = ("bank", "grade", "bank_sd", "grade_sd")
-RANGES = {  # of each column: unit, lowest, highest
+COLUMN_RANGES = {  # of each column: unit, lowest, highest
     "distance": ("m", -1e7, 1e7),
-    "bank": ("rad", -STEEPEST, STEEPEST),
-    "grade": ("rad", -STEEPEST, STEEPEST),
-    "bank_sd": ("rad", 0.0, STEEPEST),
-    "grade_sd": ("rad", 0.0, STEEPEST),
+    "bank": ("rad", -MAX_ROAD_ANGLE, MAX_ROAD_ANGLE),
+    "grade": ("rad", -MAX_ROAD_ANGLE, MAX_ROAD_ANGLE),
+    "bank_sd": ("rad", 0.0, MAX_ROAD_ANGLE),
+    "grade_sd": ("rad", 0.0, MAX_ROAD_ANGLE),
     "x": ("m", -1e7, 1e7),
     "y": ("m", -1e7, 1e7),
     "latitude": ("deg", -90.0, 90.0),
@@ -46,8 +46,8 @@ RANGES = {  # of each column: unit, lowest, highest
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # m, mean
-SLOPE = 5.0  # m: over which slopes of a profile are taken; less than the 40 m between knots
-SMOOTH = 7.5  # m: sd of the window of curvatures; half the way in which a car turns into a bend
+SLOPE_DISTANCE = 5.0  # m: over which slopes of a profile are taken; less than the 40 m between knots
+SMOOTH_DISTANCE = 7.5  # m: sd of the window of curvatures; half the way in which a car turns into a bend
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Road:
 
     def __post_init__(self) -> None:
         columns = {
-            n: np.asarray(c, float) for n in RANGES if n != "closed" and (c := getattr(self, n)) is not None
+            n: np.asarray(c, float) for n in COLUMN_RANGES if n != "closed" and (c := getattr(self, n)) is not None
         }
         for name, values in columns.items():
             object.__setattr__(self, name, values)
@@ -109,7 +109,7 @@ class Road:
                 raise UserError(
                     f"{self.path}: column curvature, or x and y, or latitude and longitude are needed"
                 )
-            object.__setattr__(self, "curvature", curvature_of(self.distance, self.x, self.y))
+            object.__setattr__(self, "curvature", compute_curvature(self.distance, self.x, self.y))
 
     def __len__(self) -> int:
         return len(self.distance)
@@ -146,7 +146,7 @@ class Road:
 
     def slope(self, name: str, distance: Array) -> Array:
         """Return by how much a column changes along the road, per m; parameters as those of at()."""
-        return (self.at(name, distance) - self.at(name, distance - SLOPE)) / SLOPE
+        return (self.at(name, distance) - self.at(name, distance - SLOPE_DISTANCE)) / SLOPE_DISTANCE
 
     def with_profile(
         self, distance: Array, bank: Array | None = None, grade: Array | None = None,
@@ -195,7 +195,7 @@ def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> 
     return east, north
 
 
-def curvature_of(distance: Array, x: Array, y: Array) -> Array:
+def compute_curvature(distance: Array, x: Array, y: Array) -> Array:
     """Return the curvature of a path, 1/m, to the left > 0: change of the heading from
     piece to piece.
 
@@ -226,7 +226,7 @@ def read_road(path: Path) -> Road:
 
     path = Path(path)
     try:
-        check_regular(path, LARGEST_ROAD, "a road file")
+        check_regular(path, MAX_ROAD_BYTES, "a road file")
         table = pd.read_csv(
             path, header=None, skipinitialspace=True, dtype=str, keep_default_na=False, encoding="utf-8-sig"
         )
@@ -237,15 +237,15 @@ def read_road(path: Path) -> Road:
             f"{path}: is no table of a road: {getattr(error, 'strerror', None) or error}"
         ) from None
     header = [c.strip() for c in table.iloc[0]]
-    twice = [c for c in RANGES if header.count(c) > 1]
+    twice = [c for c in COLUMN_RANGES if header.count(c) > 1]
     if twice:
         raise UserError(f"{path}: column {twice[0]} stands twice in the header (line 1)")
     table = table.iloc[1:]
     line = np.arange(2, len(table) + 2)
-    columns = {n: _numbers(path, n, table[header.index(n)], line) for n in RANGES if n in header}
+    columns = {n: _parse_column(path, n, table[header.index(n)], line) for n in COLUMN_RANGES if n in header}
     if "distance" not in columns:
         raise UserError(
-            f"{path}: column distance is missing in the header (line 1); known: {', '.join(RANGES)}"
+            f"{path}: column distance is missing in the header (line 1); known: {', '.join(COLUMN_RANGES)}"
         )
     if "bank" not in columns and "grade" not in columns:
         raise UserError(f"{path}: column bank or grade is needed; found: {', '.join(header)[:200]}")
@@ -258,7 +258,7 @@ def read_road(path: Path) -> Road:
     return Road(**columns, is_closed=bool(closed[0]), path=path)
 
 
-def _numbers(path: Path, name: str, cells: object, line: Array) -> Array:
+def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
     """Return a column as numbers, NaN where a cell is empty. UserError: one is no
     number."""
     values = np.full(len(line), np.nan)
@@ -268,13 +268,13 @@ def _numbers(path: Path, name: str, cells: object, line: Array) -> Array:
             values[i] = float(text) if text else np.nan
         except ValueError:
             raise UserError(
-                f"{path}: line {line[i]}, column {name}: {text[:40]!r} is not a number; allowed: {_allowed(name)}, or empty"
+                f"{path}: line {line[i]}, column {name}: {text[:40]!r} is not a number; allowed: {_format_range(name)}, or empty"
             ) from None
     return values
 
 
-def _allowed(name: str) -> str:
-    unit, low, high = RANGES[name]
+def _format_range(name: str) -> str:
+    unit, low, high = COLUMN_RANGES[name]
     return f"{low:g} .. {high:g}{'' if unit == '1' else f' {unit}'}"
 
 
@@ -294,19 +294,19 @@ def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str
             raise UserError(
                 f"{path}: column {name} has {np.size(values)} values, distance has {len(distance)}"
             )
-        _, low, high = RANGES[name]
+        _, low, high = COLUMN_RANGES[name]
         with np.errstate(invalid="ignore"):
             bad = np.isinf(values) | (values < low) | (values > high)
         if bad.any():
             i = int(bad.argmax())
             raise UserError(
-                f"{path}: {place} {line[i]}, column {name}: {values[i]:g} is outside the allowed range {_allowed(name)}"
+                f"{path}: {place} {line[i]}, column {name}: {values[i]:g} is outside the allowed range {_format_range(name)}"
             )
     for name in [n for n in ("distance", "x", "y", "latitude", "longitude", "curvature") if n in columns]:
         empty = np.isnan(columns[name])
         if empty.any():
             raise UserError(
-                f"{path}: {place} {line[empty.argmax()]}, column {name}: is empty; allowed: {_allowed(name)}"
+                f"{path}: {place} {line[empty.argmax()]}, column {name}: is empty; allowed: {_format_range(name)}"
             )
     back = np.diff(distance) <= 0
     if back.any():
@@ -332,10 +332,10 @@ def write_road(road: Road, path: Path) -> None:
         The file cannot be written.
     """
     digits = {"distance": 3, "x": 3, "y": 3, "latitude": 9, "longitude": 9}
-    names = [n for n in RANGES if n == "closed" or getattr(road, n) is not None]
+    names = [n for n in COLUMN_RANGES if n == "closed" or getattr(road, n) is not None]
     columns = [np.full(len(road), int(road.is_closed)) if n == "closed" else getattr(road, n) for n in names]
     texts = [
-        [_cell(x, 0 if n == "closed" else digits.get(n, 6)) for x in c]
+        [_format_cell(x, 0 if n == "closed" else digits.get(n, 6)) for x in c]
         for n, c in zip(names, columns, strict=True)
     ]
     with atomic(Path(path)) as file:
@@ -343,5 +343,5 @@ def write_road(road: Road, path: Path) -> None:
         file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
-def _cell(x: float, digits: int) -> str:
+def _format_cell(x: float, digits: int) -> str:
     return "" if np.isnan(x) else f"{x:.{digits}f}"

@@ -22,32 +22,32 @@ from scipy.spatial import cKDTree
 from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import Log
-from tse.roads.road import PROFILE, SMOOTH, Array, Road, make_road, to_local
+from tse.roads.road import PROFILE, SMOOTH_DISTANCE, Array, Road, make_road, to_local
 
 GNSS, PATH = "GNSS position", "path"  # how a place is found
 # m: error of a place along the road; by path it is the rms of four real laps against positions
 PLACE_SD = {GNSS: 1.0, PATH: 3.0}
-STEP = 2.5  # m: places of the road, and of the path; a third of SMOOTH
-OFF_ROAD = 15.0  # m: a position further from the path is elsewhere: four lanes, or a poor GNSS
-AHEAD = 20.0  # m: distance that an opposite direction counts as, in a search for the nearest place
-STANDS = 0.5  # m/s: below it the car stands, and its yaw rate is the bias
-SLIPS = 3.0  # nat: cost of 0 or 2 steps of the road in one of the log: 12 nat for a radius 1 % off, a km
+PLACE_STEP = 2.5  # m: places of the road, and of the path; a third of SMOOTH
+MAX_OFF_ROAD = 15.0  # m: a position further from the path is elsewhere: four lanes, or a poor GNSS
+DIRECTION_DISTANCE = 20.0  # m: distance that an opposite direction counts as, in a search for the nearest place
+MIN_ROLL_SPEED = 0.5  # m/s: below it the car stands, and its yaw rate is the bias
+SLIP_COST = 3.0  # nat: cost of 0 or 2 steps of the road in one of the log: 12 nat for a radius 1 % off, a km
 ALIKE_SD = 0.25  # of the rms of the road's curvature: how far two drivers are apart in it
 MIN_ALIKE_SD = 5e-4  # 1/m: steering on a straight, as if at a radius of 2 km
-CLIPPED = 9.0  # of the squared distance over its variance: an overtaken car is no other road
-ELSEWHERE = 1.0  # nat, of a step elsewhere: a step that is 1.4 sd apart costs the same
-TURNS_OFF = 30.0  # nat, of leaving the road, and of coming to it: 75 m elsewhere
+MAX_SQUARED_ERROR = 9.0  # of the squared distance over its variance: an overtaken car is no other road
+ELSEWHERE_COST = 1.0  # nat, of a step elsewhere: a step that is 1.4 sd apart costs the same
+TURN_OFF_COST = 30.0  # nat, of leaving the road, and of coming to it: 75 m elsewhere
 MIN_ALIKE = 0.85  # correlation of both curvatures over a stretch that is said to be on the road
 MIN_TURN = 1.0  # rad: turning of the road over that stretch, added up: a straight shows no place
 # rad: of that turning enough: parts of a winding road, backwards and mirrored, were alike over 3.6
 SURE_TURN = 6.0
 SAME_ALIKE = 0.05  # correlation: two parts of a road that differ by less are the same to a log
 SURE_SHARE = 0.8  # ... or this share of all turning of the road, or of the log
-STRETCH = 0.005  # of the distance by wheels: beyond it the path is matched again, stretched
-DRIFT = 60.0  # m: window over which distances of log and road go together
+MAX_STRETCH = 0.005  # of the distance by wheels: beyond it the path is matched again, stretched
+DRIFT_WINDOW = 60.0  # m: window over which distances of log and road go together
 MIN_ROUND = 100.0  # m: a shorter circuit is a circle
-PIT_LANE = 300.0  # m: so far from the first row a circuit may begin
-CLOSURE = 0.05  # of a round: by so much dead reckoning may miss its start
+MAX_PIT_LANE = 300.0  # m: so far from the first row a circuit may begin
+MAX_CLOSURE = 0.05  # of a round: by so much dead reckoning may miss its start
 MAX_PLACES = 8000  # of a road, in the model; a longer road has longer steps
 
 
@@ -113,7 +113,7 @@ class Profile:
         return f"{100 * self.share:.0f} % of the rows are on the road, found by {self.how}"
 
 
-def track_of(log: Log, config: Config | None = None) -> Track:
+def derive_track(log: Log, config: Config | None = None) -> Track:
     """Return the path of a log from wheel speeds and yaw rate, and its positions.
 
     Parameters
@@ -125,10 +125,10 @@ def track_of(log: Log, config: Config | None = None) -> Track:
         Wheel radii; None: of an ordinary car. Their error is found with the place.
     """
     c = config or Config()
-    speed = 0.5 * (c.wheel_radius_front * _filled(log.data["wheel_speed_front"].to_numpy(float))
-                   + c.wheel_radius_rear * _filled(log.data["wheel_speed_rear"].to_numpy(float)))  # fmt: skip
-    rate = _filled(log.data["yaw_rate"].to_numpy(float))
-    stands = np.abs(speed) < STANDS
+    speed = 0.5 * (c.wheel_radius_front * _fill_gaps(log.data["wheel_speed_front"].to_numpy(float))
+                   + c.wheel_radius_rear * _fill_gaps(log.data["wheel_speed_rear"].to_numpy(float)))  # fmt: skip
+    rate = _fill_gaps(log.data["yaw_rate"].to_numpy(float))
+    stands = np.abs(speed) < MIN_ROLL_SPEED
     bias = float(np.median(rate[stands])) if stands.any() else 0.0
     dt = np.diff(log.time, prepend=log.time[0])
     travelled = np.cumsum(np.maximum(speed, 0.0) * dt)
@@ -146,14 +146,14 @@ def track_of(log: Log, config: Config | None = None) -> Track:
     return Track(travelled, heading)
 
 
-def _filled(x: Array) -> Array:
+def _fill_gaps(x: Array) -> Array:
     """Return a channel with the line between its neighbours where it is missing; 0 where
     it is missing altogether."""
     known = np.flatnonzero(np.isfinite(x))
     return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
 
 
-def along(road: Road, log: Log, config: Config | None = None) -> Profile:
+def match_log(road: Road, log: Log, config: Config | None = None) -> Profile:
     """Find bank and grade under every row of a log.
 
     Parameters
@@ -179,8 +179,8 @@ def along(road: Road, log: Log, config: Config | None = None) -> Profile:
     By position the cost is O(n log N). By path it is O(M N) for M steps of the log and N of
     the road: 0.5 s for laps of 4 km.
     """
-    track = track_of(log, config)
-    distance, how = _place(road, track, str(log.path))
+    track = derive_track(log, config)
+    distance, how = _match_track(road, track, str(log.path))
     if road.is_closed:
         distance = road.distance[0] + np.mod(distance - road.distance[0], road.length)
     bank, grade, bank_sd, grade_sd = (road.at(n, distance) for n in PROFILE)
@@ -192,7 +192,7 @@ def along(road: Road, log: Log, config: Config | None = None) -> Profile:
     return Profile(distance, bank, grade, bank_sd, grade_sd, how)
 
 
-def on_road(log: Log, road: Road, config: Config | None = None) -> tuple[Log, Profile]:
+def add_road(log: Log, road: Road, config: Config | None = None) -> tuple[Log, Profile]:
     """Return a log that has the bank and grade of a road as columns, as the filter and the replay use them.
 
     Parameters
@@ -214,14 +214,14 @@ def on_road(log: Log, road: Road, config: Config | None = None) -> tuple[Log, Pr
     """
     import pandas as pd
 
-    profile = along(road, log, config)
+    profile = match_log(road, log, config)
     columns = {str(n): log.extra[n].to_numpy(float) for n in log.extra if n not in PROFILE}
     columns |= {n: x for n in ("bank", "grade") if np.isfinite(x := getattr(profile, n)).any()}
     notes = [*log.notes, f"road by {road.path}: {profile.words()}"]
     return replace(log, extra=pd.DataFrame(columns, index=range(len(log))), notes=notes), profile
 
 
-def common(logs: Sequence[Log], config: Config | None = None) -> tuple[list[Array], Road]:
+def match_common(logs: Sequence[Log], config: Config | None = None) -> tuple[list[Array], Road]:
     """Find one distance for all rows of several logs of one road.
 
     Parameters
@@ -246,26 +246,26 @@ def common(logs: Sequence[Log], config: Config | None = None) -> tuple[list[Arra
     UserError
         A log is on another road.
     """
-    tracks = [track_of(log, config) for log in logs]
+    tracks = [derive_track(log, config) for log in logs]
     longest = max(tracks, key=lambda t: float(t.travelled[-1]))
-    road = road_of(longest)
-    found = [_place(road, track, str(log.path))[0] for log, track in zip(logs, tracks, strict=True)]
+    road = derive_road(longest)
+    found = [_match_track(road, track, str(log.path))[0] for log, track in zip(logs, tracks, strict=True)]
     if road.is_closed:
         found = [np.mod(s, road.length) for s in found]
     return found, road
 
 
-def road_of(track: Track) -> Road:
+def derive_road(track: Track) -> Road:
     """Return the road that a log has driven, without bank and grade: places every 2 STEP,
     of a circuit one round.
 
     UserError: the car has not moved by 4 STEP."""
     end = float(track.travelled[-1])
-    if end < 4 * STEP:
+    if end < 4 * PLACE_STEP:
         raise UserError(f"the car has moved by {end:.3g} m: that is no road")
-    way = np.append(np.arange(0.0, end - STEP, 2 * STEP), end)
-    turn = _curvature(track, way)
-    position = _positions(track, way)
+    way = np.append(np.arange(0.0, end - PLACE_STEP, 2 * PLACE_STEP), end)
+    turn = _compute_track_curvature(track, way)
+    position = _average_positions(track, way)
     distance = way - way[0]
     if position is not None:
         distance = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(position[0]), np.diff(position[1])))])
@@ -274,7 +274,7 @@ def road_of(track: Track) -> Road:
     road = make_road(
         distance, x=x, y=y, latitude=latitude, longitude=longitude, curvature=np.clip(turn, -1.0, 1.0)
     )
-    begin, end = _round(road) or (0, 0)
+    begin, end = _find_round(road) or (0, 0)
     if not end:
         return road
     inside = slice(begin, end)
@@ -287,7 +287,7 @@ def road_of(track: Track) -> Road:
                      curvature=closed(road.curvature), is_closed=True)  # fmt: skip
 
 
-def _positions(track: Track, way: Array) -> tuple[Array, Array, Array | None, Array | None] | None:
+def _average_positions(track: Track, way: Array) -> tuple[Array, Array, Array | None, Array | None] | None:
     """Return x, y, latitude, longitude at distances of the log, each the mean of the rows
     about it; None: there are no positions."""
     if track.x is None:
@@ -302,7 +302,7 @@ def _positions(track: Track, way: Array) -> tuple[Array, Array, Array | None, Ar
         if column is None:
             return None
         fine = np.arange(0.0, track.travelled[-1], 1.0)
-        return np.interp(way, fine, _smooth(np.interp(fine, s, column[rolled]), STEP))
+        return np.interp(way, fine, _smooth(np.interp(fine, s, column[rolled]), PLACE_STEP))
 
     return smooth(track.x), smooth(track.y), smooth(track.latitude), smooth(track.longitude)
 
@@ -316,19 +316,19 @@ def _smooth(values: Array, sd: float) -> Array:
     ]
 
 
-def _curvature(track: Track, way: Array) -> Array:
+def _compute_track_curvature(track: Track, way: Array) -> Array:
     """Return the curvature of a log at distances that it has travelled, smoothed over
     SMOOTH, 1/m."""
     rolls = np.diff(track.travelled, prepend=-1.0) > 0
-    fine = np.arange(0.0, track.travelled[-1], STEP)
+    fine = np.arange(0.0, track.travelled[-1], PLACE_STEP)
     heading = np.interp(fine, track.travelled[rolls], track.heading[rolls])
-    return np.interp(way, fine, gaussian_filter1d(np.gradient(heading, STEP), SMOOTH / STEP, mode="nearest"))
+    return np.interp(way, fine, gaussian_filter1d(np.gradient(heading, PLACE_STEP), SMOOTH_DISTANCE / PLACE_STEP, mode="nearest"))
 
 
 # ---- a circuit
 
 
-def _round(road: Road) -> tuple[int, int] | None:
+def _find_round(road: Road) -> tuple[int, int] | None:
     """Return the places at which a round begins and ends, where the path comes there
     again in the same direction; None: nowhere.
 
@@ -337,10 +337,10 @@ def _round(road: Road) -> tuple[int, int] | None:
     too."""
     s = road.distance
     if road.x is not None:
-        points = _directed(road.x, road.y)
-        for begin in np.searchsorted(s, np.arange(0.0, min(PIT_LANE, s[-1]), 10.0)):
+        points = _add_direction(road.x, road.y)
+        for begin in np.searchsorted(s, np.arange(0.0, min(MAX_PIT_LANE, s[-1]), 10.0)):
             apart = np.linalg.norm(points - points[begin], axis=1)
-            again = np.flatnonzero((apart < OFF_ROAD) & (s > s[begin] + MIN_ROUND))
+            again = np.flatnonzero((apart < MAX_OFF_ROAD) & (s > s[begin] + MIN_ROUND))
             if len(again):
                 first = again[: int(np.argmax(np.diff(again, append=len(s) + 2) > 1)) + 1]
                 return int(begin), int(first[np.argmin(apart[first])])
@@ -349,8 +349,8 @@ def _round(road: Road) -> tuple[int, int] | None:
     x, y = (np.cumsum(f(heading) * np.gradient(s)) for f in (np.cos, np.sin))
     alike = np.zeros(len(s))
     for lag in range(int(np.searchsorted(s, MIN_ROUND)), len(s) - int(np.searchsorted(s, MIN_ROUND))):
-        back = np.hypot(x[lag] - x[0], y[lag] - y[0]) < CLOSURE * s[lag]
-        alike[lag] = _alike(road.curvature[: len(s) - lag], road.curvature[lag:]) if back else 0.0
+        back = np.hypot(x[lag] - x[0], y[lag] - y[0]) < MAX_CLOSURE * s[lag]
+        alike[lag] = _correlate(road.curvature[: len(s) - lag], road.curvature[lag:]) if back else 0.0
     end = int(np.argmax(alike > MIN_ALIKE))
     if not alike[end] > MIN_ALIKE:
         return None
@@ -358,7 +358,7 @@ def _round(road: Road) -> tuple[int, int] | None:
     return 0, end
 
 
-def _alike(a: Array, b: Array) -> float:
+def _correlate(a: Array, b: Array) -> float:
     """Return the correlation of two curvatures about 0."""
     size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
     return float(np.sum(a * b)) / size if size > 0 else 0.0
@@ -367,33 +367,33 @@ def _alike(a: Array, b: Array) -> float:
 # ---- by position
 
 
-def _directed(x: Array, y: Array) -> Array:
+def _add_direction(x: Array, y: Array) -> Array:
     """Return (n, 4): places of a path, m, and AHEAD times the direction over two sqrt(2):
     opposite ones are AHEAD apart."""
     dx, dy = np.gradient(x), np.gradient(y)
     size = np.maximum(np.hypot(dx, dy), 1e-9)
-    return np.column_stack([x, y, 0.5 * AHEAD * dx / size, 0.5 * AHEAD * dy / size])
+    return np.column_stack([x, y, 0.5 * DIRECTION_DISTANCE * dx / size, 0.5 * DIRECTION_DISTANCE * dy / size])
 
 
-def _place(road: Road, track: Track, name: str) -> tuple[Array, str]:
+def _match_track(road: Road, track: Track, name: str) -> tuple[Array, str]:
     """Return the distance along the road of every row, NaN elsewhere, and how it was
     found."""
     if track.latitude is not None and road.latitude is not None:
         x, y = to_local(track.latitude, track.longitude, road.origin)
         start = to_local(road.latitude, road.longitude, road.origin)
-        found = by_position(start[0], start[1], road.distance, x, y, track.travelled)
+        found = match_by_position(start[0], start[1], road.distance, x, y, track.travelled)
         if not np.isfinite(found).any():
-            raise UserError(f"{name}: is on another road than {road.path}: no position is within {OFF_ROAD:g} m of it, "
+            raise UserError(f"{name}: is on another road than {road.path}: no position is within {MAX_OFF_ROAD:g} m of it, "
                             f"driven in its direction")  # fmt: skip
         return found, GNSS
     if track.latitude is None and track.x is not None and road.latitude is None and road.x is not None:
-        found = by_position(road.x, road.y, road.distance, track.x, track.y, track.travelled)
+        found = match_by_position(road.x, road.y, road.distance, track.x, track.y, track.travelled)
         if np.isfinite(found).any():  # else perhaps in another frame
             return found, GNSS
-    return by_path(road, track, name), PATH
+    return match_by_path(road, track, name), PATH
 
 
-def by_position(x: Array, y: Array, distance: Array, at_x: Array, at_y: Array, travelled: Array) -> Array:
+def match_by_position(x: Array, y: Array, distance: Array, at_x: Array, at_y: Array, travelled: Array) -> Array:
     """Return how far along a path places are.
 
     Parameters
@@ -416,10 +416,10 @@ def by_position(x: Array, y: Array, distance: Array, at_x: Array, at_y: Array, t
         return np.full(len(at_x), np.nan)
     fine = np.append(np.arange(distance[0], distance[-1], 1.0), distance[-1])
     path_x, path_y = np.interp(fine, distance, x), np.interp(fine, distance, y)
-    tree = cKDTree(_directed(path_x, path_y))
+    tree = cKDTree(_add_direction(path_x, path_y))
     way = np.arange(0.0, travelled[-1], 1.0)
-    smooth_x, smooth_y = (_smooth(np.interp(way, travelled[rolled], p[rolled]), STEP) for p in (at_x, at_y))
-    apart, near = tree.query(_directed(smooth_x, smooth_y), distance_upper_bound=OFF_ROAD)
+    smooth_x, smooth_y = (_smooth(np.interp(way, travelled[rolled], p[rolled]), PLACE_STEP) for p in (at_x, at_y))
+    apart, near = tree.query(_add_direction(smooth_x, smooth_y), distance_upper_bound=MAX_OFF_ROAD)
     on = np.isfinite(apart)
     near = np.where(on, near, 0)
     tangent = np.column_stack([np.gradient(path_x), np.gradient(path_y)])[near]
@@ -427,10 +427,10 @@ def by_position(x: Array, y: Array, distance: Array, at_x: Array, at_y: Array, t
     length = np.maximum(np.sum(tangent**2, axis=1), 1e-9)
     s = fine[near] + np.clip(np.sum(off * tangent, axis=1) / length, -1.0, 1.0)
     s = np.clip(np.where(on, s, np.nan), distance[0], distance[-1])
-    return _between(way, s, travelled)
+    return _interpolate_places(way, s, travelled)
 
 
-def _between(way: Array, s: Array, at: Array) -> Array:
+def _interpolate_places(way: Array, s: Array, at: Array) -> Array:
     """Interpolate distances along a road, but neither over a jump (a round begins anew)
     nor into what is NaN."""
     i = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
@@ -443,58 +443,58 @@ def _between(way: Array, s: Array, at: Array) -> Array:
 # ---- by path
 
 
-def by_path(road: Road, track: Track, name: str = "the log") -> Array:
+def match_by_path(road: Road, track: Track, name: str = "the log") -> Array:
     """Return the distance along the road of every row by curvature alone; NaN elsewhere.
     In a circuit it goes on with each round.
 
     UserError: nothing of the log is like the road; the text says why."""
-    step = max(STEP, road.length / MAX_PLACES)
+    step = max(PLACE_STEP, road.length / MAX_PLACES)
     places = road.distance[0] + step * np.arange(max(int(road.length / step), 2))
-    its = _smoothed(road, places, step)
+    its = _smooth_curvature(road, places, step)
     way = np.arange(0.0, float(track.travelled[-1]) + step, step)
-    turn = _curvature(track, way)
+    turn = _compute_track_curvature(track, way)
     scale = float(np.sqrt(np.mean(its**2)))
     if np.sum(np.abs(its)) * step < MIN_TURN:
         raise UserError(f"{name}: cannot be aligned with {road.path}: the road turns by less than {MIN_TURN:g} rad, so only "
                         f"GNSS positions show where on it a row is")  # fmt: skip
     sd = max(ALIKE_SD * scale, MIN_ALIKE_SD)
-    place = _accepted(viterbi(its, turn, sd, road.is_closed), its, turn, step)
-    stretch = _stretch(place, road.is_closed)
-    if abs(stretch - 1.0) > STRETCH:  # wheel radius: 0 and 2 steps were needed
+    place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
+    stretch = _estimate_stretch(place, road.is_closed)
+    if abs(stretch - 1.0) > MAX_STRETCH:  # wheel radius: 0 and 2 steps were needed
         track = replace(track, travelled=stretch * track.travelled)
         way = np.arange(0.0, float(track.travelled[-1]) + step, step)
-        turn = _curvature(track, way)
-        place = _accepted(viterbi(its, turn, sd, road.is_closed), its, turn, step)
+        turn = _compute_track_curvature(track, way)
+        place = _accept_stretches(run_viterbi(its, turn, sd, road.is_closed), its, turn, step)
     if not (place >= 0).any():
         raise UserError(f"{name}: cannot be aligned with {road.path}: nowhere do its bends go with those of the road for long "
                         f"enough; it is another road, the other direction, or too little of it")  # fmt: skip
     if _is_ambiguous(place, its, turn, step, road.is_closed):
         raise UserError(f"{name}: cannot be aligned with {road.path}: its bends repeat, as those of a slalom, and are as much like "
                         f"another part of the road; only GNSS positions show where on it a row is")  # fmt: skip
-    s = road.distance[0] + _drifting(place, its, turn, step, road.is_closed)
-    return _between(way, s, track.travelled)
+    s = road.distance[0] + _refine_places(place, its, turn, step, road.is_closed)
+    return _interpolate_places(way, s, track.travelled)
 
 
-def _stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
+def _find_road_stretches(place: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
     """Return beginning and end of each stretch that is on the road."""
     edges = np.flatnonzero(np.diff((place >= 0).astype(int), prepend=0, append=0))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
+def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
     """Return how much longer the road is than what the wheels have travelled on it; 1
     where nothing is on it."""
-    steps = np.concatenate([np.diff(place[b:e]) for b, e in _stretches(place)] or [np.ones(1)])
+    steps = np.concatenate([np.diff(place[b:e]) for b, e in _find_road_stretches(place)] or [np.ones(1)])
     steps = steps[steps >= 0] if is_closed else steps  # a round begins
     return float(np.mean(steps))
 
 
-def _smoothed(road: Road, places: Array, step: float) -> Array:
+def _smooth_curvature(road: Road, places: Array, step: float) -> Array:
     mode = "wrap" if road.is_closed else "nearest"
-    return gaussian_filter1d(road.at("curvature", places), SMOOTH / step, mode=mode)
+    return gaussian_filter1d(road.at("curvature", places), SMOOTH_DISTANCE / step, mode=mode)
 
 
-def viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDArray[np.int64]:
+def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDArray[np.int64]:
     """Return the likeliest place of each step of a log on a road.
 
     Parameters
@@ -521,23 +521,23 @@ def viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDArray[
         (steps, n + 1), np.int8
     )  # 0, 1, 2: places further; 3: from elsewhere; [n]: 1 left the road
     left = np.zeros(steps, np.int64)  # from which place the log went elsewhere
-    cost = np.full(n + 1, TURNS_OFF)
+    cost = np.full(n + 1, TURN_OFF_COST)
     cost[n] = 0.0
     options = np.empty((4, n))
     rows = np.arange(n)
     for i in range(steps):
         on = cost[:n]
-        for k, price in ((0, SLIPS), (1, 0.0), (2, SLIPS)):
+        for k, price in ((0, SLIP_COST), (1, 0.0), (2, SLIP_COST)):
             options[k] = np.roll(on, k) + price
             if not is_closed:
                 options[k, :k] = np.inf
-        options[3] = cost[n] + TURNS_OFF
+        options[3] = cost[n] + TURN_OFF_COST
         best = np.argmin(options, axis=0)
         away = int(np.argmin(on))
-        goes = on[away] + TURNS_OFF < cost[n]
+        goes = on[away] + TURN_OFF_COST < cost[n]
         new = np.empty(n + 1)
-        new[:n] = options[best, rows] + 0.5 * np.minimum(((turn[i] - its) / sd) ** 2, CLIPPED)
-        new[n] = min(on[away] + TURNS_OFF, cost[n]) + ELSEWHERE
+        new[:n] = options[best, rows] + 0.5 * np.minimum(((turn[i] - its) / sd) ** 2, MAX_SQUARED_ERROR)
+        new[n] = min(on[away] + TURN_OFF_COST, cost[n]) + ELSEWHERE_COST
         came[i, :n] = best
         came[i, n] = goes
         left[i] = away
@@ -553,15 +553,15 @@ def viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDArray[
     return place
 
 
-def _accepted(place: npt.NDArray[np.int64], its: Array, turn: Array, step: float) -> npt.NDArray[np.int64]:
+def _accept_stretches(place: npt.NDArray[np.int64], its: Array, turn: Array, step: float) -> npt.NDArray[np.int64]:
     """Return the places without stretches that are not alike, or turn too little to say
     so."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
     least = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
-    for begin, end in _stretches(place):
+    for begin, end in _find_road_stretches(place):
         part = place[begin:end]
-        if _alike(its[part], turn[begin:end]) > MIN_ALIKE and np.sum(np.abs(its[part])) * step > least:
+        if _correlate(its[part], turn[begin:end]) > MIN_ALIKE and np.sum(np.abs(its[part])) * step > least:
             out[begin:end] = part
     return out
 
@@ -570,32 +570,32 @@ def _is_ambiguous(
     place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool
 ) -> bool:
     """Return whether the longest stretch is nearly as much like a part of the road that lies elsewhere."""
-    begin, end = max(_stretches(place), key=lambda s: s[1] - s[0])
+    begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
-    least = _alike(its[part], mine) - SAME_ALIKE
+    least = _correlate(its[part], mine) - SAME_ALIKE
     n, first = len(its), int(MIN_ROUND / step)
     for shift in range(first, n - first) if is_closed else (*range(-n, 1 - first), *range(first, n)):
         there = part + shift
         inside = slice(None) if is_closed else (there >= 0) & (there < n)
         at = np.mod(there, n)[inside]
-        if len(at) > SURE_SHARE * len(part) and _alike(its[at], mine[inside]) > least:
+        if len(at) > SURE_SHARE * len(part) and _correlate(its[at], mine[inside]) > least:
             return True
     return False
 
 
-def _drifting(place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool) -> Array:
+def _refine_places(place: npt.NDArray[np.int64], its: Array, turn: Array, step: float, is_closed: bool) -> Array:
     """Return distances from the first place of the road, m, that drift slowly against the
     distance of the log; NaN elsewhere.
 
     Places weigh as they show where they are, by the slope of the curvature; then their
     offset is corrected three times by least squares over DRIFT (Lucas and Kanade, IJCAI
     (1981) 674)."""
-    n, window = len(its), DRIFT / step
+    n, window = len(its), DRIFT_WINDOW / step
     slope = np.gradient(np.concatenate([its[-2:], its, its[:2]]) if is_closed else its, step)
     slope = slope[2:-2] if is_closed else slope
     floor = 0.01 * float(np.mean(slope**2)) + 1e-30
     s = np.full(len(place), np.nan)
-    for begin, end in _stretches(place):
+    for begin, end in _find_road_stretches(place):
         part = place[begin:end]
         rounds = np.cumsum(np.diff(part, prepend=part[0]) < 0) if is_closed else 0
         way, mine = step * np.arange(len(part)), turn[begin:end]

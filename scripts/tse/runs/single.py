@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.calibration.own import STOPPED, Own, calibrated, of_class, uncalibrated
+from tse.calibration.own import STOPPED, OwnCalibration, calibrate_once, is_uncalibrated, keep_class
 from tse.car.config import check_effect, make_config
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.channels.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
@@ -45,7 +45,7 @@ class Prepared:
     notes: list[str]
     warnings: list[str]
     doubts: list[str] = field(default_factory=list)
-    own: Own | None = None
+    own: OwnCalibration | None = None
 
 
 @dataclass(frozen=True)
@@ -112,9 +112,9 @@ def assemble(
     if road is not None:
         if form != "default":
             raise UserError(f"{road.path}: only the default filter uses a road, not form {form}")
-        from tse.roads.road_match import on_road  # scipy: for those who have a road
+        from tse.roads.road_match import add_road  # scipy: for those who have a road
 
-        log, profile = on_road(log, road, Config.exact(vehicle.values))
+        log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = liveliest(log, MOST_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
@@ -129,16 +129,16 @@ def assemble(
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
-    if calibrate is not None and form == "default" and uncalibrated(stated):
+    if calibrate is not None and form == "default" and is_uncalibrated(stated):
         if said:
-            found = of_class(f"its channels {'' if sure(said) else PERHAPS}contradict each other")
+            found = keep_class(f"its channels {'' if sure(said) else PERHAPS}contradict each other")
         else:
             try:
-                found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
+                found = calibrate_once(stated, [logged, *calibrate.others], calibrate.say)
             except KeyboardInterrupt:
                 if not calibrate.goes_on:
                     raise
-                found = of_class(STOPPED)
+                found = keep_class(STOPPED)
         made = assemble(
             found.vehicle(stated),
             level,

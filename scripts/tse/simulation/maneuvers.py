@@ -42,18 +42,18 @@ class Kind:
     build: Callable[[np.ndarray, float, float, Config, np.random.Generator], dict]
 
 
-def square(t: np.ndarray, period: float) -> np.ndarray:
+def make_square(t: np.ndarray, period: float) -> np.ndarray:
     """+1 in the first half of each period, -1 in the second."""
     return np.where((t / period + 1e-9) % 1.0 < 0.5, 1.0, -1.0)
 
 
-def _square_waves(
+def _make_square_waves(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    return {"steer_angle": amplitude * square(t, 4.0), "wheel_torque_front": 700.0 * square(t, 5.0)}
+    return {"steer_angle": amplitude * make_square(t, 4.0), "wheel_torque_front": 700.0 * make_square(t, 5.0)}
 
 
-def _double_lane_change(
+def _make_double_lane_change(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     """Cycles of 12 s: accelerate 3 s, one lane to the left and back in 6 s, brake 2 s, roll 1 s. The braking takes back the
@@ -71,7 +71,7 @@ def _double_lane_change(
     return {"steer_angle": steer, "wheel_torque_front": drive * config.mass * config.wheel_radius_front}
 
 
-def _step_steer(
+def _make_step_steer(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     return {
@@ -80,7 +80,7 @@ def _step_steer(
     }
 
 
-def _sine_sweep(
+def _make_sine_sweep(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     low, high = 0.2, 3.0
@@ -89,34 +89,34 @@ def _sine_sweep(
     return {"steer_angle": amplitude * np.sin(phase), "target_speed": np.full_like(t, speed)}
 
 
-def understeer_gradient(config: Config) -> float:
+def compute_understeer(config: Config) -> float:
     """K of delta = (L + K v^2) / R, in rad s2/m, of the nominal car."""
     c = config
     wheelbase = c.lf + c.lr
     return c.mass / wheelbase * (c.lr / c.cornering_stiffness_front - c.lf / c.cornering_stiffness_rear)
 
 
-def _constant_radius(
+def _make_constant_radius(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     radius = amplitude
     top = max(speed, np.sqrt(4.0 * radius))  # up to 4 m/s2
     target = speed + (top - speed) * np.clip(t / max(t[-1], 1e-9), 0.0, 1.0)
-    steer = (config.lf + config.lr + understeer_gradient(config) * target**2) / radius
+    steer = (config.lf + config.lr + compute_understeer(config) * target**2) / radius
     return {"steer_angle": steer * np.clip(t / 2.0, 0.0, 1.0), "target_speed": target}
 
 
-def _straight(
+def _make_straight(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     step = t[1] - t[0] if len(t) > 1 else 0.01
     return {
-        "steer_angle": amplitude * _coloured(rng, len(t), step, 0.8),
-        "target_speed": speed + 0.5 * _coloured(rng, len(t), step, 8.0),
+        "steer_angle": amplitude * _make_coloured(rng, len(t), step, 0.8),
+        "target_speed": speed + 0.5 * _make_coloured(rng, len(t), step, 8.0),
     }
 
 
-def _stop_and_go(
+def _make_stop_and_go(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     """Cycles of 20 s: 6 s up to 12 m/s, 4 s cruise with a gentle bend, 5 s down to standstill, 5 s wait."""
@@ -130,7 +130,7 @@ def _stop_and_go(
     }
 
 
-def _coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
+def _make_coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
     """Noise of sd 1 and correlation time `memory`, smooth enough for a driver's hand."""
     from scipy.signal import lfilter
 
@@ -141,25 +141,25 @@ def _coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> n
     return x / (x.std() or 1.0)
 
 
-LONGEST = 36000.0  # s: of a drive
+MAX_DRIVE_SECONDS = 36000.0  # s: of a drive
 
-KINDS = {
+MANEUVERS = {
     k.name: k
     for k in (
         Kind("square-waves", 40.0, 20.0, 0.02, "steering, rad",
-             "steering square wave of 4 s, front torque square wave of 700 Nm and 5 s (paper IV-A)", _square_waves),
+             "steering square wave of 4 s, front torque square wave of 700 Nm and 5 s (paper IV-A)", _make_square_waves),
         Kind("double-lane-change", 48.0, 18.0, 0.03, "steering, rad",
-             "accelerate, double lane change, brake; repeated every 12 s (after paper IV-B)", _double_lane_change),
+             "accelerate, double lane change, brake; repeated every 12 s (after paper IV-B)", _make_double_lane_change),
         Kind("step-steer", 10.0, 20.0, 0.02, "steering, rad",
-             "steering step after 1 s at constant speed", _step_steer),
+             "steering step after 1 s at constant speed", _make_step_steer),
         Kind("sine-sweep", 40.0, 20.0, 0.02, "steering, rad",
-             "steering sine from 0.2 to 3 Hz at constant speed", _sine_sweep),
+             "steering sine from 0.2 to 3 Hz at constant speed", _make_sine_sweep),
         Kind("constant-radius", 60.0, 8.0, 60.0, "radius, m",
-             "speed rises slowly up to 4 m/s2 on a circle, steering follows the nominal understeer", _constant_radius),
+             "speed rises slowly up to 4 m/s2 on a circle, steering follows the nominal understeer", _make_constant_radius),
         Kind("straight", 120.0, 30.0, 0.001, "sd of the steering, rad",
-             "straight highway with small random steering and speed corrections", _straight),
+             "straight highway with small random steering and speed corrections", _make_straight),
         Kind("stop-and-go", 80.0, 0.0, 0.03, "steering, rad",
-             "accelerate, bend, brake to standstill, wait; repeated every 20 s", _stop_and_go),
+             "accelerate, bend, brake to standstill, wait; repeated every 20 s", _make_stop_and_go),
     )
 }  # fmt: skip
 
@@ -176,9 +176,9 @@ def build(
     seed: int = 1,
 ) -> Maneuver:
     """A manoeuvre of the list. `road`: (time, level) from when on all stiffness is multiplied by level."""
-    if name not in KINDS:
-        raise UserError(f"there is no manoeuvre '{name}'; known: {', '.join(KINDS)}")
-    kind = KINDS[name]
+    if name not in MANEUVERS:
+        raise UserError(f"there is no manoeuvre '{name}'; known: {', '.join(MANEUVERS)}")
+    kind = MANEUVERS[name]
     duration = kind.duration if duration is None else duration
     speed = kind.speed if speed is None else speed
     n = round(duration / sample_time) + 1

@@ -49,9 +49,9 @@ def simulate(
     the log has positions: those of the road at the distance that the car has travelled,
     whatever it steers."""
     inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
-    log, truth = _log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config)
+    log, truth = _make_log(maneuver.time, outputs), _make_truth(maneuver, inputs, outputs, config)
     if road is not None:
-        s = travelled(inputs, outputs)
+        s = compute_travelled(inputs, outputs)
         names = POSITIONS["global" if road.latitude is not None else "local"]
         places = {
             name: road.at(column, road.distance[0] + s)
@@ -63,7 +63,7 @@ def simulate(
     return Simulation(log, truth)
 
 
-def travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+def compute_travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
     """Return the distance that the car has travelled, m, (n,)."""
     return np.concatenate([[0.0], np.cumsum(outputs["true_vel_x"][:-1] * inputs["dt"][1:])])
 
@@ -117,11 +117,11 @@ def _follow_speed(
     inputs["brake_torque_rear"][i] = brake * (1 - BRAKE_FRONT) * config.wheel_radius_rear + hold
 
 
-def _log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
+def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame({"time": time, **{name: outputs[name] for name in columns()[1:]}})
 
 
-def _truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
+def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
     """All outputs of the simulator, stiffness in N and N/rad, and the torques that were applied."""
     log_columns = set(columns())
     table = {"time": maneuver.time}
@@ -135,7 +135,7 @@ def _truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: 
     return pd.DataFrame(table)
 
 
-REFERENCES = {
+REFERENCE_COLUMNS = {
     "ref_vel_x": "true_vel_x",
     "ref_vel_y": "true_vel_y",
     "ref_yaw_rate": "true_yaw_rate",
@@ -143,6 +143,6 @@ REFERENCES = {
 }
 
 
-def with_references(simulation: Simulation) -> pd.DataFrame:
+def add_references(simulation: Simulation) -> pd.DataFrame:
     """The log with the truth in ref_ columns, which the report draws."""
-    return simulation.log.assign(**{ref: simulation.truth[true] for ref, true in REFERENCES.items()})
+    return simulation.log.assign(**{ref: simulation.truth[true] for ref, true in REFERENCE_COLUMNS.items()})
