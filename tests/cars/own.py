@@ -39,7 +39,7 @@ AXLES = ("cy_front", "cy_rear")
 
 def calibrated(vehicle: Vehicle, log: Log) -> Vehicle:
     """Return the car as `tselab estimate` takes it: calibrated on the log, or of its class."""
-    return own.calibrate_once(vehicle, [log]).vehicle(vehicle)
+    return own.calibrate_once(vehicle, [log]).apply_to(vehicle)
 
 
 def with_share(vehicle: Vehicle, log: Log, share: float) -> Config:

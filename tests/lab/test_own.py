@@ -84,7 +84,7 @@ def test_the_posterior_is_the_prior(case):
     """Of the stiffness; model discrepancy is that of the class."""
     made = own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
     table = read_toml_text(made.text)["calibration"]
-    vehicle, stated = made.vehicle(read_vehicle(case.car)), read_vehicle(case.car)
+    vehicle, stated = made.apply_to(read_vehicle(case.car)), read_vehicle(case.car)
     prior, plain = make_filter_values(vehicle), make_filter_values(stated)
     for key in AXLES:
         at = table["names"].index(key)
@@ -204,7 +204,7 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
         monkeypatch.setattr(own, "MAX_SEARCH_SECONDS", longest)
         stopped = own.calibrate_once(car, [log])  # what took too long is not kept: it is tried again
     assert stopped.text == "" and "did not converge in 1 steps" in stopped.words[0]
-    assert stopped.vehicle(car).values == car.values
+    assert stopped.apply_to(car).values == car.values
 
 
 def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch, tmp_path):

@@ -1,4 +1,5 @@
-"""What a calibration leaves: the calibrated vehicle file, its formula if it has one, and all numbers as JSON."""
+"""Write the result of a calibration: vehicle file, its formula if it has one, and
+JSON."""
 
 import json
 from collections.abc import Mapping
@@ -8,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from tse.calibration.result import NumberFinding, CalibrationResult
+from tse.calibration.result import CalibrationResult, NumberFinding
 from tse.car.formula import write_formula
-from tse.car.vehicle import format_calibration_table, list_sensor_settings, get_unknown_car
+from tse.car.vehicle import format_calibration_table, get_unknown_car, list_sensor_settings
 from tse.identify.slip import describe_wheel_latencies
 from tse.identify.unknowns import (
-    SCALE_PARTNERS,
     LATENCIES,
     LATENCY_SUFFIX,
     MIN_SD,
     OF_VELOCITY,
+    SCALE_PARTNERS,
     SUPERELEVATION,
     UNCERTAIN_SETTINGS,
     VELOCITY_SD,
@@ -30,11 +31,11 @@ from tse.library.core import NOMINAL
 from tse.library.files import atomic
 from tse.report.results import plain
 
-MAX_ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
+MAX_ROLL_STEER_SD = 0.03  # of a calibrated car
 
 
 def collect_settings(result: CalibrationResult) -> dict[str, float]:
-    """Settings of the calibrated car. What these logs could not show keeps its prior, which is where the posterior is then."""
+    """Return the calibrated settings; unknowns without evidence keep their prior."""
     found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
@@ -46,18 +47,21 @@ def collect_settings(result: CalibrationResult) -> dict[str, float]:
 
 
 def _list_superelevations(result: CalibrationResult) -> list[float]:
-    """Of each log; empty: the road is known."""
+    """Return the lean of the roads of each log; empty: their profile is known."""
     at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
     return [at[name_in_log(SUPERELEVATION, i)] for i in range(result.problem.leans)]
 
 
 def collect_latencies(result: CalibrationResult) -> dict[str, float]:
-    """s behind the gyro, by channel."""
+    """Return the latency behind the gyro [s] by channel."""
     return {LATENCIES[f.name]: f.value for f in result.findings if f.name in LATENCIES}
 
 
 def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
-    """Return how well the car is known now, as settings (src/tables/uncertainty.toml); what logs cannot show stays as it was."""
+    """Return the sds of the calibrated car, as settings of src/tables/uncertainty.toml.
+
+    What logs cannot show stays as it was.
+    """
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
 
@@ -68,12 +72,13 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
         return float(np.sqrt(w @ cov @ w))
 
     found = {key: result.vehicle.values.get(key, sd) for key, sd in get_unknown_car().items()}
+    own_sd = found["model_sd"] if result.own else 0.0
     found |= {
-        "model_sd": max(
-            found["model_sd"] if result.own else 0.0,
-            estimate_model_sd(result.problem, result.fit.level, found["model_sd"]),
-        ),
-        **{key: sd((name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else [])) for key, name in UNCERTAIN_SETTINGS.items()},
+        "model_sd": max(own_sd, estimate_model_sd(result.problem, result.fit.level, found["model_sd"])),
+        **{
+            key: sd((name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else []))
+            for key, name in UNCERTAIN_SETTINGS.items()
+        },
         "yaw_inertia_sd": sd(("yaw_inertia", 1.0 / at["yaw_inertia"])),
         "wheel_radius_sd": sd(
             *((f"wheel_radius_{a}", k / at[f"wheel_radius_{a}"]) for a, k in (("rear", 1.0), ("front", -1.0)))
@@ -87,20 +92,20 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
 
 
 def place_formula(path: Path) -> Path:
-    """Where the formula of the calibrated vehicle file goes: its own copy, for what was found holds with this formula only, and
-    [formula] names a file beside the vehicle's."""
+    """Return the path of the formula of a calibrated vehicle file.
+
+    It is a copy beside the vehicle file: the result holds with this formula only, and
+    [formula] names a file in the same folder.
+    """
     return path.with_suffix(".formula.toml")
 
 
 def format_calibrated(result: CalibrationResult, logs: list[str], formula: Path) -> str:
-    """The calibrated vehicle file. `formula`: where its formula is, if it has one."""
-    vehicle, found = (
-        result.vehicle,
-        collect_settings(result) | {f"{c}{LATENCY_SUFFIX}": v for c, v in collect_latencies(result).items()},
-    )
-    title = [
-        f"# {vehicle.path.name if vehicle.path else 'the built-in car'}, calibrated by tselab {__version__} from {', '.join(logs)}"
-    ]
+    """Return the calibrated vehicle file as text. `formula`: path of its formula."""
+    vehicle, found = result.vehicle, collect_settings(result)
+    found |= {f"{c}{LATENCY_SUFFIX}": v for c, v in collect_latencies(result).items()}
+    name = vehicle.path.name if vehicle.path else "the built-in car"
+    title = [f"# {name}, calibrated by tselab {__version__} from {', '.join(logs)}"]
     if not result.fit.converged:
         title.append("# NOT CONVERGED: the numbers are where the search stood.")
     everything = result.config.as_dict() | found
@@ -110,13 +115,15 @@ def format_calibrated(result: CalibrationResult, logs: list[str], formula: Path)
         | _collect_velocity(result)
         | {k: v for k, v in vehicle.values.items() if k in list_sensor_settings()}
     )
-    bands = {f.name: _format_band(f) for f in result.findings} | describe_wheel_latencies(result.problem, result.fit)
+    bands = {f.name: _format_band(f) for f in result.findings} | describe_wheel_latencies(
+        result.problem, result.fit
+    )
     start = format_calibration_table(*_collect_start(result, everything), result.own, everything)
     return vehicle_toml(title, vehicle, written, collect_uncertainty(result), start, bands, {}, formula)
 
 
 def _collect_velocity(result: CalibrationResult) -> dict[str, float]:
-    """Return place, latency and heading of what measures the velocity, with their sd, where a log has it."""
+    """Return place, latency and heading of the velocity sensor with their sds, if any."""
     found = {f.name: f for f in result.findings if f.name in VELOCITY_SD}
     fields = result.config.fields
     sds: dict[str, float] = {}
@@ -127,9 +134,14 @@ def _collect_velocity(result: CalibrationResult) -> dict[str, float]:
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in values.items()}
 
 
-def _collect_start(result: CalibrationResult, written: Mapping[str, float]) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names, means and covariance of the unknowns of the car over the stiffness of the file that is written: fitted they were over
-    that of the file that was read."""
+def _collect_start(
+    result: CalibrationResult, written: Mapping[str, float]
+) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Return names, means and covariance of the unknowns, for the next calibration.
+
+    Means are relative to the stiffness of the written file; those of the fit are relative
+    to the file that was read.
+    """
     of_velocity = {u.name for u in OF_VELOCITY}
     own = [k for k, name in enumerate(result.problem.prior.names) if name not in of_velocity]
     names = [result.problem.prior.names[k] for k in own]
@@ -137,21 +149,19 @@ def _collect_start(result: CalibrationResult, written: Mapping[str, float]) -> t
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
-        rear = names.index("longitudinal_stiffness_rear")  # which follows the front one
+        rear = names.index("longitudinal_stiffness_rear")  # relative to the front one
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)
 
 
 def _format_band(f: NumberFinding) -> str:
-    return (
-        f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
-        if f.shown
-        else ", not shown by these logs"
-    )
+    if not f.shown:
+        return ", not shown by these logs"
+    return f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
 
 
 def write(path: Path, result: CalibrationResult, logs: list[str]) -> Path:
-    """The vehicle file, and beside it its formula and all numbers as JSON."""
+    """Write the vehicle file, its formula and the JSON; return the path of the JSON."""
     formula = place_formula(path)
     if result.vehicle.formula is not None:
         write_formula(formula, result.vehicle.formula)
@@ -165,7 +175,7 @@ def write(path: Path, result: CalibrationResult, logs: list[str]) -> Path:
 
 
 def to_json(result: CalibrationResult) -> dict[str, Any]:
-    """All that was found."""
+    """Return all results as a dictionary."""
     return {
         "converged": result.fit.converged,
         "steps": result.fit.steps,

@@ -1,4 +1,5 @@
-"""From logs to a calibrated car: read, prepare, fit, prove on logs that were not fitted."""
+"""Calibrate a car: read and prepare logs, fit, and prove the result on logs that were not
+fitted."""
 
 from __future__ import annotations
 
@@ -8,16 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.calibration.result import ProofChannel, Proof, CalibrationResult, list_findings, group_findings, list_stated
+from tse.calibration.result import (
+    CalibrationResult,
+    Proof,
+    ProofChannel,
+    group_findings,
+    list_findings,
+    list_stated,
+)
 from tse.car.vehicle import SHAPE, Vehicle, fill_sensors, get_ordinary_car, read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.identify import advice
-from tse.identify.data import PreparedLog, average_blocks, prepare, add_missing_channels
+from tse.identify.data import PreparedLog, add_missing_channels, average_blocks, prepare
 from tse.identify.fit import CarFit, fit
 from tse.identify.laps import find_laps
 from tse.identify.problem import LEAN, SPEED_TIME, CarProblem, make_known_car
-from tse.identify.slip import describe_slip, apply_slip_regression
-from tse.identify.unknowns import MEASURED, SUPERELEVATION, VELOCITY, name_in_log, make_prior
+from tse.identify.slip import apply_slip_regression, describe_slip
+from tse.identify.unknowns import MEASURED, SUPERELEVATION, VELOCITY, make_prior, name_in_log
 from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.noise import MOVING, noise_of
@@ -26,11 +34,10 @@ from tse.roads.road import Road
 from tse.roads.road_match import add_road
 
 Say = Callable[[str], None]
-MIN_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
-MAX_GYRO_WALK = (
-    0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
-)
-MIN_STEPS = 10  # between values, to speak of quantisation
+MIN_LAG_SD = 0.003  # s: relaxation and lags of the model leave this uncertainty
+# rad/s/sqrt(s): no gyro drifts faster; a larger walk comes from a model that misses turns
+MAX_GYRO_WALK = 0.001
+MIN_STEPS = 10  # differences between values: with fewer, no quantisation is found
 
 
 def run(
@@ -43,8 +50,25 @@ def run(
     reading: Reading | None = None,
     road: Road | None = None,
 ) -> CalibrationResult:
-    """Calibrate, and prove it on the logs. `most`: steps of the search; `road`: that all
-    logs are on, if it is known."""
+    """Calibrate a car and prove the result on the logs.
+
+    Parameters
+    ----------
+    logs, held_out
+        Files that are fitted, and files that only prove the result.
+    vehicle_path
+        Vehicle file.
+    jobs
+        Number of threads.
+    say
+        Called with the progress, a text.
+    most
+        Maximum number of steps of the search.
+    reading
+        Options of reading.
+    road
+        Known road of all logs.
+    """
     vehicle = read_vehicle(vehicle_path)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
@@ -55,15 +79,14 @@ def run(
     say("proof")
     proofs = _prove_fitted(problem, result)
     if held_out:
-        held = _prepare(
-            place_on_known(road, read_agreeing(held_out, notes, reading), vehicle), problem.config, notes, say
-        )
+        others = place_on_known(road, read_agreeing(held_out, notes, reading), vehicle)
+        held = _prepare(others, problem.config, notes, say)
         proofs += _prove_held_out(problem, result, [log for log in held if log is not None])
     return _make_result(vehicle, problem, result, read, proofs, notes)
 
 
 def place_on_known(road: Road | None, logs: Sequence[Log], vehicle: Vehicle) -> list[Log]:
-    """Return logs with the bank and grade of a road. UserError: one is on another."""
+    """Add bank and grade of a road. UserError: a log is on another road."""
     if road is None:
         return list(logs)
     config = Config.exact(vehicle.values)
@@ -77,8 +100,13 @@ def calibrate_logs(
     least: float = 0.0,
     notes: Sequence[str] = (),
 ) -> CalibrationResult:
-    """Calibrate on logs that are read and agree, without proof. UserError: they cannot be compared with a simulation for `least`
-    seconds."""
+    """Calibrate on logs that are read and agree, without proof.
+
+    Raises
+    ------
+    UserError
+        Less than `least` seconds can be compared with a simulation.
+    """
     notes = list(notes)
     problem = _make_problem(logs, vehicle, 1, notes, say)
     if (seconds := sum(log.seconds for log in problem.logs)) < least:
@@ -88,7 +116,7 @@ def calibrate_logs(
 
 
 def _make_problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say) -> CarProblem:
-    """Return what is fitted."""
+    """Prepare the logs and build the problem that is fitted."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
     config = Config.exact(vehicle.values)
@@ -101,7 +129,9 @@ def _make_problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[
     velocity = any(c in log.measured for log in ready if log is not None for c in VELOCITY)
     usable = [(one, log) for one, log in zip(ready, logs, strict=True) if one is not None and one.stretches]
     knots = find_laps([log for _, log in usable], config).lay_knots()
-    problem = CarProblem([one for one, _ in usable], config, make_prior(vehicle, config, velocity), jobs, knots)
+    problem = CarProblem(
+        [one for one, _ in usable], config, make_prior(vehicle, config, velocity), jobs, knots
+    )
     if not problem.groups:
         raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
     return problem
@@ -115,32 +145,27 @@ def _make_result(
     proofs: list[Proof],
     notes: list[str],
 ) -> CalibrationResult:
+    """Collect the result of a fit, with its findings, sensors and advice."""
     if vehicle.formula is not None:
         notes.append(
             f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept"
         )
     notes += describe_slip(problem, result)
     rows = list_findings(problem, result, list_stated(problem.config))
-    steps = {c: max(find_quantisation(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
+    steps = {
+        c: max(find_quantisation(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)
+    }
     sensors = _collect_sensors(problem, result, logs)
     found = CalibrationResult(
-        vehicle,
-        problem.config,
-        problem,
-        result,
-        rows,
-        group_findings(problem, result, rows),
-        proofs,
-        sensors,
-        steps,
-        notes,
-    )
+        vehicle, problem.config, problem, result, rows, group_findings(problem, result, rows), proofs,
+        sensors, steps, notes,
+    )  # fmt: skip
     found.offers = advice.list_offers(problem, result, vehicle)
     return found
 
 
 def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) -> list[PreparedLog | None]:
-    """Return each log ready to be simulated; None: it cannot be."""
+    """Prepare each log for the simulation; None: it cannot be compared with one."""
     ready: list[PreparedLog | None] = []
     for log in logs:
         say(f"smoothing {log.path.name}")
@@ -158,14 +183,14 @@ def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) ->
 
 
 def _prove_fitted(problem: CarProblem, result: CarFit) -> list[Proof]:
-    """Return each fitted log with the car and the road that were found."""
-    before, after = _measure_residuals(*_make_filed(problem)), _measure_residuals(problem, problem.to_search(result.x), result.z)
+    """Return the misfit of each fitted log, before and after."""
+    before = _measure_residuals(*_make_filed(problem))
+    after = _measure_residuals(problem, problem.to_search(result.x), result.z)
     return [_make_proof(problem, i, False, before, after) for i in range(len(problem.logs))]
 
 
 def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[PreparedLog]) -> list[Proof]:
-    """Return each log that was not fitted: of it only biases are, and how far its road
-    leans into its curves."""
+    """Return the misfit of each held-out log; only biases and lean are fitted."""
     car = make_known_car(problem, problem.to_search(result.x))
     other = CarProblem(logs, car, problem.prior.select(()), problem.jobs, road=False)
     filed = CarProblem(logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
@@ -174,7 +199,7 @@ def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[Prepared
 
 
 def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
-    """Return the car of the vehicle file, on roads as it says, and what is then unknown."""
+    """Return the problem of the car and lean of the file, and its unknowns."""
     filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
     for i in range(filed.leans):
@@ -182,19 +207,25 @@ def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
     return filed, x
 
 
-def _measure_residuals(problem: CarProblem, x: np.ndarray, z: np.ndarray | None = None) -> dict[tuple[int, str], float]:
-    """Return the rms of measured less simulated by log and channel, about its mean."""
+def _measure_residuals(
+    problem: CarProblem, x: np.ndarray, z: np.ndarray | None = None
+) -> dict[tuple[int, str], float]:
+    """Return the rms of measured less simulated about its mean, by log and channel."""
     z = np.zeros(problem.knots) if z is None else z
-    return {g: float(np.std(e)) for g, e in zip(problem.groups, problem.compute_sensed_residuals(x, z), strict=True)}
+    sensed = problem.compute_sensed_residuals(x, z)
+    return {g: float(np.std(e)) for g, e in zip(problem.groups, sensed, strict=True)}
 
 
 def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after: dict) -> Proof:
+    """Return the misfit of log i, with rms before and after by log and channel."""
     log = problem.logs[i]
     channels = {}
     for g, (k, c) in enumerate(problem.groups):
         if k == i:
-            per_block = log.noise[c] / float(np.sqrt(max(np.median(average_blocks(log, log.measured[c])[1]), 1)))
-            channels[c] = ProofChannel(float(np.std(problem.get_measured(g))), before[i, c], after[i, c], per_block)
+            count = max(np.median(average_blocks(log, log.measured[c])[1]), 1)
+            per_block = log.noise[c] / float(np.sqrt(count))
+            signal = float(np.std(problem.get_measured(g)))
+            channels[c] = ProofChannel(signal, before[i, c], after[i, c], per_block)
     return Proof(log.path.name, held_out, channels)
 
 
@@ -202,14 +233,17 @@ def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after
 
 
 def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Log]) -> dict[str, float]:
-    """Return noise of the channels as settings say it: white noise of a row (row_noise), and
-    by how much what is left on level roads walks."""
+    """Return the settings of the sensors: white noise of a row, walk of the residuals,
+    lags.
+
+    The walk is that of the residuals on level roads.
+    """
     found = measure_row_noise(logs, problem.config)
     for c, left in problem.measure_lasting(result.level).items():
         walk = left.walk / (SPEED_TIME if c == "accel_x" else 1.0)  # of accel_x a speed is compared
         found[f"{c}_bias_walk"] = min(walk, MAX_GYRO_WALK) if c == "yaw_rate" else walk
     found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
-    # how late the steering acts in all: what the filter need not find out by itself
+    # sd of the total lag of the steering, for the filter's prior
     lag = np.zeros(len(problem.names))
     for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
         lag[problem.names.index(name)] = sign
@@ -219,8 +253,7 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Log]) -
 
 
 def measure_row_noise(logs: Sequence[Log], config: Config) -> dict[str, float]:
-    """Return the settings of the white noise of a row, of the log with most of it, by second
-    differences (noise.py)."""
+    """Return the white noise of a row as settings, the largest of all logs."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):
@@ -233,8 +266,10 @@ def measure_row_noise(logs: Sequence[Log], config: Config) -> dict[str, float]:
 
 
 def find_quantisation(x: np.ndarray) -> float:
-    """The step in which a channel is quantised: the least difference between values, if all others are whole multiples of it;
-    0: none that shows."""
+    """Return the step in which a channel is quantised; 0: none.
+
+    It is the smallest difference between values, if all differences are whole multiples.
+    """
     apart = np.diff(np.unique(x[np.isfinite(x)]))
     if len(apart) < MIN_STEPS or not (least := float(apart.min())) > 0:
         return 0.0

@@ -1,8 +1,10 @@
-"""Logs as calibration and gap workflow need them: inputs smoothed, stretches to simulate, blocks to compare, sensor noise.
+"""Prepare logs for calibration and gap: smoothed inputs, stretches, blocks, sensor noise.
 
-Why smoothed: the model is driven by the logged steering angle and wheel speeds, and their noise, differentiated by the
-tyres, would pass for a longitudinal relaxation. A smoothing spline is the fixed-interval (RTS) smoother of a signal whose
-slope is a random walk; its smoothness is found by cross-validation, every second row from the others.
+The logged steering angle and wheel speeds drive the model. Without smoothing, the tyre
+model differentiates their noise, and a fit would take that noise for a longitudinal
+relaxation. A smoothing spline is the fixed-interval (RTS) smoother of a signal whose
+slope is a random walk. Cross-validation sets its penalty: each second row is predicted
+from the others.
 """
 
 from __future__ import annotations
@@ -24,28 +26,30 @@ from tse.log.noise import channel_noise, filled, fresh, noise_of
 from tse.log.rows import DRIVES, MEASURES, Log
 
 COMPARED_CHANNELS = MEASURES
-MIN_FIT_SPEED = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
-DIVERGED = 1e4  # rad/s, m/s, m/s2: of a simulation that leaves all numbers
-MAX_FIT_STEER = 0.6  # rad: of road-wheel angle: beyond it the model is another one
-BLOCK_TIME = 0.04  # s: residuals are averaged over so long
-BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
-MIN_STRETCH_TIME = 3.0  # s: shorter stretches say less than their start costs
-MAX_HOLE = 0.1  # s: holes in an input up to this are bridged
-CURVE_LENGTH = 12.0  # m: sd of the smoothing: over which a road goes from level to leaning into its curve
+MIN_FIT_SPEED = 3.0  # m/s: below, the tyre model does not hold and wheel speeds are coarse
+DIVERGED = 1e4  # rad/s, m/s, m/s2: value of the channels of a simulation that diverges
+MAX_FIT_STEER = 0.6  # rad at the wheels: beyond, the model does not hold
+BLOCK_TIME = 0.04  # s, length of a block: residuals are compared as means over blocks
+BURN_IN = 1.0  # s, start of a stretch that is not compared: its initial state is unknown
+MIN_STRETCH_TIME = 3.0  # s: a shorter stretch shows less than its burn-in costs
+MAX_HOLE = 0.1  # s: longer holes in an input end a stretch
+# m, sd of the smoothing of curvatures: length of the transition from a level road to one
+# that leans into its curve
+CURVE_LENGTH = 12.0
 
 
 @dataclass
 class FitStretch:
-    """Rows of one log without a hole, a stop or an extreme; `used`: compared, not only simulated."""
+    """Rows of one log without a hole, a stop or an extreme steering angle."""
 
     first: int
     last: int  # exclusive
-    used: np.ndarray  # of the rows first .. last
+    used: np.ndarray  # bool, of the rows first .. last: compared; the others are only simulated
 
 
 @dataclass
 class PreparedLog:
-    """One log, ready to be simulated. Arrays have one entry per row."""
+    """One log, ready to be simulated. Arrays have one entry a row."""
 
     path: Path
     time: np.ndarray
@@ -56,19 +60,14 @@ class PreparedLog:
     rows_per_block: int
     distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
-    quiet: dict[str, float] = field(
-        default_factory=dict
-    )  # sd that was found over that sd, where a floor raised it
-    held: dict[str, float] = field(
-        default_factory=dict
-    )  # s since the value of a row was new, mean, where a slow signal is held
-    wheel_noise: float = 0.0  # rad/s, rms of what smoothing took from the wheel speeds
-    late: dict[str, float] = field(
-        default_factory=dict
-    )  # s behind the gyro, of what is measured; inputs are in time
-    road: dict[str, np.ndarray] = field(
-        default_factory=dict
-    )  # rad: bank and grade of each row, where they are known
+    # ratio of the measured sd of the noise to the sd used, of channels where a floor
+    # raised it
+    quiet: dict[str, float] = field(default_factory=dict)
+    held: dict[str, float] = field(default_factory=dict)  # s, mean age of the values of a held channel
+    wheel_noise: float = 0.0  # rad/s, rms of what smoothing removed from the wheel speeds
+    # s, latency of measured channels behind the gyro; the inputs are corrected already
+    late: dict[str, float] = field(default_factory=dict)
+    road: dict[str, np.ndarray] = field(default_factory=dict)  # rad, known bank and grade of each row
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -81,24 +80,26 @@ class PreparedLog:
 
     @property
     def step(self) -> float:
-        """s, of a row."""
+        """Time between rows, s."""
         return float(np.median(np.diff(self.time)))
 
     @property
     def seconds(self) -> float:
-        """Time that is compared."""
+        """Time that is compared, s."""
         return self.step * sum(int(s.used.sum()) for s in self.stretches)
 
     def read_later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
-        """An input as it was read `by` later, s: what it was when its row says, if it is logged so late."""
+        """Return an input as it was logged `by` [s] later: this undoes a latency."""
         spline = self._splines.get(name)
         if spline is None:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
         return spline(np.clip(self.time[rows] + by, self.time[0], self.time[-1]))
 
     def delay(self, x: np.ndarray, by: float) -> np.ndarray:
-        """What is simulated, a value per row, as a channel has it that is `by` [s] late;
-        NaN between stretches."""
+        """Return a simulated signal, one value a row, with a latency [s] added.
+
+        NaN between stretches.
+        """
         if not by:
             return x
         out = np.full(len(x), np.nan)
@@ -109,7 +110,14 @@ class PreparedLog:
 
 
 def prepare(log: Log, config: Config) -> PreparedLog:
-    """Smooth the inputs, find the stretches, measure the noise."""
+    """Smooth the inputs of a log, find its stretches and measure the noise of its
+    channels.
+
+    Raises
+    ------
+    UserError
+        Rows come less often than every 0.1 s.
+    """
     if log.sample_time is None or log.sample_time > 0.1:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
@@ -140,14 +148,15 @@ def prepare(log: Log, config: Config) -> PreparedLog:
         measured[name] = np.where(fresh(x), x, np.nan)
         noise[name] = _estimate_noise(measured[name])
     absent = [name for name in MEASURES if name not in measured]
-    notes = (
-        [f"{log.path.name}: without {', '.join(absent)}: what only that shows is not asked of it"]
-        if absent
-        else []
-    )
+    notes = []
+    if absent:
+        notes.append(
+            f"{log.path.name}: has no {', '.join(absent)}: unknowns that only they show keep their prior"
+        )
     if not stretches:
         notes.append(
-            f"{log.path.name}: nowhere {MIN_STRETCH_TIME:g} s in one piece above {MIN_FIT_SPEED:g} m/s and below {MAX_FIT_STEER:g} rad of steering"
+            f"{log.path.name}: no stretch of {MIN_STRETCH_TIME:g} s above {MIN_FIT_SPEED:g} m/s and below "
+            f"{MAX_FIT_STEER:g} rad of steering"
         )
     held = {
         name: age
@@ -162,43 +171,35 @@ def prepare(log: Log, config: Config) -> PreparedLog:
     wheel_noise = max((float(np.sqrt(np.nanmean(x**2))) for x in off), default=0.0)
     road = {n: np.nan_to_num(log.extra[n].to_numpy(float)) for n in ("bank", "grade") if n in log.extra}
     return PreparedLog(
-        log.path,
-        log.time,
-        inputs,
-        measured,
-        noise,
-        stretches,
-        per_block,
-        distance,
-        notes,
-        quiet,
-        held,
-        wheel_noise,
-        road=road,
-    )
+        log.path, log.time, inputs, measured, noise, stretches, per_block, distance,
+        notes, quiet, held, wheel_noise, road=road,
+    )  # fmt: skip
 
 
 def add_missing_channels(log: PreparedLog) -> PreparedLog:
-    """Return the log with a column of NaN for a sensor that it does not have."""
+    """Return the log with a column of NaN for each sensor that it lacks."""
     nothing = np.full(len(log.time), np.nan)
     return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURES, *log.measured)})
 
 
 def compute_speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
-    """m/s by the wheels, of each row."""
+    """Return the speed of each row by the wheels, m/s."""
     return 0.5 * sum(
         getattr(config, f"wheel_radius_{a}") * inputs[f"wheel_speed_{a}"] for a in ("front", "rear")
     )
 
 
 def prepare_all(logs: Sequence[Log], config: Config) -> list[PreparedLog]:
-    """Every log, with the latencies of the vehicle file taken out."""
+    """Prepare every log and remove the latencies of the vehicle file."""
     return [remove_latencies(prepare(log, config), config) for log in logs]
 
 
 def remove_latencies(log: PreparedLog, config: Config) -> PreparedLog:
-    """The log as the latencies of the vehicle file say: inputs are read as much later as they are late; what is measured stays, and
-    is compared with what was simulated as much earlier."""
+    """Return the log without the latencies of the vehicle file.
+
+    Inputs are read later by their latency. Measured channels keep their rows: simulate()
+    delays the simulated channel by their latency instead.
+    """
     late = {c: by for c in (*DRIVES, *MEASURES) if (by := getattr(config, f"{c}_latency", 0.0))}
     if not late:
         return log
@@ -211,8 +212,11 @@ def remove_latencies(log: PreparedLog, config: Config) -> PreparedLog:
 
 
 def _smooth_channel(log: Log, name: str, x: np.ndarray) -> np.ndarray:
-    """A channel on the rows of a log. Of one that was interpolated its own entries are smoothed: rows between them are what their
-    neighbours say, and a cross-validation over rows would find that nothing is noise."""
+    """Smooth a channel at the rows of a log.
+
+    Of an interpolated channel, the entries as logged are smoothed: the rows between them
+    follow from their neighbours, so cross-validation over rows would find no noise.
+    """
     if name not in log.slower:
         return smooth_values(log.time, x)
     own = log.slower[name]
@@ -221,13 +225,13 @@ def _smooth_channel(log: Log, name: str, x: np.ndarray) -> np.ndarray:
 
 
 def smooth_values(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The smoothing spline through the values that are there; through all of them, if they have no noise."""
+    """Evaluate the smoothing spline at each row; without noise, interpolate."""
     spline = fit_smoothing_spline(time, x)
     return filled(x) if spline is None else spline(time)
 
 
 def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
-    """The smoothing spline through the values that are there; None: they are too few, or have no noise."""
+    """Fit the smoothing spline to the finite values; None: too few, or without noise."""
     good = np.isfinite(x) & fresh(x)
     y = x[good]
     if len(y) < 8 or np.std(np.diff(y, 3)) <= 1e-9 * max(1.0, float(np.max(np.abs(y)))):
@@ -236,7 +240,7 @@ def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
 
 
 def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
-    """s since a value was new, mean over the rows that have one."""
+    """Return the mean age of a held channel, s: time since its value last changed."""
     there = np.isfinite(x)
     if not there.any():
         return 0.0
@@ -245,23 +249,28 @@ def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
 
 
 def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
-    """Penalty on the square of the second derivative that predicts every second row best from the others. The ratio of noise
-    to signal that it stands for does not depend on how many rows there are."""
+    """Return the penalty of the spline that predicts each second row best from the
+    others.
 
-    def error(exponent: float) -> float:
+    The penalty stands for a ratio of noise to signal that does not depend on the number
+    of rows.
+    """
+
+    def compute_error(exponent: float) -> float:
         spline = solve_smoothing_spline(time[::2], y[::2], 10.0**exponent)
         return float(np.mean((spline(time[1::2]) - y[1::2]) ** 2))
 
     step = float(np.median(np.diff(time)))
-    around = np.log10(step**3)  # a penalty of step^3 smooths over about a row
+    around = np.log10(step**3)  # a penalty of step^3 smooths over about one row
     coarse = [around + k for k in np.arange(-3.0, 9.0, 1.5)]
-    best = coarse[int(np.argmin([error(x) for x in coarse]))]
-    found = minimize_scalar(error, bounds=(best - 1.5, best + 1.5), method="bounded", options={"xatol": 0.15})
+    best = coarse[int(np.argmin([compute_error(x) for x in coarse]))]
+    bounds = best - 1.5, best + 1.5
+    found = minimize_scalar(compute_error, bounds=bounds, method="bounded", options={"xatol": 0.15})
     return 10.0 ** float(found.x)
 
 
 def average_blocks(log: PreparedLog, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means of the blocks that are compared, and how many values each has."""
+    """Return the means of the compared blocks, and the number of values in each."""
     parts = []
     for s in log.stretches:
         piece = x[s.first : s.last][s.used]
@@ -275,7 +284,7 @@ def average_blocks(log: PreparedLog, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _find_holes(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Rows further than half of LONGEST_HOLE from a value that is there."""
+    """Return True for rows further than half of MAX_HOLE from a finite value."""
     good = np.isfinite(x)
     there = time[good]
     after = np.searchsorted(there, time)
@@ -285,11 +294,15 @@ def _find_holes(time: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _estimate_noise(x: np.ndarray) -> float:
+    """Return the sd of the white noise of a channel, by its second differences."""
     good = x[np.isfinite(x)]
-    return 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6) if len(good) >= 8 else 1e-6
+    if len(good) < 8:
+        return 1e-6
+    return 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6)
 
 
 def _find_stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[FitStretch]:
+    """Return the runs of good rows of at least MIN_STRETCH_TIME, in whole blocks."""
     broken = np.append(True, ~good[1:] | ~good[:-1] | (np.diff(time) > MAX_HOLE)) | ~good
     starts = np.flatnonzero(broken & good)
     stretches = []
@@ -307,10 +320,23 @@ def _find_stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[
 
 
 def solve_smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> CubicSpline:
-    """The f with the least sum of (y - f(time))^2 + penalty x integral of f''^2 (Reinsch 1967; Green & Silverman 1994, 2.3).
+    """Return the f that minimises sum (y - f(time))^2 + penalty * integral of f''^2.
 
-    `time`: increasing, at least 3; `penalty`: unit of time cubed, at least 0. As scipy.interpolate.make_smoothing_spline, in a
-    thirtieth of its time: that one walks through the rows in Python, which of half an hour of log is a minute."""
+    Parameters
+    ----------
+    time
+        (n,) increasing, n >= 3.
+    y
+        (n,) values.
+    penalty
+        Unit of time cubed, >= 0.
+
+    Notes
+    -----
+    Reinsch 1967; Green & Silverman 1994, 2.3. The same as
+    scipy.interpolate.make_smoothing_spline() in a thirtieth of its time, since that one
+    loops over the rows in Python: a minute for half an hour of log.
+    """
     h = np.diff(time)
     before, here, after = 1 / h[:-1], -1 / h[:-1] - 1 / h[1:], 1 / h[1:]  # rows of the second difference
     bands = np.zeros((3, len(h) - 1))
@@ -325,7 +351,7 @@ def solve_smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> C
     return CubicSpline(time, smooth, bc_type="natural")
 
 
-# ---- the model on one log: smoothed inputs in, what the sensors should read out; every stretch from a start of its own
+# ---- the model on one log: every stretch is simulated from its own initial state
 
 
 def simulate(
@@ -336,9 +362,27 @@ def simulate(
     profiles: dict[str, np.ndarray],
     later: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Predicted channels, one value per row, as late as the log has them; NaN between stretches. Biases are not in it.
+    """Simulate the channels of a log with their latencies, without biases.
 
-    `later`: s, by channel: how much later it is than the vehicle file says."""
+    Parameters
+    ----------
+    config
+        Settings of the car.
+    log
+        Drives the model with its inputs.
+    channels
+        Outputs of the model.
+    stiffness
+        Initial stiffness over that of `config`, by name.
+    profiles
+        Bank and grade of each row, rad; those of the log are added.
+    later
+        Latency [s] by channel, added to that of the vehicle file.
+
+    Returns
+    -------
+    One value a row and channel; NaN between stretches, DIVERGED in one that diverges.
+    """
     later = later or {}
     road = {n: profiles.get(n, 0.0) + log.road.get(n, 0.0) for n in {**profiles, **log.road}}
     out = {c: np.full(len(log.time), np.nan) for c in channels}
@@ -355,7 +399,7 @@ def simulate(
         }
         try:
             found = replay.run(config, **start, **stiffness)
-        except UserError:  # no number any more: a car that a search must leave again
+        except UserError:  # the simulation diverged: a search leaves such a car again
             found = {c: np.full(len(dt), DIVERGED) for c in channels}
         for c, x in found.items():
             late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
@@ -363,12 +407,15 @@ def simulate(
     return out
 
 
-# ---- what is made of a log before calibration compares it with a simulation
+# ---- preparation of a log for the comparison
 
 
 def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
-    """m/s2, square of the speed times the curvature of the road: what its lean into its curves goes by. The curvature is that of
-    the car's path without what is shorter than roads are built in."""
+    """Return the square of the speed times the curvature of the road, m/s2, of each row.
+
+    The lean of a road into its curves is proportional to it. The curvature is that of the
+    car's path, smoothed over CURVE_LENGTH.
+    """
     rate, v = log.measured["yaw_rate"], np.maximum(compute_speed(log.inputs, config), MIN_FIT_SPEED)
     if not np.isfinite(rate).any():
         return np.zeros(len(rate))
@@ -378,7 +425,10 @@ def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
 
 
 def mark_inside(log: PreparedLog) -> np.ndarray:
-    """1 for rows whose channels are in the same stretch whatever their latency; at its start BURN_IN sees to that."""
+    """Return 1 for rows that stay in their stretch under every latency up to MAX_LATENCY.
+
+    Only the end of a stretch needs it. Its start is in BURN_IN.
+    """
     found = np.zeros(len(log.time))
     for s in log.stretches:
         found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MAX_LATENCY
@@ -386,7 +436,14 @@ def mark_inside(log: PreparedLog) -> np.ndarray:
 
 
 def group_blocks(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
-    """Used blocks that are compared as one: their indices, a row each of `count` without a hole; what is left over is left out."""
+    """Group used blocks into runs of `count` neighbours; incomplete runs are dropped.
+
+    Returns
+    -------
+    Indices of the blocks, a row for each group.
+    """
     index = np.flatnonzero(used)
-    runs = np.split(index, np.flatnonzero((np.diff(index) > 1) | (np.diff(time[index]) > 1.5 * BLOCK_TIME)) + 1)
+    runs = np.split(
+        index, np.flatnonzero((np.diff(index) > 1) | (np.diff(time[index]) > 1.5 * BLOCK_TIME)) + 1
+    )
     return np.concatenate([r[: len(r) // count * count].reshape(-1, count) for r in runs])

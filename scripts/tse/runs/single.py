@@ -140,7 +140,7 @@ def assemble(
                     raise
                 found = keep_class(STOPPED)
         made = assemble(
-            found.vehicle(stated),
+            found.apply_to(stated),
             level,
             config_path,
             None,
