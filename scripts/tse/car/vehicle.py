@@ -540,7 +540,8 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
 
 
 def is_set(config: Config, effect: Effect) -> bool:
-    """Return whether an effect differs from its default: exact kinematics on, others off."""
+    """Return whether an effect differs from its default: exact kinematics on, others
+    off."""
     return any(getattr(config, p.setting) != p.default for p in effect.strengths)
 
 
