@@ -33,7 +33,7 @@ def on_files(files: Files, config: Any) -> Files:
             File(path.relative_to(ROOT).as_posix(), str(ROOT), config.site_dir, use_directory_urls=False)
         )
         if path.suffix == ".md":
-            waiting += [target for target, _ in links.local(path)]
+            waiting += [target for target, _ in links.list_local_links(path)]
     return files
 
 

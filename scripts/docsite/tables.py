@@ -30,9 +30,9 @@ from tse.report import tables as texts
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
-TABLES = ROOT / "src" / "tables"
+TABLES_FOLDER = ROOT / "src" / "tables"
 C_TYPES = {"s": "tse_setting", "r": "tse_real", "i": "int32_t", "u": "uint32_t"}
-GROUPS = {  # tables of the settings, in the order of tse_config, and what a reader calls them
+SETTING_GROUPS = {  # tables of the settings, in the order of tse_config, and what a reader calls them
     "vehicle": "Vehicle",
     "uncertainty": "How uncertain the parameters of the car are",
     "sensors": "Sensors",
@@ -56,7 +56,7 @@ HOOKS = {  # of src/tables/effects.toml
 }
 
 
-def cell(text: object) -> str:
+def escape_cell(text: object) -> str:
     """Text that may stand in a table of Markdown."""
     return (
         str(text)
@@ -68,11 +68,11 @@ def cell(text: object) -> str:
     )
 
 
-def code(text: object) -> str:
+def format_code(text: object) -> str:
     return f"`{text}`"
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
+def format_table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
     """A table of Markdown; cells are escaped already. `right`: columns that are aligned so."""
     lines = [
         "| " + " | ".join(head) + " |",
@@ -82,48 +82,48 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, 
     return "\n".join(lines) + "\n"
 
 
-def number(x: float) -> str:
+def format_number(x: float) -> str:
     return "-" if math.isnan(x) else f"{x:.10g}"
 
 
-def _range(f: Field) -> str:
+def _format_range(f: Field) -> str:
     return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
 
 
 @functools.cache
-def group_of(setting: str) -> str:
+def find_group(setting: str) -> str:
     """The table that has this setting."""
     if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
         return "effects"
-    for name in GROUPS:
+    for name in SETTING_GROUPS:
         rows = sources.read(name)
         if setting in (rows["setting"] if name == "formula" else rows):
             return name
     raise ValueError(f"setting {setting} stands in no table of src/tables")
 
 
-def settings(fields: Iterable[Field]) -> str:
+def format_settings(fields: Iterable[Field]) -> str:
     rows = [
         [
-            f'<span id="{f.name}"></span>{code(f.name)}',
-            code(C_TYPES[f.kind]),
-            number(f.default),
-            _range(f),
-            cell(f.unit if not f.is_integer else "integer"),
-            cell(f.text),
+            f'<span id="{f.name}"></span>{format_code(f.name)}',
+            format_code(C_TYPES[f.kind]),
+            format_number(f.default),
+            _format_range(f),
+            escape_cell(f.unit if not f.is_integer else "integer"),
+            escape_cell(f.text),
         ]
         for f in fields
     ]
-    return table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+    return format_table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
 
 
 def config_page() -> str:
     """Every member of tse_config."""
     fields, text = library().fields(CONFIG), []
-    for name, title in GROUPS.items():
-        own = [f for f in fields if group_of(f.name) == name]
+    for name, title in SETTING_GROUPS.items():
+        own = [f for f in fields if find_group(f.name) == name]
         text.append(
-            f"## {title}\n\n`src/tables/{sources.file_of(name)}.toml`, {len(own)} settings.\n\n{settings(own)}"
+            f"## {title}\n\n`src/tables/{sources.file_of(name)}.toml`, {len(own)} settings.\n\n{format_settings(own)}"
         )
     return (
         f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units; `tse_config_default()` fills in the "
@@ -139,25 +139,25 @@ def config_page() -> str:
 
 
 def uncalibrated() -> str:
-    rows = read_toml(TABLES / "uncalibrated.toml")["setting"].items()
+    rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
-    return table(
+    return format_table(
         ["setting", "default", "exact", "why"],
-        [[code(n), f"{r['value']:g}", f"{getattr(exact, n):.9g}", cell(r["why"])] for n, r in rows],
+        [[format_code(n), f"{r['value']:g}", f"{getattr(exact, n):.9g}", escape_cell(r["why"])] for n, r in rows],
         right=(1, 2),
     )
 
 
 def input_fields() -> str:
     rows = []
-    channels = read_toml(TABLES / "input.toml")["channel"]
+    channels = read_toml(TABLES_FOLDER / "input.toml")["channel"]
     policies = {
         c["name"]: {"drives": "refused", "measured": "counts as missing"}[c["kind"]] for c in channels
     }
     optional = [f.name for f in library().optional]
     for f in library().fields(INPUT):
         policy = policies.get(f.name, "refused" if f.name == "dt" else "-")
-        unit, allowed, text = f.unit, _range(f), f.text
+        unit, allowed, text = f.unit, _format_range(f), f.text
         if f.name == "dt":
             unit, allowed = "s", "above 0 .. 3600"
             text = (
@@ -172,45 +172,45 @@ def input_fields() -> str:
                 text = f"{what}: " + ", ".join(f"{1 << i} {c.name}" for i, c in enumerate(those))
         if f.name in optional:
             policy = "not there"
-        rows.append([code(f.name), code(C_TYPES[f.kind]), allowed, cell(unit), policy, cell(text)])
-    return table(["member", "type", "range", "unit", "outside it", "meaning"], rows)
+        rows.append([format_code(f.name), format_code(C_TYPES[f.kind]), allowed, escape_cell(unit), policy, escape_cell(text)])
+    return format_table(["member", "type", "range", "unit", "outside it", "meaning"], rows)
 
 
-def output_members() -> dict[str, str]:
+def list_output_members() -> dict[str, str]:
     """Return the member of tse_output of each output."""
     return {
-        name: row.get("member", name) for name, row in read_toml(TABLES / "output.toml")["column"].items()
+        name: row.get("member", name) for name, row in read_toml(TABLES_FOLDER / "output.toml")["column"].items()
     }
 
 
 def output_fields() -> str:
-    members = output_members()
+    members = list_output_members()
     rows = []
     for f in library().fields(OUTPUT):
         unit = f.unit if not f.is_integer else "integer"
-        rows.append([code(members[f.name]), code(f.name), code(C_TYPES[f.kind]), cell(unit), cell(f.text)])
-    return table(["member of tse_output", "column, FMU output", "type", "unit", "meaning"], rows)
+        rows.append([format_code(members[f.name]), format_code(f.name), format_code(C_TYPES[f.kind]), escape_cell(unit), escape_cell(f.text)])
+    return format_table(["member of tse_output", "column, FMU output", "type", "unit", "meaning"], rows)
 
 
-def _codes(which: int) -> str:
-    rows = [[str(c), code(f.name), cell(f.text)] for c, f in sorted(library().codes(which).items())]
-    return table(["code", "name", "meaning"], rows, right=(0,))
+def _format_codes(which: int) -> str:
+    rows = [[str(c), format_code(f.name), escape_cell(f.text)] for c, f in sorted(library().codes(which).items())]
+    return format_table(["code", "name", "meaning"], rows, right=(0,))
 
 
 def status_codes() -> str:
-    return _codes(STATUS)
+    return _format_codes(STATUS)
 
 
 def reason_codes() -> str:
-    return _codes(REASON)
+    return _format_codes(REASON)
 
 
 def regimes() -> str:
-    return table(
+    return format_table(
         ["output", "in C", "meaning"],
         [
-            [code(f"p_{i.lower()}"), code(f"y.regime[TSE_REGIME_{i}]"), cell(t)]
-            for i, t in read_toml(TABLES / "output.toml")["regime"].items()
+            [format_code(f"p_{i.lower()}"), format_code(f"y.regime[TSE_REGIME_{i}]"), escape_cell(t)]
+            for i, t in read_toml(TABLES_FOLDER / "output.toml")["regime"].items()
         ],
     )
 
@@ -224,39 +224,39 @@ def simulator() -> str:
     ):
         rows = [
             [
-                code(f.name),
-                code(C_TYPES.get(f.kind, f.kind)),
-                number(f.default) if which != SIM_OUTPUT else "-",
-                _range(f),
-                cell(f.unit),
-                cell(f.text),
+                format_code(f.name),
+                format_code(C_TYPES.get(f.kind, f.kind)),
+                format_number(f.default) if which != SIM_OUTPUT else "-",
+                _format_range(f),
+                escape_cell(f.unit),
+                escape_cell(f.text),
             ]
             for f in library().fields(which)
         ]
         text.append(
             f"## {title}\n\n"
-            + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+            + format_table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
         )
     return "\n".join(text)
 
 
 def log_columns() -> str:
     rows = [
-        [code(name), cell(unit), allowed, cell(text)] for name, unit, allowed, text in texts.log_columns()
+        [format_code(name), escape_cell(unit), allowed, escape_cell(text)] for name, unit, allowed, text in texts.log_columns()
     ]
-    return table(["column", "unit", "range", "meaning"], rows)
+    return format_table(["column", "unit", "range", "meaning"], rows)
 
 
 def estimate_columns() -> str:
-    rows = [[code(name), cell(unit), cell(text)] for name, unit, text in texts.estimate_columns()]
-    rows.insert(0, [code("time"), "s", "as in the log"])
-    return table(["column", "unit", "meaning"], rows)
+    rows = [[format_code(name), escape_cell(unit), escape_cell(text)] for name, unit, text in texts.estimate_columns()]
+    rows.insert(0, [format_code("time"), "s", "as in the log"])
+    return format_table(["column", "unit", "meaning"], rows)
 
 
 def result_columns() -> str:
     from tse.report.results import COLUMNS
 
-    return table(["column", "type in pandas"], [[code(n), t] for n, t in COLUMNS.items()])
+    return format_table(["column", "type in pandas"], [[format_code(n), t] for n, t in COLUMNS.items()])
 
 
 def vehicle_example() -> str:
@@ -265,9 +265,9 @@ def vehicle_example() -> str:
 
 def formula_places() -> str:
     lib = library()
-    return table(
+    return format_table(
         ["place", "unit", "where"],
-        [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()],
+        [[format_code(p.name), escape_cell(p.unit), escape_cell(p.text)] for p in lib.formula_places.values()],
     )
 
 
@@ -279,31 +279,31 @@ def formula_operations() -> str:
         "MEMORY": "function with memory",
     }
     rows = [
-        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)]
+        [format_code(o.name), kinds.get(o.kind, o.kind), str(o.takes), escape_cell(o.unit), escape_cell(o.text)]
         for o in library().formula_ops.values()
     ]
-    return table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
+    return format_table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
 
 
 def constants() -> str:
     """src/tables/constants.toml by its sections."""
     text = []
-    for section, own in read_toml(TABLES / "constants.toml").items():
+    for section, own in read_toml(TABLES_FOLDER / "constants.toml").items():
         rows = [
-            [code(n), f"{Decimal(repr(r['value'])):f}", *(cell(r[k]) for k in ("unit", "why", "test"))]
+            [format_code(n), f"{Decimal(repr(r['value'])):f}", *(escape_cell(r[k]) for k in ("unit", "why", "test"))]
             for n, r in own.items()
         ]
         text.append(f"\n## {section[:1].upper()}{section[1:]}\n")
-        text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
+        text.append(format_table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
     return "\n".join(text)
 
 
 def gap_exit_codes() -> str:
     from tse.gaps.run.workflow import EXIT
 
-    return table(
+    return format_table(
         ["exit code", "verdict"],
-        [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()],
+        [[str(c), escape_cell(name.replace("_", " "))] for name, c in EXIT.items()],
         right=(0,),
     )
 
@@ -311,7 +311,7 @@ def gap_exit_codes() -> str:
 # ---- effects
 
 
-def equation_of(effect: str) -> str:
+def find_equation(effect: str) -> str:
     """What the comment of an effect in the sources says."""
     text = "".join(
         (ROOT / "src" / "model" / f).read_text(encoding="utf-8")
@@ -325,7 +325,7 @@ def equation_of(effect: str) -> str:
 # ---- C headers
 
 
-def functions(header: str) -> list[tuple[str, str, str]]:
+def list_functions(header: str) -> list[tuple[str, str, str]]:
     """Name, declaration and comment of every function that a header declares."""
     text = (TSE / header).read_text(encoding="utf-8")
     found = []
@@ -356,7 +356,7 @@ def c_page() -> str:
         "",
     ]
     for header, title in about.items():
-        own = functions(header)
+        own = list_functions(header)
         if not own:
             continue
         text += [f"## {title}: `tse/{header}`", ""]
@@ -451,7 +451,7 @@ def controller() -> str:
         "least MHz at 100 Hz",
         "flash [kB]",
     ]
-    return table(
+    return format_table(
         [*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9))
     )
 
@@ -460,14 +460,14 @@ def flash() -> str:
     """Return the flash of the library without some of its options, from scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
-    return table(
+    return format_table(
         ["", "flash [kB]"],
         [[name, f"{int(size.replace(',', '')) / 1e3:.1f}"] for name, size in rows],
         right=(1,),
     )
 
 
-def results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
+def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     """Return rows of a table of scripts/results: the first that begins with each of these cells, of it the columns `keep`."""
     lines = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8").splitlines()
     head = next(i for i, line in enumerate(lines) if line.startswith("|---")) - 1
@@ -477,19 +477,19 @@ def results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     ]
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in found]
     kept = [[row[k] for k in keep] for row in cells]
-    return table(kept[0], kept[1:])
+    return format_table(kept[0], kept[1:])
 
 
 def measured_cars() -> str:
     """Return how far estimates of calibrated cars are from the truth, and what bounds them."""
     names = ("calibrated", "calibrated, beside the secant without relaxation", "calibrated, beside the stiffness at no slip",
              "constant of the calibration", "best constant, from the truth", "not calibrated")  # fmt: skip
-    return results("cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6))
+    return select_results("cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6))
 
 
 def measured_events() -> str:
     """Return how long estimates are wrong after an event, and when the samples show it."""
-    return results(
+    return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )
 
@@ -497,7 +497,7 @@ def measured_events() -> str:
 def measured_logs() -> str:
     """Return what a log of a real car leaves of its stiffness."""
     logs = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs", "rav4_comma2k19", "subaru_sti")
-    return results("real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11))
+    return select_results("real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11))
 
 
 def tuning() -> str:
@@ -544,4 +544,4 @@ def tuning() -> str:
         "error [%]",
         "± [%]",
     ]
-    return table(head, rows, right=(1, 2, 3, 4, 5, 6))
+    return format_table(head, rows, right=(1, 2, 3, 4, 5, 6))
