@@ -1,10 +1,11 @@
-"""Write tables and code into the Markdown that git holds, so that a reader of the repository sees them.
+"""Write tables and code into the Markdown pages that git holds.
 
     .venv/bin/python -m docsite.fill             write
-    .venv/bin/python -m docsite.fill --check     write nothing; fail where a block is not current
+    .venv/bin/python -m docsite.fill --check     write nothing; fail if a block is stale
 
-A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with `<!-- end -->`. X is a file of the repository, a
-function of docsite.tables or of this module, or symptom/CASE of docsite.symptoms. Text between the two comments is replaced.
+A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with
+`<!-- end -->`. X is a file of the repository, a function of docsite.tables or of this
+module, or symptom/CASE of docsite.symptoms. The text between both comments is replaced.
 """
 
 import enum
@@ -26,7 +27,7 @@ LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}
 
 
 def effects() -> str:
-    """Return a table of all effects and a section for each."""
+    """Return the table of all effects and a section for each."""
     known = tables.library().effects
     anchors = {e.id: links.make_slug(f"{e.id}: {e.title}") for e in known.values()}
     rows = [
@@ -40,7 +41,9 @@ def effects() -> str:
     ]
     text = [tables.format_table(["effect", "what", "enters at", "shows in"], rows)]
     for e in known.values():
-        alike = ", ".join(f"[{i}](#{anchors[i]})" if i in known else tables.escape_cell(i) for i in e.look_alikes)
+        alike = ", ".join(
+            f"[{i}](#{anchors[i]})" if i in known else tables.escape_cell(i) for i in e.look_alikes
+        )
         parameters = [
             [
                 tables.format_code(p.name),
@@ -55,7 +58,8 @@ def effects() -> str:
         ]
         text += [
             f"\n## {e.id}: {e.title}\n\n{tables.escape_cell(tables.find_equation(e.id))}\n",
-            f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.escape_cell(e.channels)}. Looks like {alike}. "
+            f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.escape_cell(e.channels)}. "
+            f"Looks like {alike}. "
             f"In an estimator that has it: {tables.escape_cell(e.estimator)}.\n",
             tables.format_table(
                 ["parameter", "role", "unit", "default", "range", "typical", "meaning"],
@@ -81,7 +85,8 @@ def format_signature(name: str, thing: Any) -> str:
 
 
 def python_api() -> str:
-    """Return signature and docstring of every public name of the package tse, and of its public members."""
+    """Return signature and docstring of all public names of tse and their public
+    members."""
     import tse
 
     text = []
@@ -105,14 +110,16 @@ def python_api() -> str:
 
 
 def strip_title(text: str) -> str:
+    """Remove comments and the title at the start of a page."""
     return re.sub(r"\A(?:<!--[\s\S]*?-->\s*)*(?:# .*\n)?\s*", "", text)
 
 
 def make_block(kind: str, what: str) -> str:
-    """Return what stands in a block."""
+    """Return the text of a block."""
     if kind == "code":
         text = (ROOT / what).read_text(encoding="utf-8").rstrip()
-        return f"<!-- not run: the file {what}, which a test of its own runs -->\n```{LANGUAGES[Path(what).suffix]}\n{text}\n```\n"
+        note = f"<!-- not run: the file {what}, which a test of its own runs -->"
+        return f"{note}\n```{LANGUAGES[Path(what).suffix]}\n{text}\n```\n"
     if what.endswith(".md"):
         return "\n" + strip_title((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
     of, _, name = what.rpartition("/")
@@ -122,11 +129,12 @@ def make_block(kind: str, what: str) -> str:
 
 
 def fill_page(text: str) -> str:
-    """Return a page with every block current."""
+    """Return a page with current blocks."""
     return PAGE_BLOCK.sub(lambda m: f"<!-- {m[1]}: {m[2]} -->\n{make_block(m[1], m[2])}<!-- end -->", text)
 
 
 def main() -> int:
+    """Write the stale pages, or only list them with --check; return the exit code."""
     stale = []
     for path in links.list_files("*.md"):
         text = path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Links and anchors of Markdown, as a forge shows it."""
+"""Find links and anchors of Markdown pages, as a forge shows them."""
 
 import re
 import subprocess
@@ -25,7 +25,7 @@ def make_slug(heading: str) -> str:
 
 
 def list_anchors(text: str) -> set[str]:
-    """Return the anchors of a page: headings, of equal ones numbered, and ids."""
+    """Return the anchors of a page: headings, with numbers for equal ones, and ids."""
     prose = re.sub(r"^ *```.*?^ *```\s*$", "", text, flags=re.M | re.S)
     found: set[str] = set()
     for heading in re.findall(r"^#+ (.*)$", prose, flags=re.M):

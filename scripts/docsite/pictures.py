@@ -1,8 +1,9 @@
-"""Draw the pictures of docs/pages/method/ten-minutes.md, from runs of the library: docs/pages/pictures, which git holds.
+"""Draw the pictures of docs/pages/method/ten-minutes.md into docs/pages/pictures.
 
     .venv/bin/python -m docsite.pictures
 
-All curves are logs and estimates of the simulator and the filter of this checkout, seed 1. The sketch of the car is drawn by hand.
+All curves are logs and estimates of this checkout's simulator and filter, seed 1. The
+sketch of the car is drawn by hand.
 """
 
 from collections.abc import Callable, Iterable
@@ -31,19 +32,32 @@ PICTURE_STYLE = {
     "axes.titlesize": 10,
 }
 EXACT_CAR = dict.fromkeys(library().uncertainties, 0.0)
-CAR: dict[str, Any] = {"mass": 1900, "yaw_inertia": 3000, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33,
-                       "wheel_radius_rear": 0.33, "cornering_stiffness_front": 1.2e5, "cornering_stiffness_rear": 1.4e5,
-                       "longitudinal_stiffness_front": 1.6e5, "longitudinal_stiffness_rear": 1.6e5,
-                       "uncertainty": EXACT_CAR}  # fmt: skip
+CAR: dict[str, Any] = {
+    "mass": 1900,
+    "yaw_inertia": 3000,
+    "lf": 1.25,
+    "lr": 1.5,
+    "wheel_radius_front": 0.33,
+    "wheel_radius_rear": 0.33,
+    "cornering_stiffness_front": 1.2e5,
+    "cornering_stiffness_rear": 1.4e5,
+    "longitudinal_stiffness_front": 1.6e5,
+    "longitudinal_stiffness_rear": 1.6e5,
+    "uncertainty": EXACT_CAR,
+}
 Inks = dict[str, str]
 
 
 def run_drive(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
+    """Simulate square waves, and estimate them with a known car."""
     drive = tse.simulate("square-waves", **options)
     return drive, tse.estimate(drive.log, CAR).table
 
 
-def draw_interval(axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, colour: str = "a") -> None:
+def draw_interval(
+    axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, colour: str = "a"
+) -> None:
+    """Draw an estimate in kN/rad with its 95 % interval."""
     mean, sd = table[key].to_numpy() / 1e3, table[f"{key}_sd"].to_numpy() / 1e3
     axis.fill_between(
         t, mean - 1.96 * sd, mean + 1.96 * sd, color=c[colour], alpha=0.25, lw=0, label="95 % interval"
@@ -52,7 +66,10 @@ def draw_interval(axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: In
 
 
 def draw_slope(c: Inks) -> Any:
-    """Side force of the front axle over its slip angle, before and after a change of the road: the slope is the stiffness."""
+    """Draw side force over slip angle of the front axle, before and after a road change.
+
+    The slope is the stiffness.
+    """
     drive, _ = run_drive(duration=40, road_changes=[(20.0, 0.5)])
     log, truth = drive
     vx, vy, r = (truth[f"true_{n}"].to_numpy() for n in ("vel_x", "vel_y", "yaw_rate"))
@@ -84,7 +101,7 @@ def draw_slope(c: Inks) -> Any:
 
 
 def draw_change(c: Inks) -> Any:
-    """A change of the road: when the filter detects it, and the estimate."""
+    """Draw a road change: the estimate, and when the filter detects the change."""
     drive, est = run_drive(duration=30, road_changes=[(20.0, 0.7)])
     t = est["time"].to_numpy()
     figure, (above, below) = plt.subplots(2, 1, figsize=(8, 4.4), sharex=True, height_ratios=[3, 2])
@@ -100,7 +117,8 @@ def draw_change(c: Inks) -> Any:
 
 
 def draw_quiet(c: Inks) -> Any:
-    """Straight driving shows no cornering stiffness; the interval stays wide."""
+    """Draw a straight drive, which shows no cornering stiffness: the interval stays
+    wide."""
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)
@@ -129,7 +147,7 @@ def draw_quiet(c: Inks) -> Any:
 
 
 def draw_fault(c: Inks) -> Any:
-    """A gyro that is frozen for five seconds: a fault of a sensor, not another road."""
+    """Draw a gyro that freezes for five seconds: a sensor fault, no road change."""
     drive = tse.simulate("square-waves", duration=30)
     log = drive.log.copy()
     frozen = log["time"].between(15, 20)
@@ -151,7 +169,12 @@ def draw_fault(c: Inks) -> Any:
     return figure
 
 
-PICTURES: dict[str, Callable[[Inks], Any]] = {"slope": draw_slope, "bank": draw_change, "quiet": draw_quiet, "fault": draw_fault}
+PICTURES: dict[str, Callable[[Inks], Any]] = {
+    "slope": draw_slope,
+    "bank": draw_change,
+    "quiet": draw_quiet,
+    "fault": draw_fault,
+}
 
 
 def shrink_picture(path: Path) -> None:
@@ -168,7 +191,7 @@ def shrink_picture(path: Path) -> None:
 
 
 def draw(names: Iterable[str] = PICTURES, out: Path = PICTURES_FOLDER) -> list[Path]:
-    """Draw pictures: out/NAME.png."""
+    """Draw pictures to out/NAME.png, and return their paths."""
     made = []
     with plt.rc_context(PICTURE_STYLE):
         for name in names:
@@ -183,8 +206,7 @@ def draw(names: Iterable[str] = PICTURES, out: Path = PICTURES_FOLDER) -> list[P
 if __name__ == "__main__":
     for path in draw():
         print(path.relative_to(ROOT))
-    for path in (ROOT / "scripts" / "results").glob(
-        "*.png"
-    ):  # those of the studies, as their commands leave them
+    # pictures of the studies, which their commands write in full size
+    for path in (ROOT / "scripts" / "results").glob("*.png"):
         if path.stat().st_size > MAX_PICTURE_BYTES:
             shrink_picture(path)

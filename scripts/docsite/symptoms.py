@@ -1,4 +1,4 @@
-"""What the tools print of a log and a car with one mistake in them, run when docsite.fill writes the page."""
+"""Run the tools on a log and a car with one mistake, for the page of symptoms."""
 
 import os
 import tempfile
@@ -19,16 +19,22 @@ ERROR_PREFIX = "tselab: error"
 
 
 def edit_car(old: str, new: str) -> Callable[[pd.DataFrame, Path], object]:
+    """Return a function that writes the car with one text replaced."""
     return lambda log, folder: (folder / "car.toml").write_text(
         simulated_vehicle().replace(old, new), encoding="utf-8"
     )
 
 
 CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
-    # what is wrong, as the log or written into the folder; the command; how the line begins that is shown, "": the verdict
+    # name: function that makes the mistake (returns the log, or writes into the folder);
+    # command; start of the line that is shown, "": the verdict
     "column": (lambda log, _: log.drop(columns="steer_angle"), ESTIMATE, ERROR_PREFIX),
     "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR_PREFIX),
-    "degrees": (lambda log, _: log.assign(steer_angle=57.3 * 15 * log["steer_angle"]), ESTIMATE, ERROR_PREFIX),
+    "degrees": (
+        lambda log, _: log.assign(steer_angle=57.3 * 15 * log["steer_angle"]),
+        ESTIMATE,
+        ERROR_PREFIX,
+    ),
     "cell": (
         lambda log, _: log.assign(accel_y=log["accel_y"].astype(object).where(log.index != 9, "n.b.")),
         ESTIMATE,
@@ -59,7 +65,7 @@ CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
 
 
 def run_case(name: str) -> tuple[int, str]:
-    """Exit code, and what the command says, in a folder of its own."""
+    """Run the command of a case in a folder of its own; return exit code and output."""
     make, arguments, _ = CASES[name]
     log, before = tse.simulate("square-waves", duration=DRIVE_DURATION).log, Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
@@ -79,7 +85,7 @@ def run_case(name: str) -> tuple[int, str]:
 
 
 def show_case(name: str) -> str:
-    """Return the command and what matters of its output, as a block of the page."""
+    """Return the command and the lines of its output that matter, as a block."""
     code, said = run_case(name)
     _, arguments, begins = CASES[name]
     lines = [line for line in said.splitlines() if line.strip()]
@@ -88,7 +94,9 @@ def show_case(name: str) -> str:
         found = [lines[at], *(x for x in lines[at + 1 :][:3] if x.startswith("  "))]
     else:
         found = [
-            line for line in lines if line.startswith((ERROR_PREFIX, "front,", "rear,", "note", "warning", "  "))
+            line
+            for line in lines
+            if line.startswith((ERROR_PREFIX, "front,", "rear,", "note", "warning", "  "))
         ]
     found = [line if len(line) < 260 else line[:250] + " ..." for line in found[:5]]
     return "\n".join(["```text", f"$ tselab {arguments}", *found, f"(exit code {code})", "```"])
