@@ -85,8 +85,7 @@ def format_signature(name: str, thing: Any) -> str:
 
 
 def python_api() -> str:
-    """Return signature and docstring of all public names of tse and their public
-    members."""
+    """Return signature and docstring of the public names of tse and their members."""
     import tse
 
     text = []

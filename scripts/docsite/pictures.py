@@ -117,8 +117,7 @@ def draw_change(c: Inks) -> Any:
 
 
 def draw_quiet(c: Inks) -> Any:
-    """Draw a straight drive, which shows no cornering stiffness: the interval stays
-    wide."""
+    """Draw a straight drive: no cornering stiffness shows, the interval stays wide."""
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)

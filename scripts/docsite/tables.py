@@ -77,8 +77,7 @@ def format_code(text: object) -> str:
 
 
 def format_table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
-    """Format a Markdown table from escaped cells. `right`: columns aligned to the
-    right."""
+    """Format a Markdown table from escaped cells. `right`: right-aligned columns."""
     lines = [
         "| " + " | ".join(head) + " |",
         "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|",
@@ -146,8 +145,7 @@ def config_page() -> str:
 
 
 def uncalibrated() -> str:
-    """Return the table of settings that differ between an ordinary and an exactly
-    known car."""
+    """Return the settings in which an ordinary car differs from an exact one."""
     rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
     return format_table(
@@ -523,8 +521,7 @@ def controller() -> str:
 
 
 def flash() -> str:
-    """Return the flash of the library without some options
-    (scripts/results/budgets.md)."""
+    """Return the flash of the library without some options, by budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
     return format_table(
@@ -571,8 +568,7 @@ def measured_cars() -> str:
 
 
 def measured_events() -> str:
-    """Return the duration of wrong estimates after an event, and that until samples
-    show it."""
+    """Return the durations of wrong estimates after events, and until samples show it."""
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )
@@ -587,8 +583,7 @@ def measured_logs() -> str:
 
 
 def tuning() -> str:
-    """Return mean NIS, whiteness, validity and error for right and wrong settings of a
-    drive."""
+    """Return NIS, whiteness, validity and error for right and wrong settings."""
     import tse
     from tse.library.core import library
 
