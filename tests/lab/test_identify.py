@@ -708,7 +708,7 @@ def test_what_was_hidden_is_found(found: tuple[CarProblem, CarFit]) -> None:
 
 def test_a_search_from_elsewhere_ends_at_the_same_place(found: tuple[CarProblem, CarFit]) -> None:
     problem, whole = found
-    part = fit(problem, most=2)
+    part = fit(problem, max_steps=2)
     rest = fit(problem, part.search, part.z)
     assert rest.converged
     here, there = (compute_cost(problem, whole.scales, f.search, f.z, f.residuals) for f in (whole, rest))

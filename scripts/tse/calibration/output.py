@@ -85,7 +85,7 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
         ),
         "lean_sd": float(np.std(_list_superelevations(result) or [0.0])),
     }
-    found |= {key: max(found[key], least) for key, least in MIN_SD.items()}
+    found |= {key: max(found[key], lower) for key, lower in MIN_SD.items()}
     found["roll_steer_sd"] = min(found["roll_steer_sd"], MAX_ROLL_STEER_SD)
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}

@@ -168,7 +168,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
         say(f"calibrating on the log itself: {text}")
 
     try:
-        result = workflow.calibrate_logs(logs, car, report, least=MIN_OWN_SECONDS - END_SECONDS)
+        result = workflow.calibrate_logs(logs, car, report, min_seconds=MIN_OWN_SECONDS - END_SECONDS)
     except (UserError, ValueError) as error:  # ValueError: LinAlgError, the rows determine nothing
         return keep_class(str(error))
     except _TooLong:

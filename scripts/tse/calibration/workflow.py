@@ -46,7 +46,7 @@ def run(
     held_out: Sequence[Path],
     jobs: int,
     say: Say,
-    most: int | None = None,
+    max_steps: int | None = None,
     reading: Reading | None = None,
     road: Road | None = None,
 ) -> CalibrationResult:
@@ -62,7 +62,7 @@ def run(
         Number of threads.
     say
         Called with the progress, a text.
-    most
+    max_steps
         Maximum number of steps of the search.
     reading
         Options of reading.
@@ -74,7 +74,7 @@ def run(
     reading = replace(reading or Reading(), car=vehicle)
     read = place_on_known(road, read_agreeing(logs, notes, reading), vehicle)
     problem = _make_problem(read, vehicle, jobs, notes, say)
-    result = apply_slip_regression(problem, fit(problem, say=say, most=most), read, vehicle)
+    result = apply_slip_regression(problem, fit(problem, say=say, max_steps=max_steps), read, vehicle)
 
     say("proof")
     proofs = _prove_fitted(problem, result)
@@ -97,7 +97,7 @@ def calibrate_logs(
     logs: Sequence[Log],
     vehicle: Vehicle,
     say: Say = lambda _: None,
-    least: float = 0.0,
+    min_seconds: float = 0.0,
     notes: Sequence[str] = (),
 ) -> CalibrationResult:
     """Calibrate on logs that are read and agree, without proof.
@@ -105,12 +105,14 @@ def calibrate_logs(
     Raises
     ------
     UserError
-        Less than `least` seconds can be compared with a simulation.
+        Less than `min_seconds` can be compared with a simulation.
     """
     notes = list(notes)
     problem = _make_problem(logs, vehicle, 1, notes, say)
-    if (seconds := sum(log.seconds for log in problem.logs)) < least:
-        raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:.0f} s are needed")
+    if (seconds := sum(log.seconds for log in problem.logs)) < min_seconds:
+        raise UserError(
+            f"{seconds:.0f} s of it can be compared with a simulation, {min_seconds:.0f} s are needed"
+        )
     result = apply_slip_regression(problem, fit(problem, say=say), logs, vehicle)
     return _make_result(vehicle, problem, result, logs, [], notes)
 

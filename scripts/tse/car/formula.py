@@ -837,10 +837,10 @@ def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float
 
 
 @_use_lists
-def _limit_rate(h: list[float], x: list[float], most: list[float]) -> list[float]:
+def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[float]:
     y = [x[0]]
     for i in range(1, len(x)):
-        step = abs(most[i]) * h[i]
+        step = abs(limit[i]) * h[i]
         y.append(min(max(x[i], y[-1] - step), y[-1] + step))
     return y
 

@@ -247,7 +247,7 @@ def fit(
     x: np.ndarray | None = None,
     z: np.ndarray | None = None,
     say: Callable[[str], None] = lambda _: None,
-    most: int | None = None,
+    max_steps: int | None = None,
     near: bool = False,
     tables: list[np.ndarray] | None = None,
 ) -> CarFit:
@@ -261,7 +261,7 @@ def fit(
         Start, x in the coordinates of the search; None: at the prior.
     say
         Called with the progress, a text.
-    most
+    max_steps
         Maximum number of steps; None: MAX_FIT_STEPS.
     near
         The start is near a fit.
@@ -299,10 +299,10 @@ def fit(
             z, residuals = hills, on_hills
             scales = measure_scales(problem, residuals, scales, near)
     exact, converged, moved, steps = True, False, np.inf, 0
-    most = MAX_FIT_STEPS if most is None else most
+    max_steps = MAX_FIT_STEPS if max_steps is None else max_steps
     while True:
         equations = build_normal(problem, scales, x, z, residuals, tables, roads)
-        if converged or steps >= most:
+        if converged or steps >= max_steps:
             break
         here = compute_cost(problem, scales, x, z, residuals)
         whole = compute_step(problem, equations, x)

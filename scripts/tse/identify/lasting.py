@@ -89,7 +89,7 @@ def _sum_positive(covariance: np.ndarray) -> float:
     return float(pairs[:end].sum())
 
 
-def measure_share(pieces: Sequence[Piece], least: Sequence[np.ndarray]) -> tuple[float, float]:
+def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple[float, float]:
     """Return the model error as a share of the signal, and the number of pieces that show
     it.
 
@@ -97,7 +97,7 @@ def measure_share(pieces: Sequence[Piece], least: Sequence[np.ndarray]) -> tuple
     ----------
     pieces
         Residuals of a channel, by log.
-    least
+    floor
         Floor of the signal for each value, by log.
 
     Returns
@@ -113,7 +113,7 @@ def measure_share(pieces: Sequence[Piece], least: Sequence[np.ndarray]) -> tuple
     square = np.mean(np.concatenate([(p.residual - p.residual.mean()) ** 2 for p in pieces]))
     lasts = measure_lasting(pieces).power / max(float(square), 1e-300)
     found, count = [], 0.0
-    for p, x in zip(pieces, least, strict=True):
+    for p, x in zip(pieces, floor, strict=True):
         place = (p.time // PIECE_TIME).astype(int)
         for k in np.unique(place):
             mine = place == k

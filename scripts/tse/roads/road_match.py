@@ -589,11 +589,11 @@ def _accept_stretches(
 ) -> npt.NDArray[np.int64]:
     """Return the places without stretches of low correlation or little turning."""
     whole = SURE_SHARE * step * min(float(np.sum(np.abs(its))), float(np.sum(np.abs(turn))))
-    least = max(MIN_TURN, min(SURE_TURN, whole))
+    min_turn = max(MIN_TURN, min(SURE_TURN, whole))
     out = np.full(len(place), -1)
     for begin, end in _find_road_stretches(place):
         part = place[begin:end]
-        if _correlate(its[part], turn[begin:end]) > MIN_ALIKE and np.sum(np.abs(its[part])) * step > least:
+        if _correlate(its[part], turn[begin:end]) > MIN_ALIKE and np.sum(np.abs(its[part])) * step > min_turn:
             out[begin:end] = part
     return out
 
@@ -604,13 +604,13 @@ def _is_ambiguous(
     """Return whether another part of the road matches nearly as well."""
     begin, end = max(_find_road_stretches(place), key=lambda s: s[1] - s[0])
     part, mine = place[begin:end], turn[begin:end]
-    least = _correlate(its[part], mine) - SAME_ALIKE
+    min_alike = _correlate(its[part], mine) - SAME_ALIKE
     n, first = len(its), int(MIN_ROUND / step)
     for shift in range(first, n - first) if is_closed else (*range(-n, 1 - first), *range(first, n)):
         there = part + shift
         inside = slice(None) if is_closed else (there >= 0) & (there < n)
         at = np.mod(there, n)[inside]
-        if len(at) > SURE_SHARE * len(part) and _correlate(its[at], mine[inside]) > least:
+        if len(at) > SURE_SHARE * len(part) and _correlate(its[at], mine[inside]) > min_alike:
             return True
     return False
 

@@ -101,7 +101,7 @@ def posterior(
             [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
         )
         space.mean, space.information = space.to_search(at), np.diag(space.sd**-2)
-        return space, at, engine.fit(space, space.mean, most=0, near=True)
+        return space, at, engine.fit(space, space.mean, max_steps=0, near=True)
 
     space, at, found = fitted_at(problem)
     car = [
