@@ -379,7 +379,7 @@ def _select_samples(car: _Car, log: Log) -> _Samples | None:
         forces = 0.5 * (push + apart), 0.5 * (push - apart)
     else:
         forces = push + turns, -turns
-    own, other = (car.slip(axle, f, push) for axle, f in zip((first, 1 - first), forces, strict=True))
+    own, other = (car.compute_slip(axle, f, push) for axle, f in zip((first, 1 - first), forces, strict=True))
     takes, bend, share = own[0] - other[0], own[1] - other[1], own[2]
     switch = np.zeros(len(v))
     if brake is not None:
