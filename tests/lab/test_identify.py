@@ -1,6 +1,5 @@
-"""The engine of calibration: what lasts of residuals against drawn processes, slopes and
-latencies against their definitions, and what
-the search finds of a car that its own simulator made."""
+"""The engine of calibration, against drawn processes, definitions, and its own
+simulator."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -72,9 +71,12 @@ def made(
     hidden: dict[str, float] | None = None,
     steer: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Rows of a drive with steering sweeps, driving and braking, of a car with effects;
-    channels late by linear interpolation. `steer`: another steering angle, at a steady
-    speed."""
+    """Return rows of a drive with steering sweeps, driving and braking, of a car with
+    effects.
+
+    Late channels are interpolated linearly. `steer`: another steering angle, at a steady
+    speed.
+    """
     n = round(seconds / DT)
     settings = {f"true_{k}": v for k, v in STIFF.items()} | {f"spread_{k}": 0.0 for k in STIFF}
     simulator = Simulator(
@@ -122,18 +124,18 @@ def ready(folder: Path, config: Config, count: int = 2, **how: dict[str, float])
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[CarProblem, CarFit]:
-    """The whole search on two logs of 40 s."""
+    """Fit two logs of 40 s."""
     config = Config.exact(QUIET)
     problem = CarProblem(ready(tmp_path_factory.mktemp("logs"), config, late=LATE, hidden=HIDDEN), config,
                       make_prior(make_default_vehicle(), config), 2)  # fmt: skip
     return problem, fit(problem)
 
 
-# ------------------------------------------------------------------------------------------------ what lasts
+# ---- slow part of residuals
 
 
 def drawn(seed: int, covariance: Callable[[np.ndarray], np.ndarray], count: int = 40) -> list[Piece]:
-    """Draw residuals of 100 s each, with this autocovariance of a lag [s]."""
+    """Draw residuals of 100 s each, with this autocovariance over a lag [s]."""
     time = 0.04 * np.arange(2500)
     root = np.linalg.cholesky(toeplitz(covariance(time)) + 1e-9 * np.eye(len(time)))
     rng = np.random.default_rng(seed)
@@ -146,21 +148,25 @@ def hills(size: float, time: float) -> Callable[[np.ndarray], np.ndarray]:
 
 @pytest.mark.parametrize("time", [0.3, 1.2])
 def test_the_power_of_what_lasts_is_the_integral_of_its_autocovariance(time: float) -> None:
-    """size^2 x time; 10 %: what 4,000 s leave of it, and that means of 100 s take away."""
+    """size^2 x time. 10 %: scatter of 4,000 s, and the means of 100 s that are
+    removed."""
     pieces = drawn(4, lambda t: 0.25 * np.exp(-t / time))
     assert measure_lasting(pieces).power == pytest.approx(0.25 * time, rel=0.1)
     noise = [
         replace(p, residual=0.5 * np.random.default_rng(k).standard_normal(len(p.time)))
         for k, p in enumerate(pieces)
     ]
-    assert measure_lasting(noise).power == pytest.approx(0.25 * 0.02, rel=0.2)  # half of a step
+    assert measure_lasting(noise).power == pytest.approx(0.25 * 0.02, rel=0.2)  # half a step
     assert measure_lasting(noise).walk < 0.3 * measure_lasting(drawn(5, hills(0.5, 3.0), 5)).walk
 
 
 @pytest.mark.parametrize("time", [2.0, 4.0])
 def test_a_walk_is_the_smallest_with_no_less_than_hills_at_any_frequency(time: float) -> None:
-    """Spectra: of the walk, its rate squared over w^2; of hills, the transform of their
-    covariance, by a sum. 15 %: of 4,000 s."""
+    """Compare spectra: walk^2/w^2, and the transform of the covariance of hills, by a
+    sum.
+
+    15 %: scatter of 4,000 s.
+    """
     lags, of = 0.02 * np.arange(8000), hills(0.5, time)
     frequency = np.geomspace(0.01, 3.0, 400)
     spectrum = 0.02 * (2 * np.cos(np.outer(frequency, lags)) @ of(lags) - of(lags[:1]))
@@ -169,13 +175,13 @@ def test_a_walk_is_the_smallest_with_no_less_than_hills_at_any_frequency(time: f
 
 
 def test_nothing_is_counted_over_a_gap() -> None:
-    """A step between stretches is no walk."""
+    """A step between two stretches adds no walk."""
     rng, time = np.random.default_rng(7), np.append(0.04 * np.arange(1000), 60.0 + 0.04 * np.arange(1000))
     p = Piece(time, np.ones(2000), 0.1 * rng.standard_normal(2000) + 3.0 * (time > 50.0))
     assert measure_lasting([p]).walk < 0.05
 
 
-# ------------------------------------------------------------------------------------------------ unknowns
+# ---- unknowns
 
 
 def test_every_unknown_is_a_setting_within_its_range_and_has_a_prior_inside() -> None:
@@ -212,10 +218,9 @@ def test_what_the_file_says_of_an_uncertainty_is_the_prior_of_that_number() -> N
     at = prior.names.index
     assert stated.sd[at("cg_shift_distance")] == pytest.approx(0.05)
     assert stated.sd[at("yaw_inertia")] == pytest.approx(0.02 * config.yaw_inertia)
-    assert 0 < stated.sd[at("steering_ratio_change")] < 1e-3  # exactly known: still a density
-    assert (
-        stated.sd[at("relaxation_length")] == prior.sd[at("relaxation_length")]
-    )  # filled in by rule, not stated
+    assert 0 < stated.sd[at("steering_ratio_change")] < 1e-3  # known exactly: the sd stays positive
+    # filled in by rule, not stated
+    assert stated.sd[at("relaxation_length")] == prior.sd[at("relaxation_length")]
 
 
 def test_an_earlier_calibration_is_the_prior_of_the_next(found: tuple[CarProblem, CarFit]) -> None:
@@ -232,7 +237,7 @@ def test_an_earlier_calibration_is_the_prior_of_the_next(found: tuple[CarProblem
     np.testing.assert_allclose(prior.covariance, first.covariance[:n, :n])
 
 
-# ------------------------------------------------------------------------------------------------ problem
+# ---- problem
 
 
 def test_a_latency_moves_the_simulation_by_itself(found: tuple[CarProblem, CarFit]) -> None:
@@ -245,12 +250,11 @@ def test_a_latency_moves_the_simulation_by_itself(found: tuple[CarProblem, CarFi
         *(problem.simulate(0, at, level)["accel_y"] for at in (problem.mean, x)),
     )
     rows = slice(log.stretches[0].first + 50, log.stretches[0].last - 50)
-    np.testing.assert_allclose(
-        after[rows], before[rows.start - 3 : rows.stop - 3], atol=1e-9
-    )  # 30 ms are three rows
+    # 30 ms are three rows
+    np.testing.assert_allclose(after[rows], before[rows.start - 3 : rows.stop - 3], atol=1e-9)
     x = problem.mean.copy()
     x[problem.names.index("steer_angle_latency")] = 0.03
-    early = problem.simulate(0, x, level)  # a log that is late is read later: the car answers earlier
+    early = problem.simulate(0, x, level)  # a late log is read later, so the car reacts earlier
     rows = slice(log.stretches[0].first + 300, log.stretches[0].last - 50)
     usual = problem.simulate(0, problem.mean, level)["yaw_rate"]
     apart = [
@@ -290,8 +294,8 @@ def test_slopes_are_differences_of_the_residuals(found: tuple[CarProblem, CarFit
 
 
 def test_slopes_of_the_road_are_those_of_one_value_after_the_other(found: tuple[CarProblem, CarFit]) -> None:
-    """Every knot by itself, against those that are moved together: a car forgets a knot
-    before the next one that is."""
+    """Compare single knots with knots moved together: a car forgets a knot before the
+    next."""
     problem, first = found
     x, z = first.search, first.z
     base = problem.compute_residuals(x, z)
@@ -347,15 +351,18 @@ def test_late_wheels_are_asked_of_accel_x_alone(found: tuple[CarProblem, CarFit]
         x[problem.names.index(name)] += 0.05
     before, after = problem.simulate(0, first.search, first.z), problem.simulate(0, x, first.z)
     for channel in ("accel_y", "yaw_rate"):
-        np.testing.assert_allclose(
-            after[channel], before[channel], atol=1e-12
-        )  # a mean of two latencies is rounded
+        # the mean of two latencies is rounded
+        np.testing.assert_allclose(after[channel], before[channel], atol=1e-12)
     assert np.nanmax(np.abs(after["accel_x"] - before["accel_x"])) > 0.05
 
 
 def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
-    """A car that follows its wheels with the lag m v/C at constant C and v: what is compared is how far the wheels are from those
-    that its acceleration needs at the stiffness of the simulation. By the differential equation, to second order of the blocks."""
+    """Compare with the differential equation, to second order of the blocks.
+
+    A car follows its wheels with the lag m v/C, at constant C and v. The compared value
+    is the difference of the wheels from those that its acceleration needs at the
+    stiffness of the simulation.
+    """
     config = Config.exact()
     t = 0.04 * np.arange(500)
     wheels = 0.3 * np.sin(0.7 * t)  # m/s about 20 m/s
@@ -376,12 +383,14 @@ def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
         return np.interp(t, fine, np.gradient(speed, 0.001))
 
     true, wrong = accelerating(4e5), accelerating(2e5)
-    problem.compute_slip_time = lambda: config.mass / 2e5  # the stiffness of the simulation, which is wrong
+    problem.compute_slip_time = lambda: config.mass / 2e5  # the wrong stiffness of the simulation
     got = problem.transform_difference(0, true - wrong)
-    # wheels that the true acceleration needs at the wrong stiffness, less those that were, with the leak of the integral
+    # wheels of the true acceleration at the wrong stiffness, less the true ones, with the
+    # leak
     needed = np.cumsum(true) * 0.04 + config.mass * 20 / 2e5 * true - wheels
     leaking = lfilter([1, -1], [1, -np.exp(-0.04 / SPEED_TIME)], needed)
-    # a sum of blocks is half a block early: 0.02 s of 0.7 rad/s; and the leak makes the mean of the first seconds another one
+    # a sum of blocks is half a block early: 0.02 s of 0.7 rad/s. The leak changes the
+    # first seconds
     rows = slice(100, 500)
     a, b = got[rows] - got[rows].mean(), leaking[rows] - leaking[rows].mean()
     assert np.corrcoef(a, b)[0, 1] > 0.98 and np.std(a) == pytest.approx(np.std(b), rel=0.1)
@@ -390,7 +399,7 @@ def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
 def test_noise_of_what_is_compared_is_that_of_the_sensor_through_the_comparison(
     found: tuple[CarProblem, CarFit],
 ) -> None:
-    """White noise of a thousand logs as long as the first, through it: each rms to 3 %."""
+    """Transform white noise of a thousand logs as long as the first: each rms to 3 %."""
     problem, rng = found[0], np.random.default_rng(7)
     for channel in ("accel_x", "yaw_rate"):
         g = problem.groups.index((0, channel))
@@ -401,12 +410,13 @@ def test_noise_of_what_is_compared_is_that_of_the_sensor_through_the_comparison(
             )
             for _ in range(1000)
         ]
-        late = np.array(made_of)[:, 12:]  # after the start, from which the leak has not yet let go
+        late = np.array(made_of)[:, 12:]  # after the start, which the leak still remembers
         assert np.sqrt(np.mean(late**2)) == pytest.approx(problem.compute_noise(g), rel=0.03), channel
 
 
 def test_a_measured_velocity_is_that_of_its_place_in_its_axes(tmp_path: Path) -> None:
-    """A rigid body: velocity of a point by the cross product, turned by a rotation matrix, two rows late."""
+    """Compare with a rigid body: cross product, rotation matrix, and two rows of
+    latency."""
     log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
     nothing = np.zeros(len(log.time))
     log.measured |= {"ins_vel_x": nothing, "ins_vel_y": nothing, "gnss_speed": nothing}
@@ -427,7 +437,7 @@ def test_a_measured_velocity_is_that_of_its_place_in_its_axes(tmp_path: Path) ->
 
 
 def test_held_values_are_as_old_as_they_are_on_average(tmp_path: Path) -> None:
-    """Every fourth value of the wheels held: 0, 1, 2, 3 rows old, 15 ms on average."""
+    """Wheels hold every fourth value: 0, 1, 2, 3 rows old, 15 ms on average."""
     rows = made(1, 20.0)
     at = np.arange(len(rows)) // 4 * 4
     for name in ("wheel_speed_front", "wheel_speed_rear"):
@@ -437,8 +447,7 @@ def test_held_values_are_as_old_as_they_are_on_average(tmp_path: Path) -> None:
 
 
 def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp_path: Path) -> None:
-    """Wheels at 50 Hz on rows of 100 Hz: smoothing takes as much of their noise as a spline through their own entries does, which
-    does not know the rows between."""
+    """Smooth wheels at 50 Hz on rows of 100 Hz: as a spline through their own entries."""
     log, noise = read_log(written(tmp_path / "log.csv", made(1, 40.0))), 0.05
     true = {n: log.data[n].to_numpy() for n in ("wheel_speed_front", "wheel_speed_rear")}
     time = log.time[::2]
@@ -453,11 +462,12 @@ def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp
         assert left == pytest.approx(least, rel=0.05) and left < 0.6 * noise
 
 
-# ------------------------------------------------------------------------------------------------ before it
+# ---- preparation
 
 
 def test_the_curvature_of_the_road_is_that_of_the_path_at_any_speed(tmp_path: Path) -> None:
-    """A clothoid: curvature by distance, whose smoothing by a symmetric kernel leaves it, driven at a changing speed."""
+    """Drive a clothoid at changing speed: smoothing by a symmetric kernel leaves it
+    unchanged."""
     log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
     v = compute_speed(log.inputs, Config.exact())
     log.measured["yaw_rate"] = 1e-4 * log.distance * v
@@ -475,11 +485,11 @@ def test_blocks_are_put_together_only_where_none_is_missing() -> None:
     assert group_blocks(time, used, 5).shape == (0, 5)
 
 
-# ------------------------------------------------------------------------------------------------ search
+# ---- search
 
 
 def test_a_step_goes_to_the_least_of_a_quadratic_within_bounds() -> None:
-    """Against a brute-force grid in two dimensions, one of which runs into its bound."""
+    """Compare with a brute-force grid in two dimensions; one is at its bound."""
 
     class Box:
         low, high, sd = np.array([-1.0, -1.0]), np.array([0.3, 1.0]), np.array([10.0, 10.0])
@@ -494,8 +504,7 @@ def test_a_step_goes_to_the_least_of_a_quadratic_within_bounds() -> None:
 
 
 class Line:
-    """A straight line through noisy values, of which slope and offset are unknown: a problem without a
-    simulation."""
+    """Fit slope and offset of a line to noisy values: a problem without a simulation."""
 
     names, channels, groups = ("slope", "offset"), ("y",), [(0, "y")]
     knots, knot_sd = 0, 1.0
@@ -545,8 +554,10 @@ def test_a_line_is_found_as_linear_least_squares_find_it() -> None:
 
 
 def test_a_search_stays_within_its_bounds_to_the_last_bit() -> None:
-    """The library refuses a setting beyond its range, by a rounding, too: from 0.3 by 0.05 - 0.3 comes
-    0.04999999999999999."""
+    """The library refuses a setting beyond its range, even by rounding.
+
+    From 0.3, the step 0.05 - 0.3 leads to 0.04999999999999999.
+    """
     assert 0.3 + (0.05 - 0.3) < 0.05
     line = Line(0.05, 0.7)
     ended = fit(line)
@@ -557,7 +568,7 @@ def test_a_search_stays_within_its_bounds_to_the_last_bit() -> None:
 def test_eliminating_the_road_leaves_what_the_whole_normal_equations_say(
     found: tuple[CarProblem, CarFit],
 ) -> None:
-    """The step and the covariance of x by dense algebra over car and road together."""
+    """Compare step and covariance of x with dense algebra over car and road."""
     problem, first = found
     x, z = first.search, first.z + 0.001
     residuals = problem.compute_residuals(x, z)
@@ -579,16 +590,18 @@ def test_eliminating_the_road_leaves_what_the_whole_normal_equations_say(
     )
     np.testing.assert_allclose(got.compute_road_sd(), np.sqrt(np.diag(inverse)[n:]), rtol=1e-6)
     by = np.linalg.solve(got.information, -got.gradient)
-    # equations whose condition number is 1e11 leave five digits
+    # a condition number of 1e11 leaves five digits
     np.testing.assert_allclose(
         np.concatenate([by, got.solve_road(by)]), -inverse @ gradient, rtol=1e-4, atol=1e-6
     )
 
 
 def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
-    """Stiffness alone on level roads, with the scales that it has left:
-    scipy.optimize.least_squares of the same residuals and the prior. No residual is
-    beyond the end of the loss's square."""
+    """Fit stiffness alone on level roads as scipy.optimize.least_squares does.
+
+    Both have the final scales, the same residuals and prior. No residual is in the linear
+    part of the loss.
+    """
     config = Config.exact(QUIET)
     prior = make_prior(make_default_vehicle(), config).select(STIFFNESS)
     problem = CarProblem(
@@ -606,7 +619,7 @@ def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
 
     other = least_squares(weighted, problem.mean, x_scale=problem.sd, diff_step=1e-6)
     sd = np.sqrt(np.diag(np.linalg.inv(other.jac.T @ other.jac)))
-    assert np.max(np.abs(ended.search - other.x) / sd) < 0.15  # a search ends where a step is below a tenth
+    assert np.max(np.abs(ended.search - other.x) / sd) < 0.15  # a search ends at a step below 0.1
     np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(ended.equations.information))), sd, rtol=0.03)
     assert compute_cost(problem, ended.scales, ended.search, ended.z, ended.residuals) == pytest.approx(
         other.cost, rel=0.02
@@ -635,8 +648,8 @@ def test_noise_counts_in_every_value_and_an_error_of_the_model_once_in_model_tim
 
 
 def test_the_bank_of_a_road_is_found_and_the_car_with_it(tmp_path: Path) -> None:
-    """A road whose bank no lean into curves has, by the model itself: rms 1.4 degrees.
-    Without it the stiffness is off."""
+    """The bank, 1.4 degrees rms, is no lean into curves. Without it the stiffness is
+    wrong."""
     config, rows = Config.exact(QUIET), made(1, 80.0)
     log = prepare(read_log(written(tmp_path / "log.csv", rows)), config)
     bank = 0.035 * np.sin(2 * np.pi * log.distance / 350)
@@ -665,9 +678,8 @@ def test_what_a_channel_tells_is_the_covariance_without_the_others(found: tuple[
     np.testing.assert_allclose(whole, first.covariance, rtol=1e-6, atol=1e-12)
     few = compute_covariance(problem, first, ["accel_x"])
     k = problem.names.index("cy_front")
-    assert (
-        few[k, k] > 10 * whole[k, k]
-    )  # front wheels that are turned brake the car: all that accel_x shows of cornering
+    # turned front wheels brake the car: only this shows cornering in accel_x
+    assert few[k, k] > 10 * whole[k, k]
     assert np.all(np.diag(few) > 0.999 * np.diag(whole))
 
 
@@ -712,13 +724,13 @@ def test_a_search_from_elsewhere_ends_at_the_same_place(found: tuple[CarProblem,
     rest = fit(problem, part.search, part.z)
     assert rest.converged
     here, there = (compute_cost(problem, whole.scales, f.search, f.z, f.residuals) for f in (whole, rest))
-    assert abs(here - there) < 1.0  # nat: as likely, in a valley of fifty numbers
+    assert abs(here - there) < 1.0  # nat: as likely, in a valley of fifty unknowns
 
 
 def test_what_a_manoeuvre_is_said_to_bring_it_brings(
     found: tuple[CarProblem, CarFit], tmp_path: Path
 ) -> None:
-    """A sine sweep, driven: the sd of both axles afterwards is the one that was said before, within 30 %."""
+    """After a sine sweep, the sd of both axles is the predicted one, within 30 %."""
     problem, before = found
     said = advice.compute_sd_after(problem, before, advice.steer_sweep)
     rows = made(3, advice.MANOEUVRE_TIME, LATE, HIDDEN, advice.steer_sweep)
@@ -762,7 +774,7 @@ def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> 
         path.write_text(car + text, encoding="utf-8")
         with pytest.raises(UserError, match=r"\[calibration\]"):
             read_vehicle(path)
-    # what is left of nothing by rounding is no contradiction: `tselab calibrate` writes such files
+    # rounding of 0 is no contradiction: `tselab calibrate` writes such files
     path.write_text(
         car + "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 1e-12], [2e-12, 1e-3]]", encoding="utf-8"
     )
