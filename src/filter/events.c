@@ -163,7 +163,8 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
 static void move(tse_short v[STATES], tse_short M[MOTION][PLACES])
 {
   tse_short to[MOTION];
-  for (int i = 0; i < MOTION; i++) to[i] = r_slope_sum(r_short(TSE_R(0)), M[i], v, STATES);
+  for (int i = 0; i < MOTION; i++) to[i] = r_short(TSE_R(0));
+  r_slope_sums(to, MOTION, M[0], PLACES, v, STATES);
   for (int i = 0; i < MOTION; i++) v[i] = to[i];
 }
 

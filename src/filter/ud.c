@@ -153,10 +153,10 @@ typedef struct sums {
 /* Multiply M by U.   Updated: columns of U behind the motion, which may be anything   Returned: s  columns of the motion */
 static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
-  tse_short sum[MOTION];
   for (int j = STATES - 1; j >= 0; j--) {
-    tse_short *const u = &p->u[ud_column(j)];
-    for (int i = 0; i < MOTION; i++) sum[i] = r_slope_sum(M[i][j], M[i], u, j);
+    tse_short *const u = &p->u[ud_column(j)], sum[MOTION];
+    for (int i = 0; i < MOTION; i++) sum[i] = M[i][j];
+    r_slope_sums(sum, MOTION, M[0], PLACES, u, j);
     for (int i = 0; i < MOTION; i++) {
       if (j < MOTION) s->row[i][j] = sum[i];
       else u[i] = sum[i];
