@@ -183,24 +183,46 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
   }
 }
 
+/* Let an event have a measurement which it shifts the innovation of by y.   Given: ys  y over the variance   first  y of the road that it is
+ * the second amplitude of */
+static void learn(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
+{
+  a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
+  a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
+  if (a->kind == EVENT_ROAD_AXLE_DIFF) a->both = r_clamp(a->both + r_mul(first, ys), -MOST_INFO, MOST_INFO);
+}
+
+/* Events whose sensitivities are moved together. */
+enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
+
+/* Find by how much each of these events shifts an innovation, y, and move their sensitivities by -K y. */
+static void correct_together(tse_event a[TOGETHER], const r_sparse *h, const r_scaled *gain, int all, tse_real y[TOGETHER])
+{
+  r_dot sum[TOGETHER];
+  r_factored back[TOGETHER];
+  for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_start(y[b]);
+  for (int i = 0; i < h->count; i++)
+    for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_plus(sum[b], h->m[i], a[b].v[h->at[i]]);
+  for (int b = 0; b < TOGETHER; b++) {
+    y[b] = a[b].kind == EVENT_NONE ? TSE_R(0) : r_dot_end(y[b], sum[b], h->right);
+    back[b] = r_factor(-y[b], gain->up);
+  }
+  for (int i = 0; i < all; i++)
+    for (int b = 0; b < TOGETHER; b++) a[b].v[i] = r_plus_times(a[b].v[i], back[b], gain->m[i]);
+}
+
 void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e,
                   tse_real s, tse_real sd)
 {
-  const tse_real over = r_div(TSE_R(1), s);
+  const tse_real over = r_div(TSE_R(1), s), off = r_mul(r_sqr(TAIL), sd);
   const int all = STATES + k->ud.extras;
-  tse_real of_road[ROADS] = { TSE_R(0) };
+  tse_real y[TSE_EVENTS];
+  for (int n = 0; n < TSE_EVENTS; n++) y[n] = channel >= 0 && k->event[n].kind == EVENT_SENSOR + channel ? off : TSE_R(0);
+  for (int n = 0; n < TSE_EVENTS; n += TOGETHER)
+    if (TOGETHER > 1 || k->event[n].kind != EVENT_NONE) correct_together(&k->event[n], h, gain, all, &y[n]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
-    if (a->kind == EVENT_NONE) continue;
-    const tse_real y = r_sum_sparse(channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(r_sqr(TAIL), sd) : TSE_R(0), a->v, h, h->count);
-    const tse_real ys = r_mul(y, over);
-    if (speaks_of(a->kind, channel, along)) {
-      a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
-      a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
-      if (a->kind == EVENT_ROAD_AXLE_DIFF && n >= ROADS && n < 2 * ROADS) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
-    }
-    if (n < ROADS) of_road[n] = y;
-    if (y != TSE_R(0)) r_add_row(a->v, gain->m, r_factor(-y, gain->up), all);
+    if (a->kind != EVENT_NONE && speaks_of(a->kind, channel, along)) learn(a, y[n], r_mul(y[n], over), e, y[n < ROADS ? 0 : n - ROADS]);
   }
 }
 

@@ -44,6 +44,32 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
   return k->usual[c];
 }
 
+/* Uncertain quantities that are taken together. */
+enum { TOGETHER = R_TOGETHER(TSE_CONSIDERED) };
+
+/* Find by how much each uncertain quantity shifts an innovation.   Given: own  without what it shifts the state by */
+static void shifts_of(const tse_kalman *k, const tse_real own[TSE_CONSIDERED], const r_sparse *h, tse_real y[TSE_CONSIDERED])
+{
+  for (int q = 0; q < TSE_CONSIDERED; q += TOGETHER) {
+    r_dot sum[TOGETHER];
+    for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_start(own[q + b]);
+    for (int i = 0; i < h->count; i++)
+      for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_plus(sum[b], h->m[i], k->consider[q + b][h->at[i]]);
+    for (int b = 0; b < TOGETHER; b++) y[q + b] = r_dot_end(own[q + b], sum[b], h->right);
+  }
+}
+
+/* Move what they shift the state by, by -K y. */
+static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], const r_scaled *gain, int n)
+{
+  for (int q = 0; q < TSE_CONSIDERED; q += TOGETHER) {
+    r_factored back[TOGETHER];
+    for (int b = 0; b < TOGETHER; b++) back[b] = r_factor(-y[q + b], gain->up);
+    for (int i = 0; i < n; i++)
+      for (int b = 0; b < TOGETHER; b++) k->consider[q + b][i] = r_plus_times(k->consider[q + b][i], back[b], gain->m[i]);
+  }
+}
+
 /* Use one measurement.
  *   Given:     channel  ACCEL_X ... or NO_SENSOR_*      sd  of the sensor
  *   Updated:   change  what all measurements of this row move the state by so far, in units
@@ -61,10 +87,8 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   const tse_real own = ud_measure(&k->ud, m->h, f, v), square = r_mul(m->e, m->e);
   tse_real consider_var = TSE_R(0);
   r_sparse_of(m->h, n, &h);
-  for (int q = 0; q < TSE_CONSIDERED; q++) {
-    y[q] = r_sum_sparse(m->consider[q], k->consider[q], &h, h.count);
-    consider_var += r_mul(y[q], y[q]);
-  }
+  shifts_of(k, m->consider, &h, y);
+  for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_mul(y[q], y[q]);
   *state = own + consider_var;
   const tse_real r = r_max(m->r, r_div(square, TAIL) - *state), s = *state + r, alone = own + r; /* further off: a smaller gain */
   ud_correct(&k->ud, f, v, own, r, gain);
@@ -83,8 +107,7 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   const r_scaled scaled = r_scaled_of(gain, n, room);
   events_learn(k, channel, channel >= 0 && m->along, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
   for (int i = 0; i < n; i++) change[i] += r_mul(gain[i], m->e);
-  for (int q = 0; q < TSE_CONSIDERED; q++)
-    if (y[q] != TSE_R(0)) r_add_row(k->consider[q], scaled.m, r_factor(-y[q], scaled.up), n);
+  correct_shifts(k, y, &scaled, n);
   return s;
 }
 

@@ -23,6 +23,14 @@
 #include <arm_acle.h>
 #endif
 
+/* Rows that are taken together, one element of each after the other, of `rows`: what they have in common is read once for
+ * them, by a core that takes one element at a time. */
+#if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
+#define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 2 == 0 ? 2 : 1)
+#else
+#define R_TOGETHER(rows) 1
+#endif
+
 #define ROW_MOST 32 /* elements of a row */
 #define ROW_UP 4    /* what rows are scaled by whose numbers are small */
 
@@ -110,6 +118,11 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
   for (int i = 0; i < count; i++) from += r_mul(s->m[i], x[s->at[i]]);
   return from;
 }
+
+typedef tse_real r_dot;
+static inline r_dot r_dot_start(tse_real from) { return from; }
+static inline r_dot r_dot_plus(r_dot sum, tse_short a, tse_short x) { return sum + r_mul(a, x); }
+static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right) { return (void)from, (void)right, sum; }
 
 /* Sums of products that are made element by element: see below. */
 typedef tse_real r_coefficient;
@@ -319,6 +332,11 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
   for (int i = 0; i < count; i++) sum += fixed_product(s->m[i], x[s->at[i]]);
   return from + fixed_shifted(sum, SHORT_BITS + s->right);
 }
+
+typedef int64_t r_dot;
+static inline r_dot r_dot_start(tse_real from) { return (void)from, 0; }
+static inline r_dot r_dot_plus(r_dot sum, tse_short a, tse_short x) { return sum + fixed_product(a, x); }
+static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right) { return from + fixed_shifted(sum, SHORT_BITS + right); }
 
 /* A factor below a half, as what a row is multiplied by and 2^32 shows: the digits that are shifted out are less than an eighth of a step
  * of the row. */
