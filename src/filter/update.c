@@ -111,11 +111,12 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   return s;
 }
 
-/* Add the summed correction to x, within its bounds; add (OWN_SHARE times the correction)^2 to the variance of each stiffness. */
+/* Add the summed correction to x, within its bounds; keep (OWN_SHARE times the correction)^2 for the variance of each stiffness, of which one
+ * is due a row (rest_row()). */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
-  for (int i = STIFFNESS; i <= LCR; i++) ud_add_at(&k->ud, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
+  for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) k->moved[a] = r_min(k->moved[a] + r_sqr(r_mul(OWN_SHARE, change[stiffness_at(a)])), MOST_D); /* what was learnt before, at other slopes, holds less */
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
