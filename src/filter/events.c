@@ -28,14 +28,14 @@ enum { LATERAL,
 typedef struct kind {
   opens common[4], own[4]; /* what one amplitude moves; what is uncertain beside it once it is believed */
   tse_real every;          /* [s] between openings */
-  int32_t slots;           /* events that are open at a time */
   tse_real rate;           /* [1/s] how often it happens */
   tse_real least;          /* [1] amplitude below which nothing has happened that one would act on */
-  int32_t group, regime;
+  int8_t group, slots;     /* slots: events that are open at a time */
+  int8_t regime;
 } kind;
 
-/* One row a kind, in the order of EVENT_NONE ... (filter.h): common, own, every, slots, rate, least,
- * group, regime. Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()), a faulty
+/* One row a kind, in the order of EVENT_NONE ... (filter.h): common, own, every, rate, least, group,
+ * slots, regime. Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()), a faulty
  * channel is what its measurements say (events_learn()). Along the road tyres change as across, by as
  * much more or less as the model lacks before and after. */
 /* clang-format off */
@@ -50,24 +50,24 @@ typedef struct kind {
 #define AXLE(state) { { state, CHANGE_SD }, ALONG, NO, NO }, { { state, MODEL_FLOOR }, ALONG_OWN, NO, NO }
 #define SLIDES(state) ONE(state, SLIP_OPENS), ONE(state, SLIP_OPENS)
 #define TYRES RATE_ROAD, CHANGE_SD, LATERAL
-#define SENSOR(group) { NONE, NONE, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
+#define SENSOR(group) { NONE, NONE, OPEN_TIME, RATE_FAULT, WHOLE_CHANGE, group, 1, TSE_REGIME_FAULT }
 static const kind *kind_of(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
+    { NONE, NONE, TSE_R(0), TSE_R(0), TSE_R(0), LATERAL, 0, TSE_REGIME_STEADY },
     /* another road, and by how much it is not the same for both axles; back on the one before */
-    { ROAD, ROAD_OWN, OPEN_TIME, ROADS, TYRES, TSE_REGIME_CHANGED },
-    { AXLE_DIFF, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
+    { ROAD, ROAD_OWN, OPEN_TIME, TYRES, ROADS, TSE_REGIME_CHANGED },
+    { AXLE_DIFF, NONE, TSE_R(0), TSE_R(0), TSE_R(0), LATERAL, ROADS, TSE_REGIME_CHANGED },
 #if !defined(TSE_SMALL)
-    { NONE, NONE, OPEN_TIME, 1, TYRES, TSE_REGIME_CHANGED },
+    { NONE, NONE, OPEN_TIME, TYRES, 1, TSE_REGIME_CHANGED },
     /* tyres of the front axle, of the rear axle; wheels of it that slide */
-    { AXLE(LCF), OPEN_TIME, 1, TYRES, TSE_REGIME_AXLE },
-    { AXLE(LCR), OPEN_TIME, 1, TYRES, TSE_REGIME_AXLE },
-    { SLIDES(SF), OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
-    { SLIDES(SR), OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
+    { AXLE(LCF), OPEN_TIME, TYRES, 1, TSE_REGIME_AXLE },
+    { AXLE(LCR), OPEN_TIME, TYRES, 1, TSE_REGIME_AXLE },
+    { SLIDES(SF), OPEN_TIME_SLIP, RATE_SLIP, CHANGE_SD, LONGITUDINAL, 1, TSE_REGIME_SLIDING },
+    { SLIDES(SR), OPEN_TIME_SLIP, RATE_SLIP, CHANGE_SD, LONGITUDINAL, 1, TSE_REGIME_SLIDING },
     /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
-    { ONE(STEER_OFFSET, STEER_OPENS), ONE(STEER_OFFSET, STEER_OWN), OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE,
-      LATERAL, TSE_REGIME_FAULT },
+    { ONE(STEER_OFFSET, STEER_OPENS), ONE(STEER_OFFSET, STEER_OWN), OPEN_TIME, RATE_FAULT, WHOLE_CHANGE,
+      LATERAL, 1, TSE_REGIME_FAULT },
     SENSOR(LONGITUDINAL),
     SENSOR(LATERAL),
     SENSOR(LATERAL),
@@ -160,27 +160,34 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
   for (int n = 0; n < TSE_EVENTS; n++) fade_short(&k->event[n].v[i], left);
 }
 
-static void move(tse_short v[STATES], tse_short M[MOTION][PLACES])
+/* Sensitivities that move together. */
+enum { MOVED = R_TOGETHER(3) };
+
+static void move_together(tse_short *const v[MOVED], tse_short M[MOTION][PLACES])
 {
-  tse_short to[MOTION];
-  for (int i = 0; i < MOTION; i++) to[i] = r_short(TSE_R(0));
-  r_slope_sums(to, MOTION, M[0], PLACES, v, STATES);
-  for (int i = 0; i < MOTION; i++) v[i] = to[i];
+  tse_short to[MOTION * MOVED];
+  for (int i = 0; i < MOTION * MOVED; i++) to[i] = r_short(TSE_R(0));
+  r_slope_sums(to, MOTION, M[0], PLACES, v, MOVED, STATES);
+  for (int i = 0; i < MOTION; i++)
+    for (int b = 0; b < MOVED; b++) v[b][i] = to[i * MOVED + b];
 }
 
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt)
 {
+  tse_short *v[TSE_EVENTS + TSE_CONSIDERED + MOVED];
+  int count = 0;
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const e = &k->event[n];
     if (e->kind == EVENT_NONE) continue;
-    move(e->v, M);
+    v[count++] = e->v;
     e->age += dt;
   }
-  for (int q = 0; q < TSE_CONSIDERED; q++) {
-    if (!(p->uncertain[q] > TSE_R(0))) continue;
-    move(k->consider[q], M);
-    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->consider[q][i] = r_short(r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
-  }
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    if (p->uncertain[q] > TSE_R(0)) v[count++] = k->consider[q];
+  for (int b = 0; b < MOVED && count; b++) v[count + b] = v[count - 1]; /* moved from where it was, as often as there are places left */
+  for (int n = 0; n < count; n += MOVED) move_together(&v[n], M);
+  for (int q = 0; q < COLUMNS - STATES; q++)
+    for (int i = 0; i < MOTION && p->uncertain[q] > TSE_R(0); i++) k->consider[q][i] = r_short(r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
 }
 
 /* Let an event have a measurement which it shifts the innovation of by y.   Given: ys  y over the variance   first  y of the road that it is

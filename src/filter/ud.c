@@ -156,7 +156,7 @@ static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
   for (int j = STATES - 1; j >= 0; j--) {
     tse_short *const u = &p->u[ud_column(j)], sum[MOTION];
     for (int i = 0; i < MOTION; i++) sum[i] = M[i][j];
-    r_slope_sums(sum, MOTION, M[0], PLACES, u, j);
+    r_slope_sums(sum, MOTION, M[0], PLACES, &u, 1, j);
     for (int i = 0; i < MOTION; i++) {
       if (j < MOTION) s->row[i][j] = sum[i];
       else u[i] = sum[i];

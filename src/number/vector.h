@@ -26,7 +26,7 @@
 /* Rows that are taken together, one element of each after the other, of `rows`: what they have in common is read once for
  * them, by a core that takes one element at a time. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
-#define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 2 == 0 ? 2 : 1)
+#define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
 #define R_TOGETHER(rows) 1
 #endif
@@ -76,16 +76,17 @@ static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)
 
 /* Slopes of a transition, in units of the state: to multiply a row by. r_slope_in_units: x to/over, held within most, of factors that
  * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a row, x/over    r_slope_sums: to + rows of slopes,
- * so far apart, times a row */
+ * so far apart, times each of some rows */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
 static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most) { return r_clamp(r_mul(r_mul(x, to), over), -most, most); }
 static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most) { return r_clamp(r_mul(x, over), -most, most); }
-static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, const tse_short *x, int n)
+static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
 {
-  for (int j = 0; j < n; j++) /* one element of x after the other: the sums stay in registers */
-    for (int i = 0; i < rows; i++) to[i] += r_mul(slope[i * stride + j], x[j]);
+  for (int j = 0; j < n; j++) /* one element after the other: the sums stay in registers */
+    for (int i = 0; i < rows; i++)
+      for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
 /* Row x as the second of a sum of products; room: for it.   Returned: *right  its shift */
@@ -384,12 +385,13 @@ static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most
   return (void)most, FIXED_NARROW(product, ROW_UP + 23);
 }
 
-static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, const tse_short *x, int n)
+static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
 {
-  for (int i = 0; i < rows; i++) {
-    const int64_t sum = (int64_t)to[i] * (1 << SHORT_BITS) + fixed_sum(&slope[i * stride], x, n);
-    to[i] = FIXED_NARROW(sum, SLOPE_BITS);
-  }
+  for (int i = 0; i < rows; i++)
+    for (int b = 0; b < together; b++) {
+      const int64_t sum = (int64_t)to[i * together + b] * (1 << SHORT_BITS) + fixed_sum(&slope[i * stride], x[b], n);
+      to[i * together + b] = FIXED_NARROW(sum, SLOPE_BITS);
+    }
 }
 
 /* Sums of products that are made element by element, of coefficients and numbers of rows that are scaled: exact in 64 bits, rounded at
