@@ -8,11 +8,24 @@
  * amplitude is known, w = 1, and the stiffness of that road is recalled. */
 #include "filter/filter.h"
 
-/* State and sd that one amplitude of an event moves it by, SI; state -1: none. */
+/* State, and which sd one amplitude of an event moves it by; state -1: none. */
 typedef struct opens {
-  int32_t state;
-  tse_real sd;
+  int8_t state, by;
 } opens;
+
+/* Sds that states are moved by, SI. */
+enum { BY_CHANGE,
+       BY_MODEL,
+       BY_MINUS_MODEL,
+       BY_ALONG,
+       BY_SLIP,
+       BY_STEER,
+       BY_STEER_OWN };
+static tse_real sd_of(const opens *o)
+{
+  static const tse_real sds[] = { CHANGE_SD, MODEL_FLOOR, -MODEL_FLOOR, USUAL_MODEL_SD + USUAL_MODEL_SD, SLIP_OPENS, STEER_OPENS, STEER_OWN };
+  return sds[o->by];
+}
 
 /* Slots of another road, the first ones; each has a second amplitude, as many slots behind it. Each kind behind these two has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
@@ -39,16 +52,16 @@ typedef struct kind {
  * channel is what its measurements say (events_learn()). Along the road tyres change as across, by as
  * much more or less as the model lacks before and after. */
 /* clang-format off */
-#define NO { -1, TSE_R(0) }
+#define NO { -1, 0 }
 #define NONE { NO, NO, NO, NO }
-#define ONE(state, sd) { { state, sd }, NO, NO, NO }
-#define ALONG { HAS_SLIP ? LCX : -1, CHANGE_SD }
-#define ALONG_OWN { HAS_SLIP ? LCX : -1, USUAL_MODEL_SD + USUAL_MODEL_SD }
-#define ROAD { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD }, ALONG }
-#define ROAD_OWN { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, ALONG_OWN, NO }
-#define AXLE_DIFF { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO, NO }
-#define AXLE(state) { { state, CHANGE_SD }, ALONG, NO, NO }, { { state, MODEL_FLOOR }, ALONG_OWN, NO, NO }
-#define SLIDES(state) ONE(state, SLIP_OPENS), ONE(state, SLIP_OPENS)
+#define ONE(state, by) { { state, by }, NO, NO, NO }
+#define ALONG { HAS_SLIP ? LCX : -1, BY_CHANGE }
+#define ALONG_OWN { HAS_SLIP ? LCX : -1, BY_ALONG }
+#define ROAD { { LCF, BY_CHANGE }, { LCR, BY_CHANGE }, { LMU, BY_CHANGE }, ALONG }
+#define ROAD_OWN { { LCF, BY_MODEL }, { LCR, BY_MODEL }, ALONG_OWN, NO }
+#define AXLE_DIFF { { LCF, BY_MODEL }, { LCR, BY_MINUS_MODEL }, NO, NO }
+#define AXLE(state) { { state, BY_CHANGE }, ALONG, NO, NO }, { { state, BY_MODEL }, ALONG_OWN, NO, NO }
+#define SLIDES(state) ONE(state, BY_SLIP), ONE(state, BY_SLIP)
 #define TYRES RATE_ROAD, CHANGE_SD, LATERAL
 #define SENSOR(group) { NONE, NONE, OPEN_TIME, RATE_FAULT, WHOLE_CHANGE, group, 1, TSE_REGIME_FAULT }
 static const kind *kind_of(int32_t which)
@@ -66,7 +79,7 @@ static const kind *kind_of(int32_t which)
     { SLIDES(SF), OPEN_TIME_SLIP, RATE_SLIP, CHANGE_SD, LONGITUDINAL, 1, TSE_REGIME_SLIDING },
     { SLIDES(SR), OPEN_TIME_SLIP, RATE_SLIP, CHANGE_SD, LONGITUDINAL, 1, TSE_REGIME_SLIDING },
     /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
-    { ONE(STEER_OFFSET, STEER_OPENS), ONE(STEER_OFFSET, STEER_OWN), OPEN_TIME, RATE_FAULT, WHOLE_CHANGE,
+    { ONE(STEER_OFFSET, BY_STEER), ONE(STEER_OFFSET, BY_STEER_OWN), OPEN_TIME, RATE_FAULT, WHOLE_CHANGE,
       LATERAL, 1, TSE_REGIME_FAULT },
     SENSOR(LONGITUDINAL),
     SENSOR(LATERAL),
@@ -325,7 +338,7 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   for (int i = 0; i < (int)(sizeof what->common / sizeof what->common[0]); i++) {
     const int32_t at = what->common[i].state;
     if (at < 0 || is_known(p, at) || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
-    a->v[at] = r_short(r_div(what->common[i].sd, state_unit[at]));
+    a->v[at] = r_short(r_div(sd_of(&what->common[i]), state_unit[at]));
   }
   for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
@@ -422,7 +435,7 @@ static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_r
   for (int i = 0; i < (int)(sizeof what->own / sizeof what->own[0]); i++) {
     const int32_t at = what->own[i].state;
     if (at < 0 || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
-    const tse_real var = r_sqr(what->own[i].sd) + r_sqr(moved);
+    const tse_real var = r_sqr(sd_of(&what->own[i])) + r_sqr(moved);
     ud_add_at(&k->ud, at, r_div(r_mul(weight, var), r_sqr(state_unit[at])));
   }
 }
