@@ -257,15 +257,26 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, t
     for (int k = 0; k < e; k++) r_add_both(&p->w[k][STATES + e], &g[STATES + k], pull, push, 1);
     g[STATES + e] = r_short_of(push, v[STATES + e], up);
   }
-  for (int j = 0; j < STATES; j++) {
-    const tse_real before = s, more = r_mul(v[j], f[j]);
-    const r_factored pull = r_quotient(-f[j], over, -up), push = r_factor(v[j], up);
-    s += more;
-    over = r_divisor(s);
-    p->d[j] = r_max(r_left(p->d[j], before, more, over), LEAST_D);
-    r_add_both(&p->u[ud_column(j)], g, pull, push, j);
-    for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_both(&p->w[e][j], &g[STATES + e], pull, push, 1);
-    g[j] = r_short_of(push, v[j], up);
+  for (int j = 0; j < STATES; j += 2) { /* two columns together */
+    const int columns = j + 1 < STATES ? 2 : 1;
+    tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j + 1)] };
+    r_factored pull[2], push[2];
+    for (int c = 0; c < columns; c++) {
+      const tse_real before = s, more = r_mul(v[j + c], f[j + c]);
+      pull[c] = r_quotient(-f[j + c], over, -up);
+      push[c] = r_factor(v[j + c], up);
+      s += more;
+      over = r_divisor(s);
+      p->d[j + c] = r_max(r_left(p->d[j + c], before, more, over), LEAST_D);
+      for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_both(&p->w[e][j + c], &g[STATES + e], pull[c], push[c], 1);
+      g[j + c] = r_short_of(push[c], v[j + c], up);
+    }
+    if (columns < 2) {
+      r_add_both(u[0], g, pull[0], push[0], j);
+      continue;
+    }
+    r_add_both_twice(u, g, pull, push, j);
+    r_add_both(&u[1][j], &g[j], pull[1], push[1], 1);
   }
   const r_factored share = r_quotient(TSE_R(1), over, -up);
   for (int i = 0; i < STATES + EXTRAS_IN_USE(p); i++) gain[i] = r_times(g[i], share);

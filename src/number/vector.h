@@ -429,6 +429,19 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
   }
 }
 
+/* The same with y[0] and then with y[1]: x is read once for both. */
+static inline void r_add_both_twice(tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
+{
+  tse_short *const y0 = y[0], *const y1 = y[1];
+  const r_factored a0 = a[0], a1 = a[1], b0 = b[0], b1 = b[1];
+  for (int i = 0; i < n; i++) {
+    const tse_short was0 = y0[i], was1 = y1[i], before = x[i], between = r_plus_times(before, b0, was0);
+    y0[i] = r_plus_times(was0, a0, before);
+    y1[i] = r_plus_times(was1, a1, between);
+    x[i] = r_plus_times(between, b1, was1);
+  }
+}
+
 /* x += b y, y += a x, with x as it is then */
 static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
