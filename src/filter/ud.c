@@ -218,15 +218,13 @@ void ud_fade(tse_ud *p, int i, tse_real share)
   for (int j = i + 1; j < STATES; j++) p->u[ud_column(j) + i] = r_short(r_mul(r_long(p->u[ud_column(j) + i]), share));
 }
 
-tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v)
+tse_real ud_measure_sparse(const tse_ud *p, const tse_real *h, const r_sparse *own, tse_real *f, tse_real *v)
 {
   tse_real sum = TSE_R(0);
-  r_sparse own;
   int count = 0;
-  r_sparse_of(h, STATES, &own);
   for (int j = 0; j < STATES; j++) {
-    tse_real s = r_sum_sparse(h[j], &p->u[ud_column(j)], &own, count);
-    if (count < own.count && own.at[count] == j) count++;
+    tse_real s = r_sum_sparse(h[j], &p->u[ud_column(j)], own, count);
+    if (count < own->count && own->at[count] == j) count++;
     for (int e = 0; e < EXTRAS_IN_USE(p); e++) s += r_mul(r_long(p->w[e][j]), h[STATES + e]);
     f[j] = s;
     v[j] = r_mul(p->d[j], s);
@@ -240,6 +238,13 @@ tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v
     sum += r_mul(v[STATES + e], s);
   }
   return sum;
+}
+
+tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v)
+{
+  r_sparse own;
+  r_sparse_of(h, STATES, &own);
+  return ud_measure_sparse(p, h, &own, f, v);
 }
 
 void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, tse_real r, tse_real *gain)

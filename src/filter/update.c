@@ -84,9 +84,10 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   tse_short room[TSE_ALL];
   r_sparse h;
   const int n = STATES + k->ud.extras;
-  const tse_real own = ud_measure(&k->ud, m->h, f, v), square = r_mul(m->e, m->e);
+  r_sparse_of(m->h, STATES, &h);
+  const tse_real own = ud_measure_sparse(&k->ud, m->h, &h, f, v), square = r_mul(m->e, m->e);
   tse_real consider_var = TSE_R(0);
-  r_sparse_of(m->h, n, &h);
+  if (n > STATES) r_sparse_of(m->h, n, &h);
   shifts_of(k, m->consider, &h, y);
   for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_mul(y[q], y[q]);
   *state = own + consider_var;
