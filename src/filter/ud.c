@@ -98,6 +98,22 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
+/* Let D of state j, and the extra states, take their part of c a a'.
+ *   Updated:  a  without it, of extra states; c  what is left      Returned: share and pull of column j of U; 0: it has none */
+static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
+{
+  const tse_real own = r_long_scaled(a[j], up);
+  if (own == TSE_R(0)) return 0;
+  const tse_real ca = r_mul(*c, own), more = r_mul(ca, own), d = r_max(p->d[j] + more, LEAST_D);
+  const r_divided over = r_divisor(d);
+  *share = r_quotient(ca, over, -up);
+  *pull = r_factor(-own, up);
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_in_turn(&p->w[e][j], &a[STATES + e], *share, *pull, 1);
+  *c = r_left(*c, p->d[j], more, over);
+  p->d[j] = d;
+  return 1;
+}
+
 void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
 {
   tse_short row[TSE_ALL];
@@ -105,16 +121,13 @@ void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
   const int up = r_scale_of(a, last + 1, r_scale_of(a + STATES, EXTRAS_IN_USE(p), 64));
   for (int j = 0; j <= last; j++) row[j] = r_short_scaled(a[j], up);
   for (int j = STATES; j < STATES + EXTRAS_IN_USE(p); j++) row[j] = r_short_scaled(a[j], up);
-  for (int j = last; j >= 0; j--) {
-    const tse_real own = r_long_scaled(row[j], up);
-    if (own == TSE_R(0)) continue;
-    const tse_real ca = r_mul(c, own), more = r_mul(ca, own), d = r_max(p->d[j] + more, LEAST_D);
-    const r_divided over = r_divisor(d);
-    const r_factored share = r_quotient(ca, over, -up), pull = r_factor(-own, up);
-    r_add_in_turn(&p->u[ud_column(j)], row, share, pull, j);
-    for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_in_turn(&p->w[e][j], &row[STATES + e], share, pull, 1);
-    c = r_left(c, p->d[j], more, over);
-    p->d[j] = d;
+  for (int j = last; j >= 0; j--) { /* two columns together, where both have a part */
+    r_factored share[2], pull[2];
+    if (!take_part(p, row, up, j, &c, &share[0], &pull[0]) || j == 0) continue;
+    tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j - 1)] };
+    r_add_in_turn(&u[0][j - 1], &row[j - 1], share[0], pull[0], 1);
+    if (take_part(p, row, up, j - 1, &c, &share[1], &pull[1])) r_add_in_turn_twice(u, row, share, pull, --j);
+    else r_add_in_turn(u[0], row, share[0], pull[0], j - 1);
   }
   extras_add(p, row + STATES, up, c);
 }

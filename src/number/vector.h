@@ -451,4 +451,17 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
   }
 }
 
+/* The same with y[0] and then with y[1]. */
+static inline void r_add_in_turn_twice(tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
+{
+  tse_short *const y0 = y[0], *const y1 = y[1];
+  const r_factored a0 = a[0], a1 = a[1], b0 = b[0], b1 = b[1];
+  for (int i = 0; i < n; i++) {
+    const tse_short was0 = y0[i], was1 = y1[i], between = r_plus_times(x[i], b0, was0), after = r_plus_times(between, b1, was1);
+    y0[i] = r_plus_times(was0, a0, between);
+    y1[i] = r_plus_times(was1, a1, after);
+    x[i] = after;
+  }
+}
+
 #endif
