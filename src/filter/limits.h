@@ -52,6 +52,7 @@
 #define STEEPEST TSE_R(100)           /* unit: no car has such a slope; a variance grows by less than 1e7 in a row, so that one below MOST_D stays in range */
 #define LEAST_ERROR TSE_R(1e-6)       /* unit^2: an error of nothing leaves a slip of nothing a share of nothing */
 #define WALK_TIME TSE_R(1)            /* s: what walks slowly is due once in that time at least */
+#define WANDER_TIME TSE_R(0.2)        /* s: the same of gravity along and across the road, 1/40 of ROAD_TIME */
 #define MOST_FORGOTTEN TSE_R(0.1)     /* 1: a noise or a ratio that is found as a mean forgets no more in one row, however long that is */
 #define LEAST_NOISE TSE_R(0.04)       /* 1: variance over that of the setting: no channel is quieter than a fifth of what is stated */
 #define LEAST_DT TSE_R(1e-4)          /* s: rows that come closer are taken as that far apart: rates are what changes over it */

@@ -73,9 +73,10 @@ static int sound_along(const tse_along *a)
 
 static int sound_kalman(const tse_kalman *k, int started)
 {
-  const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->change_age, &k->agrees_for };
+  const tse_real *const not_negative[] = { &k->seen, &k->change_age, &k->agrees_for };
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
-             sound_int(k->slow_turn, 0, INT32_MAX - 1);
+             sound_int(k->slow_turn, 0, TSE_SLOW - 1);
+  fine = fine && sound_reals(k->since_slow, TSE_SLOW, TSE_R(0), MOST_REAL) && sound_reals(k->moved, 3, TSE_R(0), MOST_VARIANCE);
   fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL) && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
   fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_VARIANCE);
   fine = fine && (k->ud.extras == 0 || k->ud.extras == MOST_EXTRAS) && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
