@@ -16,17 +16,17 @@
 /* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
-#define TSE_FILTER_NUMBERS (347 + 7 * TSE_LATENCY_KEPT)
+#define TSE_FILTER_NUMBERS (353 + 7 * TSE_LATENCY_KEPT)
 #define TSE_FILTER_WHOLE 108
 #define TSE_FILTER_PADDED (7 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
 #define TSE_CONSTANT_NUMBERS 213
 #elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 877
-#define TSE_FILTER_NUMBERS (487 + 7 * TSE_LATENCY_KEPT)
+#define TSE_FILTER_NUMBERS (493 + 7 * TSE_LATENCY_KEPT)
 #define TSE_CONSTANT_NUMBERS 192
 #else
 #define TSE_FILTER_SHORTS 1213
-#define TSE_FILTER_NUMBERS (534 + 7 * TSE_LATENCY_KEPT)
+#define TSE_FILTER_NUMBERS (540 + 7 * TSE_LATENCY_KEPT)
 #define TSE_CONSTANT_NUMBERS 204
 #endif
 #if !defined(TSE_SMALL)
