@@ -59,7 +59,7 @@ typedef struct tse_output {
   tse_real noise[5];             /* [1] noise as found, over the setting: accel_x, accel_y, yaw_rate, wheel speeds front and rear; form 0 */
   tse_real innovation[5];        /* [m/s2 m/s2 rad/s m/s m/s] what each of them read less what was predicted; 0 where it was not used; form 0 */
   tse_real nis[5];               /* [1] normalised innovation squared of each of them, without what lasts: 1 on average where model and settings fit; 0 where it was not used; form 0 */
-  tse_real fault_factor;         /* [1] how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 no factor: exchanged, stuck; form 0 */
+  tse_real fault_factor;         /* [1] how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 no factor: exchanged, stuck, late; form 0 */
   tse_real regime[TSE_REGIMES];  /* [1] probability of each regime, by TSE_REGIME_STEADY ... */
   tse_real change_age;           /* [s] time since the last change; 0 while there was none */
   tse_real change_probability;   /* [1] probability that nothing has happened since that change */

@@ -32,7 +32,7 @@ typedef enum tse_status {
   TSE_W_RECOVERED = 7,          /* the state was no finite number, by a fault of the memory or an overflow: started over */
   TSE_W_WAITING = 8,            /* no step: channels that are logged later are awaited; estimates of the last step, or of the start */
   TSE_W_RANGE = 9,              /* a number reached the end of the range of the number format: it stops there, or the sample was dropped */
-  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is */
+  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle, or one comes late; fault_channel says which, fault_factor how many times too large it is */
   /* end of table */
   TSE_STATUS_END_
 } tse_status;
@@ -49,7 +49,7 @@ typedef enum tse_reason {
   TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
   TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better */
   TSE_MISFIT = 8,               /* the sensors say what the model does not explain: calibrate, or look for what is missing */
-  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor) */
+  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle, or one comes late (fault_channel, fault_factor) */
   /* end of table */
   TSE_REASON_END_
 } tse_reason;

@@ -115,7 +115,7 @@
   STIFFNESS(cx_front_secant, stiffness_secant[0], secant[0], "N", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load") \
   STIFFNESS(cy_front_secant, stiffness_secant[1], secant[1], "N/rad", "cornering stiffness in effect, front axle: force over slip at this row's slip and load") \
   STIFFNESS(cy_rear_secant, stiffness_secant[2], secant[2], "N/rad", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load") \
-  NUMBER(fault_factor, fault_factor, "1", "how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor: exchanged, stuck")
+  NUMBER(fault_factor, fault_factor, "1", "how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor: exchanged, stuck, late")
 #define TRUTHS(NUMBER, STIFFNESS) \
   NUMBER(true, vel_x, vel_x, "m/s", "longitudinal velocity of the centre of gravity") \
   NUMBER(true, vel_y, vel_y, "m/s", "lateral velocity of the centre of gravity") \
@@ -156,7 +156,7 @@
   ROW(TSE_W_RECOVERED, "TSE_W_RECOVERED", "the state was no finite number, by a fault of the memory or an overflow: started over") \
   ROW(TSE_W_WAITING, "TSE_W_WAITING", "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
   ROW(TSE_W_RANGE, "TSE_W_RANGE", "a number reached the end of the range of the number format: it stops there, or the sample was dropped") \
-  ROW(TSE_W_IMPLAUSIBLE, "TSE_W_IMPLAUSIBLE", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is")
+  ROW(TSE_W_IMPLAUSIBLE, "TSE_W_IMPLAUSIBLE", "the channels contradict each other: a wrong unit, sign or axle, or one comes late; fault_channel says which, fault_factor how many times too large it is")
 #define REASON_CODES(ROW) \
   ROW(TSE_VALID, "valid", "usable") \
   ROW(TSE_STARTING, "starting", "too little seen since the start") \
@@ -167,7 +167,7 @@
   ROW(TSE_INPUT_INVALID, "input invalid", "inputs or measurements are missing") \
   ROW(TSE_PARAMETERS_UNCERTAIN, "parameters uncertain", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better") \
   ROW(TSE_MISFIT, "does not fit", "the sensors say what the model does not explain: calibrate, or look for what is missing") \
-  ROW(TSE_IMPLAUSIBLE, "implausible", "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)")
+  ROW(TSE_IMPLAUSIBLE, "implausible", "the channels contradict each other: a wrong unit, sign or axle, or one comes late (fault_channel, fault_factor)")
 #define REPLAY_START(ROW) \
   ROW(cx_front, 1.0, "1", "longitudinal stiffness, share of nominal (rear follows as the settings say)") \
   ROW(cy_front, 1.0, "1", "front cornering stiffness, share of nominal") \
