@@ -160,12 +160,12 @@ static void late_learn(const tse_params *p, tse_agreement *a, const tse_real was
   timing_learn(&a->across, across, side, jerk, keep, dt);
   timing_learn(&a->steered, asked, turns, steered, keep, dt);
   a->across.late += r_mul(r_mul(arm, s[TURN] - was[TURN]), jerk);
-  a->lags = r_mul(keep, a->lags) + r_mul(dt, r_mul(r_sqr(jerk), r_min(slip_time, TSE_R(1))));
+  a->lags = r_mul(keep, a->lags) + r_mul(dt, r_mul(r_sqr(jerk), r_min(r_mul(SOFTER, slip_time) + r_div(LEVER, v), TSE_R(1))));
 }
 
 /* Return which of accel_y, yaw_rate and the steering angle comes late, as a bit, or 0. Each lateness counts times the square that shows
- * it, and with its sd, which falls with the root of that square. Tyres that are softer than nominal make accel_y late, too, by a share
- * of the time that side slip takes. Behind the steering angle the yaw rate is late in every car, and never early. */
+ * it, and with its sd, which falls with the root of that square. Tyres that are softer than nominal make accel_y late, too, and an IMU
+ * behind the centre of gravity. Behind the steering angle the yaw rate is late in every car, and never early. */
 static int late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late, behind = a->steered.late, square = a->across.square, asked = a->steered.square;
@@ -174,9 +174,28 @@ static int late_channel(const tse_params *p, const tse_agreement *a)
   if (-behind > r_mul(STEER_LATE, asked) + r_mul(LATE_SD, r_sqrt(asked))) return LATE_STEER;
   if (!(square > LATE_SHOWN)) return 0;
   const tse_real sd = r_mul(LATE_SD, r_sqrt(square)), settings = r_mul(TSE_R(3), p->uncertain[CONSIDER_ACCEL_LATE]);
-  if (late > r_mul(r_max(ACCEL_LATE, settings), square) + r_mul(SOFTER, a->lags) + r_mul(ACCEL_SD, sd)) return LATE_ACCEL;
+  if (late > r_mul(r_max(ACCEL_LATE, settings), square) + a->lags + r_mul(ACCEL_SD, sd)) return LATE_ACCEL;
   const tse_real both = r_mul(r_div(behind, asked), square) - late;
   return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
+}
+
+/* Return whether the road has less grip than the one before, by what is believed: side slip takes longer there. */
+static int is_slippery(const tse_kalman *k)
+{
+  return k->change_kind == TSE_CHANGE_ROAD && k->x[LCR] < k->change_from[TSE_CY_REAR] - SLIPPERY;
+}
+
+/* Learn from a row that is one of many complete ones, and decide which channel comes late.
+ *   Given: was  smoothed values of the row before    has  bits of the channels that are there    dt  0: there is no row before */
+static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
+{
+  static const uint32_t needed = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate | TSE_MISSING_steer_angle;
+  tse_agreement *const a = &k->agreement;
+  const int is_complete = (has & needed) == needed && dt > TSE_R(0) && dt < LONGEST_ROW;
+  a->complete_for = is_complete ? r_min(a->complete_for + dt, LONGEST_DT) : TSE_R(0);
+  if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > LEAST_TURNING) || is_slippery(k)) return;
+  late_learn(p, a, was, k->x[BR], dt);
+  a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);
 }
 
 int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
@@ -274,12 +293,7 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]); /* a channel that comes seldom is no smaller */
-  const uint32_t needed = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate | TSE_MISSING_steer_angle;
-  a->complete_for = (has & needed) == needed && dt < LONGEST_ROW && !starts ? r_min(a->complete_for + dt, LONGEST_DT) : TSE_R(0);
-  if (a->complete_for > COMPLETE_TIME && speed > LEAST_TURNING) {
-    late_learn(p, a, was, k->x[BR], dt);
-    a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);
-  }
+  late_row(p, k, was, has, starts ? TSE_R(0) : dt);
   /* as the smoothed change of the speed, which begins anew */
   if (dt > FASTEST_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
