@@ -56,8 +56,11 @@ static int sound_velocity(const tse_velocity *m, int in_use)
 
 static int sound_agreement(const tse_agreement *a)
 {
-  int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL) && sound_int(a->apart, 0, (1 << TSE_PAIRS) - 1) && sound_int(a->off_scale, 0, 1);
+  int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL) && sound_int(a->apart, 0, (1 << (TSE_PAIRS + 3)) - 1) && sound_int(a->off_scale, 0, 1);
   fine = fine && sound_reals(&a->since, 1, TSE_R(0), MOST_REAL) && sound_reals(a->moved[0], 4, TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(&a->across.square, 1, TSE_R(0), MOST_SQUARE) && sound_reals(&a->across.late, 1, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(&a->steered.square, 1, TSE_R(0), MOST_SQUARE) && sound_reals(&a->steered.late, 1, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(&a->lags, 1, TSE_R(0), MOST_SQUARE) && sound_reals(&a->complete_for, 1, TSE_R(0), LONGEST_DT);
   for (int i = 0; i < TSE_PAIRS; i++) {
     const tse_pair *const q = &a->pair[i];
     fine = fine && sound_reals(&q->time, 1, TSE_R(0), MOST_REAL) && sound_reals(q->mean, 2, -MOST_REAL, MOST_REAL);

@@ -198,13 +198,21 @@ typedef struct tse_pair {
   tse_real mean[2], var[2], both;     /* their means, variances and covariance */
 } tse_pair;
 
+/* Whether one of two channels comes late: sums over SCALE_TIME, src/filter/plausible.c. */
+typedef struct tse_timing {
+  tse_real square, late;              /* [m2/s5] square of the slope of the first times seconds; [m2/s4] that times how late the second is */
+} tse_timing;
+
 #define TSE_PAIRS 5
 typedef struct tse_agreement {
   tse_real smooth[6];
   tse_pair pair[TSE_PAIRS];
   tse_real since;                     /* [s] since a row that has a wheel speed */
   tse_real moved[2][2];               /* [m2/s3] square of v r and its product with accel_y, of accel_x and with the change of the wheels' speed, times seconds */
-  int32_t apart, off_scale;           /* bits, by pair: the two are not the same; 1: accelerometers saw another speed than the wheels */
+  tse_timing across, steered;         /* how late accel_y is behind v r; yaw_rate behind the steering angle */
+  tse_real lags;                      /* [m2/s4] square of the slope of v r times how late the car's side slip makes accel_y, times seconds */
+  tse_real complete_for;              /* [s] for so long each row has had accel_y, yaw_rate and steer_angle */
+  int32_t apart, off_scale;           /* bits, by pair, and behind them LATE_ACCEL ...: the two are not the same; 1: accelerometers saw another speed than the wheels */
 } tse_agreement;
 
 /* The slip stiffness itself before anything was learnt of it: LCX is it and what the model lacks along the car. */
