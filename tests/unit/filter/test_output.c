@@ -31,7 +31,7 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
   }
 }
 
-#if HAS_SLIP
+#if !defined(TSE_SMALL)
 /* A fault that is likely, and not believed yet, has a name: that of its likeliest event. One that is not likely has none. */
 static void test_a_likely_fault_names_its_channel(void)
 {
