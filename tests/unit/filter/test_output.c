@@ -46,11 +46,14 @@ static void test_a_likely_fault_names_its_channel(void)
     for (int e = 0; e < 2; e++) {
       k.event[4 + e].kind = kinds[e];
       k.event[4 + e].info = real(1), k.event[4 + e].score = real(10);
-      k.weight[4 + e] = real(n == 2 ? 0.1 : e == n ? 0.7 : 0.2);
+      k.weight[4 + e] = real(n == 2 ? 0.1 : e == n ? 0.7
+                                                   : 0.2);
     }
     k.none[0] = real(n == 2 ? 0.8 : 0.1), k.none[1] = real(1);
     report_row(&p, &k, &y);
-    TEST_ASSERT_EQUAL_INT(n == 2 ? NO_FAULT : n ? fault_of(YAW_RATE) : (int32_t)FAULT_STEER, y.fault_channel);
+    TEST_ASSERT_EQUAL_INT(n == 2 ? NO_FAULT : n ? fault_of(YAW_RATE)
+                                                : (int32_t)FAULT_STEER,
+                          y.fault_channel);
   }
 }
 #endif
