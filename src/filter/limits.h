@@ -103,7 +103,6 @@
 #define ACCEL_LATE TSE_R(0.01)     /* s: what a bus leaves beside the others here: messages are 0 .. 60 ms late, each for itself */
 #define SOFTER TSE_R(0.4)          /* 1: rear tyres by so much softer than nominal, of a class or on a wet road, are tyres */
 #define LEVER TSE_R(0.7)           /* m: so far behind the centre of gravity an IMU may be that nobody has stated */
-#define SLIPPERY TSE_R(0.2)        /* 1: logarithm of the rear stiffness, half of CHANGE_SD; a road with less is another one */
 #define STEER_LATE TSE_R(0.05)     /* s: the yaw rate of a car is 0 .. 130 ms behind its steering angle */
 #define YAW_LATE TSE_R(0.07)       /* s: behind accel_y, as ACCEL_LATE, */
 #define YAW_LATE_TWICE TSE_R(0.2)  /* s: and that with what it is behind the steering angle: cars have up to 0.16 */

@@ -142,12 +142,23 @@ static void timing_learn(tse_timing *t, const tse_real x[2], const tse_real y[2]
   t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MOST_INFO, MOST_INFO);
 }
 
+/* Return by how much softer than nominal the rear tyres may be: on a road that is believed to have less grip than the one before, by what
+ * they have lost, too. */
+static tse_real softer_by(const tse_kalman *k)
+{
+  const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
+  if (k->change_kind != TSE_CHANGE_ROAD || !(lost > TSE_R(0))) return SOFTER;
+  return SOFTER + exponential(r_min(lost, TSE_R(1))) - TSE_R(1);
+}
+
 /* Learn how late accel_y is behind the turn of the car, and yaw_rate behind the steering angle: all in m/s2, yaw rates times the speed.
  *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)    at the centre of gravity, of a car whose rear tyres are nominal
  *   Given: was  smoothed values of the row before */
-static void late_learn(const tse_params *p, tse_agreement *a, const tse_real was[6], tse_real gyro_bias, tse_real dt)
+static void late_learn(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {
+  tse_agreement *const a = &k->agreement;
   const tse_real *const s = a->smooth;
+  const tse_real gyro_bias = k->x[BR];
   const tse_car *const c = &p->car;
   const tse_real over = r_div(TSE_R(1), dt), keep = TSE_R(1) - r_div(dt, SCALE_TIME), v = s[SPEED];
   const tse_real slip_time = r_div(r_mul(v, r_div(c->lf, c->lf + c->lr)), c->ky_rear), arm = c->lr + c->lever_x - r_mul(v, slip_time);
@@ -160,7 +171,7 @@ static void late_learn(const tse_params *p, tse_agreement *a, const tse_real was
   timing_learn(&a->across, across, side, jerk, keep, dt);
   timing_learn(&a->steered, asked, turns, steered, keep, dt);
   a->across.late += r_mul(r_mul(arm, s[TURN] - was[TURN]), jerk);
-  a->lags = r_mul(keep, a->lags) + r_mul(dt, r_mul(r_sqr(jerk), r_min(r_mul(SOFTER, slip_time) + r_div(LEVER, v), TSE_R(1))));
+  a->lags = r_mul(keep, a->lags) + r_mul(dt, r_mul(r_sqr(jerk), r_min(r_mul(softer_by(k), slip_time) + r_div(LEVER, v), TSE_R(1))));
 }
 
 /* Return which of accel_y, yaw_rate and the steering angle comes late, as a bit, or 0. Each lateness counts times the square that shows
@@ -179,12 +190,6 @@ static int late_channel(const tse_params *p, const tse_agreement *a)
   return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
 }
 
-/* Return whether the road has less grip than the one before, by what is believed: side slip takes longer there. */
-static int is_slippery(const tse_kalman *k)
-{
-  return k->change_kind == TSE_CHANGE_ROAD && k->x[LCR] < k->change_from[TSE_CY_REAR] - SLIPPERY;
-}
-
 /* Learn from a row that is one of many complete ones, and decide which channel comes late.
  *   Given: was  smoothed values of the row before    has  bits of the channels that are there    dt  0: there is no row before */
 static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
@@ -193,8 +198,8 @@ static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], 
   tse_agreement *const a = &k->agreement;
   const int is_complete = (has & needed) == needed && dt > TSE_R(0) && dt < LONGEST_ROW;
   a->complete_for = is_complete ? r_min(a->complete_for + dt, LONGEST_DT) : TSE_R(0);
-  if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > LEAST_TURNING) || is_slippery(k)) return;
-  late_learn(p, a, was, k->x[BR], dt);
+  if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > LEAST_TURNING)) return;
+  late_learn(p, k, was, dt);
   a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);
 }
 

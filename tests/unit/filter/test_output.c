@@ -31,6 +31,33 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
   }
 }
 
+#if !defined(TSE_SMALL)
+/* A fault that is likely, and not believed yet, has a name: that of its likeliest event. One that is not likely has none. */
+static void test_a_likely_fault_names_its_channel(void)
+{
+  const tse_params p = prepared(config_by(tse_config_exact));
+  for (int n = 0; n < 3; n++) {
+    static tse_kalman k;
+    tse_output y = blank_output();
+    uint32_t seed = 2;
+    memset(&k, 0, sizeof k);
+    any_covariance(&k.ud, &seed);
+    const int32_t kinds[] = { EVENT_STEER, EVENT_SENSOR + YAW_RATE };
+    for (int e = 0; e < 2; e++) {
+      k.event[4 + e].kind = kinds[e];
+      k.event[4 + e].info = real(1), k.event[4 + e].score = real(10);
+      k.weight[4 + e] = real(n == 2 ? 0.1 : e == n ? 0.7
+                                                   : 0.2);
+    }
+    k.none[0] = real(n == 2 ? 0.8 : 0.1), k.none[1] = real(1);
+    report_row(&p, &k, &y);
+    TEST_ASSERT_EQUAL_INT(n == 2 ? NO_FAULT : n ? fault_of(YAW_RATE)
+                                                : (int32_t)FAULT_STEER,
+                          y.fault_channel);
+  }
+}
+#endif
+
 /* An event that may have happened moves each estimate by its probability times what it would move it by, and makes it as uncertain as a
  * mixture of both: by hand, from amplitude s/(1 + i) and variance 1/(1 + i) of score s and information i. */
 static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
