@@ -242,7 +242,8 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
     if (TOGETHER > 1 || k->event[n].kind != EVENT_NONE) correct_together(&k->event[n], h, gain, all, &y[n]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
-    if (a->kind != EVENT_NONE && speaks_of(a->kind, channel, along)) learn(a, y[n], r_mul(y[n], over), e, y[n < ROADS ? 0 : n - ROADS]);
+    const tse_real of_road = n >= ROADS && n < 2 * ROADS ? y[n - ROADS] : TSE_R(0);
+    if (a->kind != EVENT_NONE && speaks_of(a->kind, channel, along)) learn(a, y[n], r_mul(y[n], over), e, of_road);
   }
 }
 

@@ -84,7 +84,10 @@ static void walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
 {
   const int which = i == LCX ? 0 : i == LCF || i == LCR ? 1 + i - LCF
                                                         : -1;
-  const tse_real of_prior = i <= BR ? p->bias_sd_walk[i == BX ? 0 : i - BY + 1] : r_mul(WALK_SHARE, p->prior_sd[i]);
+  const int bias = i == BX ? 0 : i == BY ? 1
+                             : i == BR   ? 2
+                                         : -1;
+  const tse_real of_prior = bias >= 0 ? p->bias_sd_walk[bias] : r_mul(WALK_SHARE, p->prior_sd[i]);
   const tse_real sd = r_max(of_prior, which >= 0 ? p->steady_sd_walk : TSE_R(0));
   tse_real more = r_mul(r_sqr(r_div(sd, state_unit[i])), dt);
   if (which >= 0) {
