@@ -1,10 +1,12 @@
-/* docs/page/page.c - the library as WebAssembly for a page: memory for what the page runs, and where everything lies in it.
+/* docs/page/page.c - the library as WebAssembly for a page: memory for what the page
+ * runs, and where everything lies in it.
  *
- * There is no C library here: what it takes of one is in tests/embedded/wasm/string.h. JavaScript finds every struct by
- * tse_describe(), so that no offset is typed there; of tse_field itself, and of what is not in its tables, page_layout() says it.
+ * There is no C library here: what it takes of one is in tests/embedded/wasm/string.h.
+ * JavaScript finds every struct by tse_describe(), so that no offset is typed there; of
+ * tse_field itself, and of what is not in its tables, page_layout() says it.
  *
- * Two desks: what stands on one - settings, filter, rows, a simulation - knows nothing of the other. The page estimates a log on
- * one and drives on the other. */
+ * Two desks: what stands on one - settings, filter, rows, a simulation - knows nothing of
+ * the other. The page estimates a log on one and drives on the other. */
 #define WASM_STRING
 #include <stddef.h>
 #include <stdint.h>
@@ -14,8 +16,7 @@
 
 #define EXPORT(name) __attribute__((export_name(#name))) name
 
-enum { DESKS = 2,
-       ROWS = 256 }; /* rows that go in at a time: few enough that a page answers between them */
+enum { DESKS = 2, ROWS = 256 }; /* rows that go in at a time: few enough that a page answers between them */
 
 typedef struct desk {
   tse_config config;
@@ -35,43 +36,44 @@ static const char *wrong; /* name of the setting that was refused last */
 /* ---- tables */
 
 static const char *const vehicle_rows[] = {
-  /* table: vehicle_names */
+  /* clang-format off: table vehicle_names */
   "mass", "yaw_inertia", "lf", "lr", "wheel_radius_front", "wheel_radius_rear",
   "longitudinal_stiffness_front", "longitudinal_stiffness_rear", "cornering_stiffness_front",
   "cornering_stiffness_rear", "rear_longitudinal_follows_front",
-  /* end of table */
+  /* clang-format on: end of table */
   NULL
 };
 static const char *const uncertainty_rows[] = {
-  /* table: uncertainty_names */
+  /* clang-format off: table uncertainty_names */
   "mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd",
   "wheel_delay_sd", "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd",
   "roll_steer_sd", "wheel_radius_sd", "model_sd", "grade_sd",
-  /* end of table */
+  /* clang-format on: end of table */
   NULL
 };
 static const char *const sensor_rows[] = {
-  /* table: sensor_names */
+  /* clang-format off: table sensor_names */
   "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "wheel_noise_sd", "steer_lag_sd", "accel_x_bias_sd",
   "accel_y_bias_sd", "yaw_rate_bias_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk",
-  /* end of table */
+  /* clang-format on: end of table */
   NULL
 };
 static const char *const *const groups[] = { vehicle_rows, uncertainty_rows, sensor_rows };
 
-/* Names of the settings of one table: 0 vehicle, 1 uncertainty, 2 sensors; NULL ends them. */
+/* Names of the settings of one table: 0 vehicle, 1 uncertainty, 2 sensors; NULL ends
+ * them. */
 const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }
 
-/* Where things lie: a tse_field's name, kind, offset, default, lower and upper end, unit, text, its size; rows that go in at a
- * time; bytes from one row to the next in and out; a desk's config, row, out, sim_config, sim_input, sim_output. */
-static const int32_t layout[] = {
-  (int32_t)offsetof(tse_field, name), (int32_t)offsetof(tse_field, kind), (int32_t)offsetof(tse_field, offset),
-  (int32_t)offsetof(tse_field, def), (int32_t)offsetof(tse_field, lo), (int32_t)offsetof(tse_field, hi),
-  (int32_t)offsetof(tse_field, unit), (int32_t)offsetof(tse_field, text), (int32_t)sizeof(tse_field),
-  ROWS, (int32_t)sizeof(tse_input), (int32_t)sizeof(tse_output),
-  (int32_t)offsetof(desk, config), (int32_t)offsetof(desk, row), (int32_t)offsetof(desk, out), (int32_t)offsetof(desk, sim_config),
-  (int32_t)offsetof(desk, sim_input), (int32_t)offsetof(desk, sim_output)
-};
+/* Where things lie: a tse_field's name, kind, offset, default, lower and upper end, unit,
+ * text, its size; rows that go in at a time; bytes from one row to the next in and out; a
+ * desk's config, row, out, sim_config, sim_input, sim_output. */
+static const int32_t layout[] = { (int32_t)offsetof(tse_field, name), (int32_t)offsetof(tse_field, kind),
+  (int32_t)offsetof(tse_field, offset), (int32_t)offsetof(tse_field, def), (int32_t)offsetof(tse_field, lo),
+  (int32_t)offsetof(tse_field, hi), (int32_t)offsetof(tse_field, unit), (int32_t)offsetof(tse_field, text),
+  (int32_t)sizeof(tse_field), ROWS, (int32_t)sizeof(tse_input), (int32_t)sizeof(tse_output),
+  (int32_t)offsetof(desk, config), (int32_t)offsetof(desk, row), (int32_t)offsetof(desk, out),
+  (int32_t)offsetof(desk, sim_config), (int32_t)offsetof(desk, sim_input),
+  (int32_t)offsetof(desk, sim_output) };
 const int32_t *EXPORT(page_layout)(void) { return layout; }
 
 static int32_t count, size;
@@ -107,7 +109,8 @@ void EXPORT(page_exact)(desk *d)
 /* What a filter takes for what is not set. */
 void EXPORT(page_complete)(desk *d) { tse_config_complete(&d->config); }
 
-/* Settings -> a filter that waits for its first row.   Returned: a tse_status; negative: page_wrong() */
+/* Settings -> a filter that waits for its first row.   Returned: a tse_status; negative:
+ * page_wrong() */
 int32_t EXPORT(page_start)(desk *d)
 {
   wrong = NULL;
@@ -115,7 +118,8 @@ int32_t EXPORT(page_start)(desk *d)
   return prepared < 0 ? prepared : tse_reset(&d->params, &d->filter, sizeof d->filter);
 }
 
-/* Rows 0 .. n - 1 of the desk. Of a row that is refused only the status changes, as `tselab estimate` has it. */
+/* Rows 0 .. n - 1 of the desk. Of a row that is refused only the status changes, as
+ * `tselab estimate` has it. */
 void EXPORT(page_step)(desk *d, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) {
