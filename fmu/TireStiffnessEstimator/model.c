@@ -125,13 +125,13 @@ static void described_codes(fmu_code_row *row, void *to, const char *type, tse_s
 void model_codes(fmu_code_row *row, void *to)
 {
   static const char *const changes[][2] = {
-    /* clang-format off: table changes */
+    // clang-format off: table changes
     { "none", "none yet" },
     { "road", "all tyres: another road" },
     { "front axle", "the tyres of the front axle" },
     { "rear axle", "the tyres of the rear axle" },
     { "started over", "all was started over" },
-    /* clang-format on: end of table */
+    // clang-format on: end of table
   };
 #define FAULT(name, drives, lo, hi, unit, text) { #name, text },
   static const char *const faults[][2] = { { "none", "no channel is likely at fault, none is implausible" },

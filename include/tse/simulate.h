@@ -21,50 +21,50 @@ extern "C" {
 
 /* Settings of the simulator: unit, default, least .. most; meaning. */
 typedef struct tse_sim_config {
-  /* clang-format off: table sim_members */
-  tse_setting wheel_inertia_front; /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
+  // clang-format off: table sim_members
+  tse_setting wheel_inertia_front;              /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
                                                  * front wheels */
-  tse_setting wheel_inertia_rear;  /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
+  tse_setting wheel_inertia_rear;               /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
                                                  * rear wheels */
-  tse_setting true_cx_front;       /* [1] 1, 0.02 .. 10; mean longitudinal stiffness, share of
+  tse_setting true_cx_front;                    /* [1] 1, 0.02 .. 10; mean longitudinal stiffness, share of
                                                  * nominal (rear follows as the settings say) */
-  tse_setting true_cy_front;       /* [1] 1, 0.02 .. 10; mean front cornering stiffness, share
+  tse_setting true_cy_front;                    /* [1] 1, 0.02 .. 10; mean front cornering stiffness, share
                                                  * of nominal */
-  tse_setting true_cy_rear;        /* [1] 1, 0.02 .. 10; mean rear cornering stiffness, share
+  tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean rear cornering stiffness, share
                                                  * of nominal */
-  tse_setting spread_cx_front;     /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the
+  tse_setting spread_cx_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the
                                                  * stiffness, share of its mean */
-  tse_setting spread_cy_front;     /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the
+  tse_setting spread_cy_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the
                                                  * stiffness, share of its mean */
-  tse_setting spread_cy_rear;      /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the
+  tse_setting spread_cy_rear;                   /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the
                                                  * stiffness, share of its mean */
-  tse_setting noise;               /* [1] 1, 0 .. 100; true sensor noise over the sd in the
+  tse_setting noise;                            /* [1] 1, 0 .. 100; true sensor noise over the sd in the
                                                  * settings */
-  tse_setting steer_angle_sd;      /* [rad] 0, 0 .. 0.1; noise of the logged steering angle */
-  tse_setting wheel_speed_sd;      /* [rad/s] 0, 0 .. 10; noise of the logged wheel speeds */
-  tse_setting true_bias_accel_x;   /* [m/s2] 0, -5 .. 5; accel_x bias at the start */
-  tse_setting true_bias_accel_y;   /* [m/s2] 0, -5 .. 5; accel_y bias at the start */
-  tse_setting true_bias_yaw_rate;  /* [rad/s] 0, -0.5 .. 0.5; yaw_rate bias at the start */
-  tse_setting bias_walk;           /* [1] 0, 0 .. 100; random walk of the true biases over the
+  tse_setting steer_angle_sd;                   /* [rad] 0, 0 .. 0.1; noise of the logged steering angle */
+  tse_setting wheel_speed_sd;                   /* [rad/s] 0, 0 .. 10; noise of the logged wheel speeds */
+  tse_setting true_bias_accel_x;                /* [m/s2] 0, -5 .. 5; accel_x bias at the start */
+  tse_setting true_bias_accel_y;                /* [m/s2] 0, -5 .. 5; accel_y bias at the start */
+  tse_setting true_bias_yaw_rate;               /* [rad/s] 0, -0.5 .. 0.5; yaw_rate bias at the start */
+  tse_setting bias_walk;                        /* [1] 0, 0 .. 100; random walk of the true biases over the
                                                  * walk in the settings */
-  tse_setting speed;               /* [m/s] 20, 0 .. 70; vel_x at the start; wheels roll
+  tse_setting speed;                            /* [m/s] 20, 0 .. 70; vel_x at the start; wheels roll
                                                  * freely */
-  tse_setting vel_y;               /* [m/s] 0, -20 .. 20; vel_y at the start: above 0 the car
+  tse_setting vel_y;                            /* [m/s] 0, -20 .. 20; vel_y at the start: above 0 the car
                                                  * slides to the left */
-  tse_setting friction;            /* [1] 0, 0 .. 2; friction coefficient at which the tyre
+  tse_setting friction;                         /* [1] 0, 0 .. 2; friction coefficient at which the tyre
                                                  * forces of an axle saturate; 0: linear tyres */
-  tse_setting substep;             /* [s] 0.001, 0.0001 .. 0.005; longest integration step */
-  int32_t hold_inputs;             /* 0, 0 .. 1; 1: what the driver does at a row is held
+  tse_setting substep;                          /* [s] 0.001, 0.0001 .. 0.005; longest integration step */
+  int32_t hold_inputs;                          /* 0, 0 .. 1; 1: what the driver does at a row is held
                                                  * until the next; 0: it changes linearly between rows */
-  int32_t seed;                    /* 1, 0 .. 2147483647; seed of the random numbers */
-  /* clang-format on: end of table */
+  int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers */
+  // clang-format on: end of table
 } tse_sim_config;
 
 /* Inputs of the driver at this row. Between rows they are linear, or held with `hold_inputs`. Road
  * level and friction are held until the next row. */
 typedef struct tse_sim_input {
   tse_real dt; /* [s] (0, 1]; time since the previous row; ignored at the first row */
-  /* clang-format off: table sim_input_members */
+  // clang-format off: table sim_input_members
   tse_real steer_angle;        /* [rad] 0, -1.2 .. 1.2; road-wheel angle of the front axle, positive left */
   tse_real wheel_torque_front; /* [Nm] 0, -100000 .. 100000; drive torque of the front axle; negative turns
                                 * the wheels backwards */
@@ -81,25 +81,25 @@ typedef struct tse_sim_input {
                                 * setting bank_angle */
   tse_real grade;              /* [rad] 0, -0.35 .. 0.35; slope of the road, uphill > 0, besides the
                                 * setting grade_angle */
-  /* clang-format on: end of table */
+  // clang-format on: end of table
 } tse_sim_input;
 
 typedef struct tse_sim_output {
   tse_input row; /* the row that the car logs */
-  /* clang-format off: table sim_output_members */
-  tse_real vel_x;             /* [m/s] longitudinal velocity of the centre of gravity */
-  tse_real vel_y;             /* [m/s] lateral velocity of the centre of gravity */
-  tse_real yaw_rate;          /* [rad/s] yaw rate */
-  tse_real accel_x;           /* [m/s2] specific force with the stiffness drawn for this row, without
+  // clang-format off: table sim_output_members
+  tse_real vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
+  tse_real vel_y;               /* [m/s] lateral velocity of the centre of gravity */
+  tse_real yaw_rate;            /* [rad/s] yaw rate */
+  tse_real accel_x;             /* [m/s2] specific force with the stiffness drawn for this row, without
                                  * noise and bias */
-  tse_real accel_y;           /* [m/s2] specific force with the stiffness drawn for this row, without
+  tse_real accel_y;             /* [m/s2] specific force with the stiffness drawn for this row, without
                                  * noise and bias */
-  tse_real wheel_speed_front; /* [rad/s] rotation rate of the front wheels */
-  tse_real wheel_speed_rear;  /* [rad/s] rotation rate of the rear wheels */
-  tse_real stiffness[3];      /* [1] mean stiffness now, relative to nominal */
-  tse_real drawn[3];          /* [1] stiffness drawn for this row, relative to nominal */
-  tse_real bias[3];           /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate */
-  /* clang-format on: end of table */
+  tse_real wheel_speed_front;   /* [rad/s] rotation rate of the front wheels */
+  tse_real wheel_speed_rear;    /* [rad/s] rotation rate of the rear wheels */
+  tse_real stiffness[3];        /* [1] mean stiffness now, relative to nominal */
+  tse_real drawn[3];            /* [1] stiffness drawn for this row, relative to nominal */
+  tse_real bias[3];             /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate */
+  // clang-format on: end of table
 } tse_sim_output;
 
 /* A simulation, allocated by the caller as in tse/state.h. */

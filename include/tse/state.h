@@ -39,9 +39,9 @@
 #define TSE_EFFECT_NUMBERS 0
 #define TSE_EFFECT_BYTES 0
 #else
-/* clang-format off: table effect_numbers */
+// clang-format off: table effect_numbers
 #define TSE_EFFECT_NUMBERS 67
-/* clang-format on: end of table */
+// clang-format on: end of table
 #define TSE_EFFECT_BYTES 40
 #endif
 

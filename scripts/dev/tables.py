@@ -4,7 +4,7 @@
 scripts/dev/tables.py            write
 scripts/dev/tables.py --check    change nothing; fails, and names the files, where something would be
 
-A file says where: between `/* clang-format off: table NAME */` and `/* clang-format on: end of table */`
+A file says where: between `// clang-format off: table NAME` and `// clang-format on: end of table`
 stands what REGIONS has of that name.
 """
 
@@ -24,8 +24,7 @@ else:
 
 ROOT = Path(__file__).resolve().parents[2]
 REGION = re.compile(
-    r"^( */\* clang-format off: table (\w+) \*/\n).*?^( */\* clang-format on: end of table \*/\n)",
-    re.M | re.S,
+    r"^( *// clang-format off: table (\w+)\n).*?^( *// clang-format on: end of table\n)", re.M | re.S
 )
 SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
 CONFIG = (

@@ -342,7 +342,7 @@ static inline void imu_delay_sensor(reading *z)
   for (int i = 0; i < 3; i++) z->y[i] = effects_delay_get(&z->m->imu, z->m->imu_was[i], time);
 }
 
-/* clang-format off: table acting_effects */
+// clang-format off: table acting_effects
 #define EFFECTS_INPUT(X) X(steering_ratio) X(steering_offset) X(steering_delay) X(steering_lag)
 #define EFFECTS_SLIP(X) X(exact_kinematics) X(steering_compliance) X(rear_roll_steer)
 #define EFFECTS_LAG(X) X(relaxation) X(longitudinal_relaxation)
@@ -353,4 +353,4 @@ static inline void imu_delay_sensor(reading *z)
     X(aligning_moment)
 #define EFFECTS_SENSOR(X) X(imu_lever_arm) X(body_roll) X(pitch_leak) X(imu_misalignment) X(imu_scale_ax) \
     X(imu_scale_ay) X(gyro_scale) X(imu_delay)
-/* clang-format on: end of table */
+// clang-format on: end of table

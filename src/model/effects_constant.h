@@ -32,6 +32,6 @@ static inline void wheel_radius_constant(tse_config *c)
   c->wheel_radius_rear += r_mul(c->wheel_radius_rear, c->wheel_radius_change);
 }
 
-/* clang-format off: table constant_effects */
+// clang-format off: table constant_effects
 #define EFFECTS_CONSTANT(X) X(mass) X(yaw_inertia) X(cg_shift) X(wheel_radius)
-/* clang-format on: end of table */
+// clang-format on: end of table

@@ -38,7 +38,7 @@ static const struct {
   size_t at;
   int whole;
 } replay_outputs[] = {
-  /* clang-format off: table hashed_outputs */
+  // clang-format off: table hashed_outputs
   { "vel_x", offsetof(tse_output, vel_x), 0 },
   { "vel_x_sd", offsetof(tse_output, vel_x_sd), 0 },
   { "vel_y", offsetof(tse_output, vel_y), 0 },
@@ -111,7 +111,7 @@ static const struct {
   { "cy_front_secant", offsetof(tse_output, stiffness_secant[1]), 0 },
   { "cy_rear_secant", offsetof(tse_output, stiffness_secant[2]), 0 },
   { "fault_factor", offsetof(tse_output, fault_factor), 0 },
-  /* clang-format on: end of table */
+  // clang-format on: end of table
 };
 enum { REPLAY_OUTPUTS = sizeof replay_outputs / sizeof replay_outputs[0] };
 
