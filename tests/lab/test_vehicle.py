@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from tse.impl.config import NOT_IN_FILTER, make_config
+from tse.impl.config import NOT_IN_FILTER, make_config, unused_friction
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
 from tse.impl.files import loads, read_toml
@@ -119,6 +119,17 @@ def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
     make_config(read(tmp_path, BARE + found.replace("1.25", "0.05")), None)
     plain = filter_values(read(tmp_path, BARE + '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'))
     assert [plain[k] for k in ("tyre_saturation_shape", "grip")] == [class_of("tyre_saturation_shape"), class_of("grip")]
+
+
+@pytest.mark.parametrize(("friction", "notes"), [(1.0, 0), (1.25, 1)])
+def test_a_friction_of_a_car_that_nobody_has_calibrated_is_said_not_to_be_used(tmp_path, friction, notes):
+    car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n")
+    config, _ = make_config(car, None)
+    said = unused_friction(car, config)
+    assert [s for s in said if "not used by the filter: its grip starts at 1; --set grip=0.8 states it" in s] == said
+    assert len(said) == notes
+    config.set("grip", 1 / friction)
+    assert unused_friction(car, config) == []
 
 
 @pytest.mark.parametrize(("friction", "notes"), [(1.25, 0), (0.95, 1)])

@@ -255,7 +255,7 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     if found is not None and FRICTION in values and abs(values[FRICTION] - found) > 1e-3 * abs(found):
         vehicle.notes.append(
             f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: the filter's grip is "
-            f"that of [calibration], {found:.3g}; without that table yours is used, and the sds of an ordinary car"
+            f"that of [calibration], 1/{found:.3g}; --set grip={1 / max(values[FRICTION], LEAST_INVERSE):.3g} states it"
         )
     vehicle.wrong = _wrong(path, vehicle)
     vehicle.notes += [*vehicle.wrong, *_of_another(path, vehicle)]

@@ -100,7 +100,8 @@ def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tup
     file = file or beside_of(log)
     signals = read_signals(file) if file is not None else None
     how = signals.how if signals is not None else How()
-    return signals, replace(how, databases=(*databases, *how.databases))
+    given = {p.resolve() for p in databases}
+    return signals, replace(how, databases=(*databases, *(p for p in how.databases if p.resolve() not in given)))
 
 
 def known_channels() -> list[str]:
