@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 EACH = 0.25  # s between two looks at the three lines
 LONGEST = 86400.0  # s
+NOT_CALIBRATED = "not calibrated: the car is taken as an ordinary one of its class; tselab calibrate makes the answer surer"
 
 
 @click.command()
@@ -105,7 +106,8 @@ def live(
     """
     from tse.impl import results
     from tse.impl.answer import answer
-    from tse.impl.config import check_effect, make_config
+    from tse.impl.calibrate.own import uncalibrated
+    from tse.impl.config import check_effect, make_config, unused_friction
     from tse.impl.estimate import read_learnt, write_learnt
     from tse.impl.files import check_distinct, check_writable
     from tse.impl.live.drive import Live, bus_opener
@@ -134,14 +136,21 @@ def live(
     for key, value in key_values(pairs).items():
         config.set(key, value, source="option --set")
     check_effect(list(key_values(pairs)), config)
+    notes += unused_friction(vehicle, config)
+    car = NOT_CALIBRATED if uncalibrated(vehicle) else ""
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     folder = out or Path(time.strftime("live-%Y%m%d-%H%M%S"))
     opener = bus_opener(interface, channel, **_bus_options(bus_pairs))
     with _stopped() as stopped, _Lines(as_json) as lines:
         drive = Live(opener, databases, vehicle, config, signals, folder, learnt, rate, lines.say)
-        page = Page(drive) if browser else None
+        page = Page(drive, car=car) if browser else None
         try:
-            for line in (*([f"started from: {learnt.note}"] if learnt else []), *notes, f"recorded in {folder}; Ctrl-C ends it"):
+            for line in (
+                *([f"started from: {learnt.note}"] if learnt else []),
+                *([car] if car else []),
+                *notes,
+                f"recorded in {folder}; Ctrl-C ends it",
+            ):
                 lines.say(line)
             if page is not None:
                 lines.say(f"plots: {page.url}")

@@ -35,6 +35,7 @@ KNOWN = 0.175  # ln: where neither cornering stiffness comes out to this, the lo
 LONGEST = 300.0  # s: a search that takes longer on this machine is given up
 STOPPED = "it was stopped by Ctrl-C"
 TOO_LONG = f"the search took longer than {LONGEST:g} s"
+NOT_ASKED = "not calibrated on the log itself, as asked: the car is taken as an ordinary one of its class, as by C, FMU and page"
 AXLES = {"cy_front": "front", "cy_rear": "rear"}
 
 

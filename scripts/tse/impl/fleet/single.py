@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from tse.impl import regimes
-from tse.impl.calibrate.own import STOPPED, Own, calibrated, of_class, uncalibrated
-from tse.impl.config import check_effect, make_config
+from tse.impl.calibrate.own import NOT_ASKED, STOPPED, Own, calibrated, of_class, uncalibrated
+from tse.impl.config import check_effect, make_config, unused_friction
 from tse.impl.core import Config
 from tse.impl.errors import UserError
 from tse.impl.estimate import Estimate, Learnt, estimate_to
@@ -107,6 +107,7 @@ def assemble(
     for key, value in settings.items():
         config.set(key, value, source=source)
     check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
+    notes += unused_friction(vehicle, config)
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
@@ -125,6 +126,8 @@ def assemble(
             made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
             made.doubts.append(made.notes[0])
         return replace(made, own=found)
+    if form == "default" and uncalibrated(stated) and not vehicle.found:
+        vehicle.found.append(NOT_ASKED)
     late = [] if said or form != "default" else late_across(lively, config)
     if strict and late:
         raise UserError(f"{log.path}: option --strict: {late[0]}")
