@@ -22,6 +22,7 @@ import matplotlib.pyplot as plt
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "docs" / "pages" / "pictures"
 MOST = 100_000  # bytes of a picture that git holds
+COLOURS = 64
 INKS = {"ink": "#1f2933", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"}
 STYLE = {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10, "figure.autolayout": True, "axes.titlesize": 10}
 EXACT = dict.fromkeys(library().uncertainties, 0.0)
@@ -122,13 +123,20 @@ PICTURES: dict[str, Callable[[Inks], Any]] = {"slope": slope, "bank": change, "q
 
 
 def small(path: Path) -> None:
-    """Reduce a PNG to 64 colours, and in size until it is small enough."""
+    """Reduce a PNG to its COLOURS most frequent colours, and in size until it is small enough.
+
+    A palette of averages would draw a large faint area in the colour of a line."""
     from PIL import Image
 
     picture, scale = Image.open(path).convert("RGB"), 1.0
     while scale == 1.0 or path.stat().st_size > MOST:
         now = picture.resize((int(picture.width * scale), int(picture.height * scale)), Image.Resampling.LANCZOS)
-        now.quantize(64, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
+        colours, which, count = np.unique(np.asarray(now).reshape(-1, 3), axis=0, return_inverse=True, return_counts=True)
+        palette = colours[np.argsort(-count, kind="stable")[:COLOURS]].astype(int)
+        nearest = np.array([np.abs(palette - c).sum(axis=1).argmin() for c in colours.astype(int)], np.uint8)
+        reduced = Image.fromarray(nearest[which].reshape(now.height, now.width), "P")
+        reduced.putpalette(palette.astype(np.uint8).tobytes())
+        reduced.save(path, optimize=True)
         scale -= 0.1
 
 

@@ -152,7 +152,7 @@
   ROW(TSE_W_MISSING_CHANNEL, "TSE_W_MISSING_CHANNEL", "a measurement was missing; the others were used") \
   ROW(TSE_W_HELD, "TSE_W_HELD", "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
   ROW(TSE_W_PREDICTED, "TSE_W_PREDICTED", "no measurement, or inputs missing: predicted only") \
-  ROW(TSE_W_GAP, "TSE_W_GAP", "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
+  ROW(TSE_W_GAP, "TSE_W_GAP", "a step too long to bridge, or sensors that jump: states restarted from the sensors, what was learnt is kept") \
   ROW(TSE_W_RECOVERED, "TSE_W_RECOVERED", "the state was no finite number, by a fault of the memory or an overflow: started over") \
   ROW(TSE_W_WAITING, "TSE_W_WAITING", "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
   ROW(TSE_W_RANGE, "TSE_W_RANGE", "a number reached the end of the range of the number format: it stops there, or the sample was dropped") \
