@@ -12,7 +12,7 @@ import click
 
 from tse.impl.errors import UserError
 from tse.impl.files import atomic, check_writable, make_directory, real
-from tselab.options import FILE, JOBS, JSON, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
+from tselab.options import FILE, JOBS, JSON, PAGES, PROGRESS, ROAD, Written, folded, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.rows import Reading
@@ -155,10 +155,11 @@ def _run(
     if result.undetectable:
         ids = ", ".join(d.id for d in result.undetectable)
         lines.append(f"These logs could not have shown, at its typical size: {ids}.")
-    for line in lines if verbose else [*_answer(result), *changes(result)]:
+    for line in lines if verbose else folded([*_answer(result), *changes(result)]):
         click.echo(line)
-    for line in result.notes:
-        click.echo(f"note: {line}", err=True)
+    notes = [f"note: {line}" for line in result.notes]
+    for line in notes if verbose else folded(notes):
+        click.echo(line, err=True)
     for line in words(written.gain) if verbose else ():
         click.echo(line)
     click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")

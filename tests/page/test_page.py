@@ -46,6 +46,11 @@ def built():
     return page.PAGE
 
 
+def test_the_page_that_git_holds_is_of_these_sources():
+    """No compiler is needed to see it. After a change of the library or of docs/page: scripts/page.py --ship."""
+    assert page.shipped_digest() == page.digest(), "scripts/page.py --ship"
+
+
 @pytest.fixture(scope="module")
 def browser():
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
