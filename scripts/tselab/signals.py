@@ -18,7 +18,8 @@ MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 
 @click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
-@click.option("--write", "out", metavar="SIGNALS.toml", type=Written(".toml"), help="Write the proposal there.")
+@click.option("--write", "out", metavar="SIGNALS.toml", type=Written(".toml"), help="Write the proposal: a bare name beside the "
+              "log, where 'tselab estimate' looks for signals.toml.")  # fmt: skip
 @click.option(
     "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Radii, wheelbase and steering ratio make the guesses sharper."
 )
@@ -59,6 +60,8 @@ def signals(
     from tse.impl.results import say_json
     from tse.impl.vehicle import read_vehicle
 
+    if out is not None and out == Path(out.name):
+        out = log_path.parent / out
     check_writable(out)
     if out is not None and out.exists():
         raise UserError(f"{out}: is there already: remove it first, or name another file")

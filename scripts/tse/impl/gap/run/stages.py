@@ -76,6 +76,16 @@ def stages(
     return {c: Stage(rms(signal[rows]), *(rms(e[rows]) for e in left), rms(1.0 / level.weight[rows])) for c, rows in level.used()}
 
 
+def short(channels: Mapping[str, Stage], title: str) -> list[str]:
+    """Return a line for all channels of a part of the logs, and one for each."""
+    head = f"Off the simulation, {title}: as the file says, calibrated, with what is named (noise)"
+    rows = [
+        f"  {c + ',':<10}{CHANNEL_UNIT[c]:<6}  {s.filed:<8.3g}{s.calibrated:<8.3g}{s.named:<8.3g}({s.noise:.2g})"
+        for c, s in channels.items()
+    ]
+    return [head, *rows]
+
+
 def words(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
     """Return a line for each channel of each part of the logs. `title`: of a part."""
     return [
