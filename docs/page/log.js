@@ -27,7 +27,8 @@ const CHANGES = [
 
 // What stands above an answer that the command would give otherwise.
 const ITSELF =
-  "The car is taken as an ordinary one of its mass and axles. `tselab estimate` and Python calibrate such a car on the log first, " +
+  "Not calibrated on this log: the car is taken as an ordinary one of its mass and axles. " +
+  "`tselab estimate` and Python calibrate it first, " +
   "so theirs is surer and some percent off this one; --no-calibrate gives these numbers.";
 
 // The panels of a chart over a table of columns that may still grow. columns(): name -> values; truth(s): or null.
