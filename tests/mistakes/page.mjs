@@ -15,7 +15,7 @@ for (const [name, value] of Object.entries(job.car)) desk.set(name, value);
 const rows = { name: "log", time: Float64Array.from(job.time), data: {}, notes: [], sampleTime: 0.01 };
 for (const f of lib.channels) rows.data[f.name] = Float64Array.from(job.channels[f.name]);
 setSampling(desk, rows.sampleTime);
-const said = contradictions(rows, job.car, {}), table = await estimate(desk, rows, () => {}, () => false);
+const said = checkUnits(rows, job.car, {}), table = await estimate(desk, rows, () => {}, () => false);
 const names = ["status", "cx_front_reason", "cy_front_reason", "cy_rear_reason", "fault_channel", "fault_factor"];
 return { said, columns: Object.fromEntries(names.map((n) => [n, Array.from(table.columns[n])])) };
 `;
