@@ -295,7 +295,7 @@ def _describe_missing(path: Path, header: list[str], missing: list[str], needed:
     text = f"{path}: column {', '.join(missing)} is missing in the header (line 1)"
     if len(header) == 1 and any(s in header[0] for s in ";\t|"):
         text += "; the columns must be separated by commas"
-    elif all(np.isfinite(_to_number(c)) for c in header):
+    elif all(np.isfinite(_convert_cell(c)) for c in header):
         text += "; the first line must name the columns"
     else:
         lower = {c.lower(): c for c in header}
@@ -369,7 +369,7 @@ def _read_numbers(
     skipped = []
     for name in (c for c in header if c in needed or _is_spare(c)):
         cells = table[name]
-        numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else to_numbers(cells)
+        numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else convert_to_numbers(cells)
         bad = (numbers.isna() & cells.notna()).to_numpy()
         if bad.any() and name not in needed:
             skipped.append(name)
@@ -404,15 +404,15 @@ def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
     )
 
 
-def to_numbers(column: pd.Series) -> pd.Series:
+def convert_to_numbers(column: pd.Series) -> pd.Series:
     """Return cells as numbers, NaN where they are not numeric."""
     try:
         return pd.to_numeric(column, errors="coerce")
     except OverflowError:  # an integer beyond the range of a float, in a column with text
-        return pd.Series([_to_number(cell) for cell in column], column.index, float)
+        return pd.Series([_convert_cell(cell) for cell in column], column.index, float)
 
 
-def _to_number(cell: object) -> float:
+def _convert_cell(cell: object) -> float:
     try:
         return float(str(cell))
     except ValueError:

@@ -188,7 +188,7 @@ class Stream:
         """Rate of the rows, Hz; None: not known yet."""
         return self._rate if math.isfinite(self._start) else None
 
-    def channels(self) -> list[str]:
+    def list_columns(self) -> list[str]:
         """Return the columns of the rows, without time."""
         optional = [c for c in OPTIONAL if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
@@ -269,7 +269,7 @@ class Stream:
             )
         return found
 
-    def rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def make_rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the rows that are complete at the time `now` of the bus, s.
 
         Returns
@@ -362,7 +362,7 @@ class Stream:
 
     def _make_empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return no rows."""
-        return np.zeros(0), {c: np.zeros(0) for c in self.channels()}
+        return np.zeros(0), {c: np.zeros(0) for c in self.list_columns()}
 
     def _begin(self, heard: _Heard) -> bool:
         """Set rate and start of the rows; return False while there are too few frames."""
@@ -440,7 +440,7 @@ class Stream:
         for axle, pair in SIDES.items():
             if axle not in value and any(s in value for s in pair):
                 value[axle] = self._average_axle(axle, *(value.get(s, nothing) for s in pair), yaw)
-        for c in self.channels():
+        for c in self.list_columns():
             x = value.get(c, nothing)
             columns[c] = _mask_outside(x, *OPTIONAL[c][1:3]) if c in OPTIONAL else x
         if self._stand_in:

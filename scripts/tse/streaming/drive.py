@@ -511,7 +511,7 @@ class Live:
         stream = self.stream
         assert stream is not None
         behind = 0.0 if came else now - self._last_frame
-        times, columns = stream.rows(stream.time + behind)
+        times, columns = stream.make_rows(stream.time + behind)
         for text in stream.notes:
             self._say_once(text)
         stream.notes.clear()
