@@ -81,7 +81,7 @@ WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
 FIGURES = {
     "accel_y": "accel_y over speed x yaw_rate",
     "accel_x": "accel_x over the change of wheel speed x wheel radius",
-    "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, understeer taken out",
+    "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, without understeer",
     "speed": "wheel speed x radius over vehicle_speed",
     "track_front": "right less left front wheel over yaw_rate x track",
     "track_rear": "right less left rear wheel over yaw_rate x track",

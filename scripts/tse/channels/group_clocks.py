@@ -87,7 +87,7 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
             continue
         shift, corr = found
         off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.describe()}"
-        how = f"correlation {corr:.2f}; it is taken off: key clock in signals.toml"
+        how = f"correlation {corr:.2f}; it is subtracted: key clock in signals.toml"
         overlap = f"does not overlap with that of {base.describe()}: {apart}. It " if apart else ""
         warnings.append(f"the clock of {g.describe()} {overlap}is {off}, found by {how}")
         shifts[g.number] = shift

@@ -14,7 +14,7 @@ from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import factor, kind
 from tse.readers.table import unit_at_end
 
-BY_SIZE = "its size says so"
+BY_SIZE = "by its size"
 MIN_MOUNTING = 0.12  # rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
 # Prior of a steering angle of unknown unit, in a log without enough bends for a test. By
 # unit, and whether it is that of the steering wheel: its larger values (97 % quantile; sd
@@ -102,7 +102,7 @@ def make_guesses(
     ):
         warnings.append(
             "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
-            "and right wheels are exchanged; the wheels are believed"
+            "and right wheels are exchanged; the signs follow the wheels"
         )
         for c in ("yaw_rate", "accel_y", "steer_angle"):
             found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
@@ -115,9 +115,9 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
     """Return where a unit comes from: the log, the end of the name, or the size."""
     c = look.channels[name]
     if c.unit and is_same_unit(c.unit, unit, role):
-        return "the log says so"
+        return "by the log"
     end = unit_at_end(c.short)
-    return "the name ends so" if end and is_same_unit(end, unit, role) else BY_SIZE
+    return "by the end of the name" if end and is_same_unit(end, unit, role) else BY_SIZE
 
 
 def _rate_confidence(said: float, shown: float) -> str:
@@ -211,7 +211,7 @@ def _list_motion_figures(
                 f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}"
             )
         if not is_sided:
-            figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
+            figures.append("no wheel shows its sign: positive to the left is assumed (ISO 8855)")
     return figures
 
 
@@ -262,7 +262,7 @@ def _guess_steering(
         guess.figures.append("positive to the right in the log")
     offset = found.offset * float(factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
     if abs(offset) > 0.003:
-        guess.figures.append(f"straight on it shows {found.offset:.3g} {guess.unit}")
+        guess.figures.append(f"{found.offset:.3g} {guess.unit} when driving straight")
     return guess
 
 
@@ -270,7 +270,7 @@ def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float 
     """Set unit and ratio of the steering angle by its size, since the log does not show
     them."""
     guess.unit, wheel = _guess_by_size(x, unit)
-    guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
+    guess.unit_from = "by the log" if unit else f"a guess by its size: {why}"
     guess.ratio = (given or RATIO_PRIOR) if wheel else None
     guess.confidence = "unsure"
     guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
@@ -299,7 +299,7 @@ def _choose_steering_unit(
         q = raw * float(factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
             warnings.append(
-                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
+                f"the log gives {unit} for {name!r}, but its size is that of {other}: {other} is proposed"
             )
             guess.unit, ratio, guess.unit_from = other, q, BY_SIZE
     return ratio
@@ -315,7 +315,7 @@ def _set_steering_ratio(
         guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
     guess.ratio = round(guess.ratio or ratio, 2)
     if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
-        guess.figures.append(f"the vehicle file says {given:g}, which is taken")
+        guess.figures.append(f"the ratio of the vehicle file, {given:g}, is used")
         guess.ratio = given
     elif given is None and spread > 0.12:
         guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
@@ -524,9 +524,7 @@ def find_latencies(
         slope = physics.differentiate(r)
         # the lag of the body itself, (c0 + c2 v^2) r', is no latency
         late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
-        _set_latency(
-            look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out"
-        )
+        _set_latency(look, found["accel_y"], clock, late, sd, "a_y against v r, without the lag of the body")
 
 
 def _set_steering_latency(

@@ -464,8 +464,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
-            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure "
-            "out"
+            f"guessed, not tested: {'; '.join(guessed)}: check {signals.path}, then delete the key unsure"
         )
         log.notes.insert(0, log.warnings[-1])
     log.slower = _join_slower(rows.native, rows.rate)

@@ -311,8 +311,8 @@ def find_companions(recording: Recording, guesses: list[Guess]) -> None:
             g.figures.append(f"{flag[0]} is {flag[1]:g} where it is valid: in nearly all rows")
         elif mark_no_value(mine.value).any():
             top = float(np.nanmax(np.abs(mine.value)))
-            g.figures.append(f"{top:g} stands for no value, and no flag says so: look at its extremes")
-            g.unsure.append("a number that stands for no value")
+            g.figures.append(f"{top:g} is a code for a missing value, without a flag: check its extremes")
+            g.unsure.append("a code for a missing value")
         counters = [(c.name, n) for c in beside if (n := _count_modulo(c))] if _get_message_name(mine) else []
         if len(counters) == 1:
             g.counter = counters[0]

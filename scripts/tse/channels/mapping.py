@@ -159,7 +159,7 @@ def _find_factor(
     unit = signal.unit if signal.unit is not None else channel.unit
     if not unit:
         notes.append(
-            f"{part}: neither the log nor the file says the unit of {channel.name!r}: taken as {wanted}"
+            f"{part}: the unit of {channel.name!r} is in neither the log nor the file: {wanted} is assumed"
         )
         return 1.0
     radius = signal.radius
@@ -255,4 +255,4 @@ def _drop_repeated(
             "as missing"
         )
     if lost:
-        notes.append(f"{part}: {lost} messages are lost, its counter {counter.name} says")
+        notes.append(f"{part}: {lost} messages are lost, by its counter {counter.name}")

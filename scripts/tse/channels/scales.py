@@ -93,7 +93,7 @@ def find_units(
         was = look.channels[names[role]].unit
         if was and kind(was) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]) and not is_same_unit(u, was, role):
             warnings.append(
-                f"{names[role]!r} is in {was}, the log says, but its size is that of {u}: {u} is proposed"
+                f"the log gives {was} for {names[role]!r}, but its size is that of {u}: {u} is proposed"
             )
     return best[1]
 

@@ -260,7 +260,7 @@ class Stream:
         first = not self.last
         found = map_signals(recording, Signals(self._all.path, now), self._car, notes := [], most_lost=1.0)
         if first:
-            self.notes += [n for n in notes if "neither the log nor the file says the unit" in n]
+            self.notes += [n for n in notes if "is in neither the log nor the file" in n]
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
             speed = found["vehicle_speed"]
             radius = self._car.values["wheel_radius_front"]

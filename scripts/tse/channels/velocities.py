@@ -80,7 +80,7 @@ def _guess_velocity(
     moving = np.isfinite(x) & (v > MOVING_SPEED)
     if moving.sum() < physics.MIN_ROWS:
         return None
-    origin = "the log says so" if look.channels[name].unit else "the name ends so"
+    origin = "by the log" if look.channels[name].unit else "by the end of the name"
     guess = Guess(channel, (name,), unit, origin)
     if channel == "ins_vel_x":
         share = float(np.median(x[moving] / v[moving]))

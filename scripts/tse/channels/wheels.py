@@ -409,7 +409,7 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
         "brake",
         (c.name,),
         "1" if switch or not c.unit else c.unit,
-        "0 and 1" if switch else "the log says so",
+        "0 and 1" if switch else "by the log",
         above=above,
     )
     if above is not None:
@@ -446,7 +446,7 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
             TORQUE_NAME.search(name) and AXLE_NAME[axle].search(name) and not OTHER_TORQUE_NAME.search(name)
         )
         if named and kind(c.unit) == "torque":
-            guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "the log says so")
+            guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "by the log")
             guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")
             guess.unsure.append("the signal, by its name alone")
             return guess
