@@ -1,5 +1,6 @@
-// page.mjs - a log through the scripts of the page, without a browser: node page.mjs JOB.json > ROWS.json
-// JOB: folder of the page's scripts, what PAGE is there, wasm (base64), known, car, driven_axle, time and channels.
+// page.mjs - run a log through the scripts of the page, without a browser:
+// node page.mjs JOB.json > ROWS.json
+// JOB: folder of the scripts of the page, PAGE, wasm (base64), known, car, time, channels.
 import fs from "node:fs";
 import vm from "node:vm";
 
@@ -21,4 +22,4 @@ return { said, columns: Object.fromEntries(names.map((n) => [n, Array.from(table
 `;
 const run = vm.compileFunction(`return (async () => {${code}\n${work}})();`, ["PAGE", "job"], {});
 const text = JSON.stringify(await run({ ...job.page, example: null }, job));
-process.stdout.write(text, () => process.exit(0)); // the page's breather keeps a channel open
+process.stdout.write(text, () => process.exit(0)); // exit: a message channel of the page is still open
