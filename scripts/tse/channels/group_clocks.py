@@ -21,7 +21,8 @@ MIN_SHIFT_CORR = 0.8  # min correlation at the shift
 MIN_CORR_GAIN = 0.15  # min gain of correlation over that without a shift
 MAX_CORRELATED_ROWS = 1 << 16  # of a signal: 1.8 h
 MIN_GROUP_SAMPLES = 100
-MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11  # s: longer or later signals are not correlated
+# s: longer or later signals are not correlated
+MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
 MAX_GROUPS = 64  # a file with more groups is not aligned
 
 
@@ -226,7 +227,8 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     bend = before - 2.0 * top + after
     # vertex of the parabola through the three values
     between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
-    lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0  # i of a at i + k of b
+    # entry i of a corresponds to entry i + k of b
+    lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0
     zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0
     return lag, float(corr[k]), at_zero

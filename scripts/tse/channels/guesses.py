@@ -15,7 +15,8 @@ from tse.log.units import factor, kind
 from tse.readers.table import unit_at_end
 
 BY_SIZE = "by its size"
-MIN_MOUNTING = 0.12  # rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
+# rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
+MIN_MOUNTING = 0.12
 # Prior of a steering angle of unknown unit, in a log without enough bends for a test. By
 # unit, and whether it is that of the steering wheel: its larger values (97 % quantile; sd
 # of the logarithm 1), and the share of logs.
@@ -25,7 +26,8 @@ STEERING_SIZES = {
     ("rad", True): (0.8, 0.1),
     ("deg", False): (3.0, 0.05),
 }
-RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12  # of cars; of its logarithm: 12 .. 20 within 2 sd
+# of cars; of its logarithm: 12 .. 20 within 2 sd
+RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12
 
 
 def make_guesses(
@@ -242,7 +244,8 @@ def _guess_steering(
         _set_untested_steering(guess, look.x[name], unit, given, why)
         return guess
     guess.sign = float(np.sign(found.per_curvature))
-    raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
+    # of the signal's unit per rad of the road wheels
+    raw = abs(found.per_curvature) / wheelbase
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
     ratio = _choose_steering_unit(look, guess, raw, spread, unit, given, warnings)
     guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / RATIO_PRIOR)) else ratio

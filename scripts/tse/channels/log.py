@@ -246,7 +246,8 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
         if isinstance(next(iter(series), None), str | datetime | timedelta):
             return seconds(Path(name), Column(column, series.infer_objects()), [])
     elif kind in "mM":
-        raise TypeError("times where a measurement is needed")  # as numbers they would be nanoseconds
+        # as numbers they would be nanoseconds
+        raise TypeError("times where a measurement is needed")
     return (
         np.ma.filled(np.ma.asarray(values, float), np.nan)
         if np.ma.isMaskedArray(values)

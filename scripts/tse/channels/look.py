@@ -57,7 +57,8 @@ class Guess:
     above: float | None = None  # pressure above which the car brakes
     sign_bit: str | None = None
     add: str | None = None
-    valid: tuple[str, float] | None = None  # flag of its message, and the value that means valid
+    # flag of its message, and the value that means valid
+    valid: tuple[str, float] | None = None
     counter: tuple[str, int] | None = None  # counter of its message, and its modulo
     unsure: list[str] = field(default_factory=list)  # parts that were not tested
     confidence: str = "unsure"  # sure, likely, unsure
@@ -145,7 +146,8 @@ class Look:
     def __init__(self, recording: Recording):
         clocks = Clocks()
         raw: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # signals with two values: flags, switches
+        # signals with two values: flags, switches
+        bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         flags = find_flags(recording)
         for c in recording:
             time, value = clocks.straighten(c)

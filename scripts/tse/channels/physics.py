@@ -82,7 +82,8 @@ class Steering:
     share: float  # of the variance of the angle
 
 
-UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012  # s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
+# s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
+UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012
 
 
 def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:

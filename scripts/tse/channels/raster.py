@@ -25,7 +25,8 @@ BURST_STEP = 0.25  # in usual steps: entries nearer than this are one, a burst o
 EVEN_STEP = 0.01  # in steps: max deviation of even times
 PASS_BAND = 0.45  # cut-off of the low pass over the new rate
 PASS_STEPS = 6  # half length of its kernel, in new steps
-DENSE_RATIO = 4.0  # above this ratio of rates a cubic through four entries replaces the spline
+# above this ratio of rates a cubic through four entries replaces the spline
+DENSE_RATIO = 4.0
 # Min share of rows with a value in each column of a table. Below it the column has
 # another rate.
 MIN_FILLED = 0.8
@@ -232,7 +233,8 @@ def _filter_low_pass(
     longer, found = np.concatenate([before, value, after]), np.empty(n)
     for begin in range(0, n, PIECE):
         part = longer[begin : begin + PIECE + 2 * half]
-        size = 1 << (len(part) - 1).bit_length()  # wrap-around falls in rows left out below
+        # wrap-around falls in rows left out below
+        size = 1 << (len(part) - 1).bit_length()
         if len(of_kernel) != size // 2 + 1:
             of_kernel = np.fft.rfft(kernel, size)
         both = np.fft.rfft(part, size) * of_kernel

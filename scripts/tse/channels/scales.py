@@ -28,16 +28,19 @@ UNIT_OPTIONS = {
     "accel_x": ("m/s2", "g"),
     "steer_angle": ("deg", "rad"),
 }
-USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars without vehicle file
+# m; of its logarithm: passenger cars without vehicle file
+USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
 USUAL_WHEELBASE = 2.7  # m: passenger cars without vehicle file
 # costs of units, in squared sd
 LOG_UNIT_COST = 6.0  # a unit that contradicts the log
 NAME_UNIT_COST = 3.0  # a unit that contradicts the end of the name
 OTHER_UNIT_COST = 0.5  # a unit other than SI, if neither log nor name state one
 MAX_EQUATION_COST = 16.0  # of one kinematic relation
-FAR_COST = 0.1  # per sd, without limit: of two implausible sets of units the nearer one is better
+# per sd, without limit: of two implausible sets of units the nearer one is better
+FAR_COST = 0.1
 MOTION_COST = 25.0  # of a unit with which the car exceeds MAX_MOTION
-MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}  # road cars, SI; m/s
+# road cars, SI; m/s
+MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,12 @@ NUMBER_RANGES = {  # by key: min, max, unit
     "scale": (-1e9, 1e9, ""),  # factor after the unit
     "offset": (-1e6, 1e6, ""),  # subtracted, in the unit of the signal
     "radius": (0.05, 5.0, "m"),  # of the wheel, for speeds
-    "above": (-1e6, 1e6, ""),  # pressure above which the car brakes, in the unit of the signal
-    "latency": (-MAX_LATENCY, MAX_LATENCY, "s"),  # from a measurement to its time in the log
-    "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),  # by which the clock of its group is ahead of the others
+    # pressure above which the car brakes, in the unit of the signal
+    "above": (-1e6, 1e6, ""),
+    # from a measurement to its time in the log
+    "latency": (-MAX_LATENCY, MAX_LATENCY, "s"),
+    # by which the clock of its group is ahead of the others
+    "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),
 }
 MIN_RATIO, MAX_RATIO = 0.5, 100.0
 
@@ -68,8 +71,10 @@ class Signal:
     counter: Counter | None = None
     hold: bool = False  # sent only when it changes: a value stands until the next
     above: float | None = None  # 1 where the signal is above it, in its own unit, else 0
-    add: str | None = None  # a signal with the rest of the value, in the same unit: the fine part of an angle
-    unsure: str = ""  # guesses that were not tested; every run warns until the key is deleted
+    # signal with the fine part of the value, in the same unit
+    add: str | None = None
+    # guesses that were not tested; every run warns until the key is deleted
+    unsure: str = ""
 
 
 @dataclass(frozen=True)

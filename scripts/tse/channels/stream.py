@@ -41,7 +41,8 @@ KEPT_TIME, MIN_KEPT = 2.0, 64
 LISTEN_TIME = 1.0  # s of frames until the rates are known
 MAX_LISTEN_TIME = 3.0  # s, if an input of the model is late
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02  # a row waits for a channel: usual steps, plus s
-SILENT_STEPS, MIN_SILENCE = 6.0, 0.25  # usual steps, and min s, until no row waits for a channel
+# usual steps, and min s, until no row waits for a channel
+SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
 # entries before a row for its spline: the weight of earlier ones is below the smallest
 # number
 SPLINE_ENTRIES = 48
@@ -116,7 +117,8 @@ class Stream:
                 kept = self._kept.setdefault(f"{message.name}.{s.name}", _Signal(message, s))
                 self._of_key.setdefault(key, []).append(kept)
         self._resolve_names(databases)
-        self.unknown: dict[int, int] = {}  # identifiers that no database has, and how often they came
+        # number of frames by identifier, if it is in no database
+        self.unknown: dict[int, int] = {}
         self.known = 0  # frames of messages that the databases have
         self._sets = 0  # how often the clock was set
         self._shift, self._last, self._first = 0.0, -math.inf, math.nan
@@ -220,7 +222,8 @@ class Stream:
                 continue
             self.known += 1
             if key in self._of_key:
-                self._first = time if math.isnan(self._first) else self._first  # first needed frame
+                # first needed frame
+                self._first = time if math.isnan(self._first) else self._first
                 times, data = groups.setdefault(key, ([], []))
                 times.append(time)
                 data.append(f.data)
@@ -315,7 +318,8 @@ class Stream:
         """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
         value: dict[str, np.ndarray] = {}
-        even: dict[int, list[str]] = {}  # channels that share their times, by the array of these
+        # channels with the same times, by the id of their array
+        even: dict[int, list[str]] = {}
         for n, s in heard.found.items():
             t, x = heard.own[n]
             if n in VELOCITIES:
@@ -375,7 +379,8 @@ class Stream:
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
         if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        if self._rate is None:  # the stamps of the computer jitter, but their mean rate is right
+        # the stamps of the computer jitter, but their mean rate is right
+        if self._rate is None:
             self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
         first = max(float(heard.own[n][0][0]) for n in drives)

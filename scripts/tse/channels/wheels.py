@@ -252,7 +252,8 @@ def find_roles(
         None if v is None else v * (25.0 / top if top else 1.0)
     )  # as fast as cars drive: its unit is not known yet
     change = None if v is None else physics.differentiate(v)
-    for role in MOTION_ROLES:  # only for candidates that physics can lift to MIN_NAME_SCORE
+    # only for candidates that physics can lift to MIN_NAME_SCORE
+    for role in MOTION_ROLES:
         shown[role] = {
             n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
             if w + MAX_PHYSICS_SCORE >= MIN_NAME_SCORE
@@ -377,7 +378,8 @@ AXLE_NAME = {
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
 MIN_BRAKING_LOSS = 0.7  # m/s2: min additional deceleration while the brake is on
-PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995  # the car brakes above this share of this quantile
+# the car brakes above this share of this quantile
+PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995
 
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
