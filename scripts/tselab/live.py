@@ -129,7 +129,7 @@ def live(
     """
     from tse.car.config import check_effect, make_config
     from tse.car.vehicle import read_vehicle
-    from tse.channels.signals import FASTEST, SLOWEST, read_signals
+    from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals
     from tse.estimation.answer import answer
     from tse.estimation.estimate import read_learnt, write_learnt
     from tse.library.files import check_distinct, check_writable
@@ -138,7 +138,7 @@ def live(
     from tse.streaming.page import Page
 
     check_range("age", age, 0.0, 40000.0, "days")
-    check_range("rate", rate, SLOWEST, FASTEST, "Hz")
+    check_range("rate", rate, MIN_RATE, MAX_RATE, "Hz")
     check_range("duration", duration, 0.1, LONGEST, "s")
     if age is not None and load_learnt is None:
         raise UserError("option --age: is that of the file of --load-learnt, which is not given")

@@ -48,7 +48,7 @@ def replay(
     from dataclasses import replace
 
     from tse.car.vehicle import read_vehicle
-    from tse.channels.agree import MOST_ROWS, check_car
+    from tse.channels.agree import MAX_CHECKED_ROWS, check_car
     from tse.channels.log import read_log
     from tse.estimation.estimate import write_table
     from tse.library.core import Config
@@ -73,7 +73,7 @@ def replay(
     if road_path is not None:
         log, _ = on_road(log, read_road(road_path), config)
         words.append(log.notes[-1])
-    notes = check_car(liveliest(log, MOST_ROWS), car, config) + words
+    notes = check_car(liveliest(log, MAX_CHECKED_ROWS), car, config) + words
     table = along(log, config)
     found = apart(table)
     if out is not None:
