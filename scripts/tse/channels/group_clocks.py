@@ -27,7 +27,7 @@ MAX_GROUPS = 64  # a file with more groups is not aligned
 
 
 @dataclass(frozen=True)
-class Group:
+class ClockGroup:
     """Channels that share a clock."""
 
     number: int  # place in the file, from 1
@@ -105,16 +105,16 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
     return replace(recording, channels=channels), moved
 
 
-def _group_channels(recording: Recording) -> list[Group]:
+def _group_channels(recording: Recording) -> list[ClockGroup]:
     """Return the groups of channels that share their times."""
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)
     large = [part for part in found.values() if np.isfinite(part[0].time).sum() >= MIN_GROUP_SAMPLES]
-    return [Group(i, part) for i, part in enumerate(large, 1)]
+    return [ClockGroup(i, part) for i, part in enumerate(large, 1)]
 
 
-def _describe_gap(a: Group, b: Group) -> str:
+def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
     """Return the spans of two groups in words if they hardly overlap, else ""."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
@@ -123,14 +123,14 @@ def _describe_gap(a: Group, b: Group) -> str:
     return f"{b0:.1f} .. {b1:.1f} s and {a0:.1f} .. {a1:.1f} s"
 
 
-def _find_best(role: str, g: Group) -> tuple[float, Channel | None]:
+def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
     """Return the channel whose name fits a role best, with its score."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
 
 
-def _find_motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _find_motion(g: ClockGroup) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return signals of the motion of the car, each as time and value.
 
     "turn" is proportional to the yaw rate, "change" to the derivative of the speed,
@@ -178,7 +178,7 @@ def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple
     return (float(at[0]) + n / CORRELATION_RATE, x) if len(x) > MIN_GROUP_SAMPLES and x.std() > 1e-9 else None
 
 
-def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
+def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
     """Return by how much the clock of b is ahead of that of a, s, and the correlation.
 
     None: the clocks agree, or no signals show a shift."""

@@ -8,7 +8,7 @@ import numpy as np
 from tse.channels import physics
 from tse.channels.look import MIN_NAME_SCORE, Guess, Look
 from tse.channels.physics import MOVING_SPEED, average
-from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, Scale, is_same_unit, measure_slopes
+from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, UnitScale, is_same_unit, measure_slopes
 from tse.channels.vocabulary import AXLES, find_place, score_name
 from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import factor, kind
@@ -35,7 +35,7 @@ def make_guesses(
     wheels: Mapping[str, str],
     chosen: Mapping[str, str],
     worth: Mapping[str, Mapping[str, float]],
-    scale: Scale,
+    scale: UnitScale,
     car: Any | None,
     warnings: list[str],
 ) -> list[Guess]:
@@ -137,7 +137,7 @@ def _guess_motion(
     role: str,
     name: str,
     worth: Mapping[str, float],
-    scale: Scale,
+    scale: UnitScale,
     sign: float,
     facts: Mapping[str, float],
     is_sided: bool,
@@ -181,7 +181,7 @@ def _guess_motion(
 def _list_motion_figures(
     role: str,
     worth: Mapping[str, float],
-    scale: Scale,
+    scale: UnitScale,
     sign: float,
     facts: Mapping[str, float],
     is_sided: bool,
@@ -336,7 +336,9 @@ def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
     return unit or best[0], best[1]
 
 
-def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
+def _guess_wheels(
+    look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: UnitScale
+) -> Guess:
     """Return the guess of an axle's wheel speed, which is made of the signals `mine`."""
     unit = scale.unit["wheel"]
     figures = []
@@ -390,7 +392,7 @@ def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, s
 def _check_turned_imu(
     look: Look,
     found: Mapping[str, Guess],
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     v: np.ndarray | None,
     warnings: list[str],
@@ -436,7 +438,7 @@ def _check_offsets(
     look: Look,
     found: Mapping[str, Guess],
     chosen: Mapping[str, str],
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     v: np.ndarray | None,
     warnings: list[str],
@@ -496,7 +498,7 @@ def find_latencies(
     look: Look,
     found: dict[str, Guess],
     wheels: Mapping[str, str],
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     warnings: list[str],
 ) -> None:
@@ -560,7 +562,7 @@ def _find_accel_lag(
     v: np.ndarray,
     r: np.ndarray,
     slope: np.ndarray,
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     keep: np.ndarray,
 ) -> tuple[float, float]:

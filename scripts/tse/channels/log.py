@@ -17,7 +17,7 @@ import pandas as pd
 from tse.car.vehicle import Vehicle
 from tse.channels.mapping import Series, map_signals
 from tse.channels.raster import resample_channels
-from tse.channels.signals import MAX_RATE, MIN_RATE, Signal, Signals, find_signals, list_channels
+from tse.channels.signals import MAX_RATE, MIN_RATE, SignalsFile, SignalSource, find_signals, list_channels
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
@@ -488,7 +488,7 @@ def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, no
     notes.append("no wheel speed is in the log: vehicle_speed stands in for them")
 
 
-def map_own_names(recording: Recording) -> Signals | None:
+def map_own_names(recording: Recording) -> SignalsFile | None:
     """Return the signals of a log with the library's names; None: it has others."""
     names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
@@ -497,9 +497,9 @@ def map_own_names(recording: Recording) -> Signals | None:
     )
     if not full:
         return None
-    whole = {n: Signal(n if n in list_channels() else recording.find(n, "").short, (n,)) for n in names}
+    whole = {n: SignalSource(n if n in list_channels() else recording.find(n, "").short, (n,)) for n in names}
     is_sided = {s for axle, pair in SIDES.items() if axle in names for s in pair}
-    return Signals(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
+    return SignalsFile(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
 
 
 def _join_slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:

@@ -36,7 +36,7 @@ SPLINE_REACH = 600
 
 
 @dataclass
-class Rows:
+class RasterRows:
     """Channels on one raster."""
 
     time: np.ndarray  # s
@@ -71,7 +71,9 @@ def find_rate(time: np.ndarray) -> float:
     return 1.0 / float(np.median(step)) if len(step) else 0.0
 
 
-def resample_channels(found: Mapping[str, Series], rate: float | None, path: Path | None = None) -> Rows:
+def resample_channels(
+    found: Mapping[str, Series], rate: float | None, path: Path | None = None
+) -> RasterRows:
     """Return all channels on common rows.
 
     Parameters
@@ -101,7 +103,7 @@ def resample_channels(found: Mapping[str, Series], rate: float | None, path: Pat
     core = [n for n in found if is_core(n)]
     rate = choose_rate([rates[n] for n in core]) if rate is None else rate
     time = _make_times(own, rates, core, rate, path)
-    rows = Rows(time, {}, rate)
+    rows = RasterRows(time, {}, rate)
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
@@ -270,7 +272,7 @@ def _find_axle(name: str) -> str:
     return next((axle for axle, pair in SIDES.items() if name in pair), name)
 
 
-def _keep_table(found: Mapping[str, Series], rate: float | None) -> Rows | None:
+def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows | None:
     """Return a table as it is, if it can be used so; else None.
 
     Its columns share one time, have no latency and few holes, and are not too fast."""
@@ -290,7 +292,7 @@ def _keep_table(found: Mapping[str, Series], rate: float | None) -> Rows | None:
         if np.isfinite(s.value).sum() > 1
     ):
         return None
-    return Rows(first.time, {n: s.value for n, s in found.items()}, own)
+    return RasterRows(first.time, {n: s.value for n, s in found.items()}, own)
 
 
 def _make_times(
@@ -340,7 +342,7 @@ def start_on_beat(
     return float(phase + np.ceil((first - phase) * rate - 1e-6) / rate)
 
 
-def _add_notes(rows: Rows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
+def _add_notes(rows: RasterRows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
     """Add notes about the rates of the channels and their latencies."""
     parts: dict[int, list[str]] = {}
     for n, r in rates.items():

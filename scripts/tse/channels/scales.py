@@ -44,7 +44,7 @@ MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 
 
 @dataclass(frozen=True)
-class Scale:
+class UnitScale:
     """Units of all channels, and the figures from which they follow."""
 
     unit: dict[str, str]  # of wheel, yaw_rate, accel_y, accel_x
@@ -61,7 +61,7 @@ def _get_radius(car: Any | None) -> float:
 
 def find_units(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]
-) -> Scale:
+) -> UnitScale:
     """Return the set of units that agrees best with physics, log and names."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     car_speed = ""
@@ -79,7 +79,7 @@ def find_units(
         for r, n in names.items()
         if np.isfinite(look.x[n]).any()
     }
-    best: tuple[float, Scale] | None = None
+    best: tuple[float, UnitScale] | None = None
     for picks in product(*options.values()):
         unit = {role: u for role, (u, _) in zip(options, picks, strict=True)}
         per = {role: _convert_unit(role, u, car) for role, u in unit.items()}
@@ -87,11 +87,11 @@ def find_units(
         cost += sum(
             MOTION_COST for role, top in tops.items() if role in per and top * per[role] > MAX_MOTION[role]
         )
-        this = cost + sum(c for _, c in picks), Scale(unit, per, figures)
+        this = cost + sum(c for _, c in picks), UnitScale(unit, per, figures)
         if best is None or this[0] < best[0]:
             best = this
     if best is None:
-        return Scale({}, {}, {})
+        return UnitScale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
         if was and kind(was) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]) and not is_same_unit(u, was, role):

@@ -52,7 +52,7 @@ class Counter:
 
 
 @dataclass(frozen=True)
-class Signal:
+class SignalSource:
     """The source of one channel. Two names: left and right wheel."""
 
     channel: str
@@ -78,11 +78,11 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Signals:
+class SignalsFile:
     """The contents of signals.toml."""
 
     path: Path | None
-    signals: Mapping[str, Signal]
+    signals: Mapping[str, SignalSource]
     how: How = field(default_factory=How)
     rate: float | None = None
 
@@ -99,7 +99,7 @@ class Signals:
         )
 
 
-def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tuple[Signals | None, How]:
+def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tuple[SignalsFile | None, How]:
     """Return the signals.toml of a log, and the settings for reading it.
 
     Parameters
@@ -130,7 +130,7 @@ def find_unit(channel: str) -> str:
     return next((f.unit for f in library().channels if f.name == axle), "")
 
 
-def read_signals(path: Path) -> Signals:
+def read_signals(path: Path) -> SignalsFile:
     """Read and check signals.toml.
 
     Raises
@@ -165,7 +165,7 @@ def read_signals(path: Path) -> Signals:
         )
     how, rate = _check_log(path, log, refuse)
     known = list_channels()
-    found: dict[str, Signal] = {}
+    found: dict[str, SignalSource] = {}
     for channel, table in signals.items():
         at = f"signals.{channel}"
         if channel not in known and not channel.startswith("ref_"):
@@ -194,7 +194,7 @@ def read_signals(path: Path) -> Signals:
                 "",
                 f"{missing} is needed, too; a car with one sensor on the axle has {axle}",
             )
-    return Signals(path, found, how, rate)
+    return SignalsFile(path, found, how, rate)
 
 
 def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | None]:
@@ -234,7 +234,7 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float
     return how, rate
 
 
-def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
+def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> SignalSource:
     """Return the signal of a channel from its table. `at`: name of the table."""
     for key in table:
         if key not in SIGNAL_KEYS:
@@ -284,7 +284,7 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
         if not isinstance(table["hold"], bool):
             raise refuse(at, "hold", "must be true or false")
         values["hold"] = table["hold"]
-    return Signal(**values)
+    return SignalSource(**values)
 
 
 def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from tse.channels.raster import (
     select_entries,
     start_on_beat,
 )
-from tse.channels.signals import Signal, Signals
+from tse.channels.signals import SignalsFile, SignalSource
 from tse.library.core import library
 from tse.library.errors import UserError, meant
 from tse.log.noise import fresh
@@ -43,7 +43,7 @@ MAX_LISTEN_TIME = 3.0  # s, if an input of the model is late
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02  # a row waits for a channel: usual steps, plus s
 # usual steps, and min s, until no row waits for a channel
 SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
-# entries before a row for its spline; the weight of earlier ones is negligible: 0.27 ** 48
+# entries before a row for its spline; earlier ones have a negligible weight: 0.27 ** 48
 SPLINE_ENTRIES = 48
 CHECK_INTERVAL = 1.0  # s between two checks of the rates and of held values
 LOW_PASS_RATIO = 1.2  # above this ratio to the rate of the rows, a channel is low-passed
@@ -86,7 +86,7 @@ class Stream:
     ----------
     databases : sequence of Path
         Databases of the bus.
-    signals : Signals
+    signals : SignalsFile
         Signal of each channel.
     car : Vehicle
         Radii of the wheels.
@@ -99,7 +99,7 @@ class Stream:
         A signal is in none of the databases, or needed channels are missing.
     """
 
-    def __init__(self, databases: Sequence[Path], signals: Signals, car: Any, rate: float | None = None):
+    def __init__(self, databases: Sequence[Path], signals: SignalsFile, car: Any, rate: float | None = None):
         self.notes: list[str] = []
         self._car, self._all = car, signals
         self._rate = rate or signals.rate
@@ -259,7 +259,9 @@ class Stream:
         recording = Recording(Path("the bus"), "bus", channels)
         now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _list_names(s))}
         first = not self.last
-        found = map_signals(recording, Signals(self._all.path, now), self._car, notes := [], most_lost=1.0)
+        found = map_signals(
+            recording, SignalsFile(self._all.path, now), self._car, notes := [], most_lost=1.0
+        )
         if first:
             self.notes += [n for n in notes if "is in neither the log nor the file" in n]
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
@@ -478,13 +480,13 @@ def find_mean_rate(s: Series) -> float:
     return (int(fresh(s.value).sum()) - 1) / span if span > 0 else 0.0
 
 
-def _list_names(s: Signal) -> list[str]:
+def _list_names(s: SignalSource) -> list[str]:
     """Return the names of all signals of a channel."""
     needed = [*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name]
     return [n for n in needed if n]
 
 
-def _rename_sources(s: Signal, whole: Mapping[str, str]) -> Signal:
+def _rename_sources(s: SignalSource, whole: Mapping[str, str]) -> SignalSource:
     """Return a signal with whole names."""
     return replace(
         s,
