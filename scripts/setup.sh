@@ -3,12 +3,12 @@
 # Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
 #   scripts/setup.sh [EXTRA ...]      and these extras of pyproject.toml: clients (more programs that import FMUs, for the
 #                                     tests), platforms (a compiler for FMUs of all platforms), logs (MF4, buses, ROS, MAT 7.3),
-#                                     openpilot (its logs, too), release (tools of scripts/release.sh); left out where they
+#                                     openpilot (its logs, too), release (tools of scripts/dev/release.sh); left out where they
 #                                     do not install.
 #                                     machines: says which compilers and emulators of other machines are missing, and installs
-#                                     them where apt-get and root are there (scripts/platforms.py, scripts/budgets.py);
-#                                     docs: what builds the site (scripts/docs.sh), for its tests, too
-#                                     proof: what measures and proves (scripts/proof.sh): packages of
+#                                     them where apt-get and root are there (scripts/dev/platforms.py, scripts/dev/budgets.py);
+#                                     docs: what builds the site (scripts/dev/docs.sh), for its tests, too
+#                                     proof: what measures and proves (scripts/dev/proof.sh): packages of
 #                                     the system, installed where that may be done, else named
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -65,7 +65,7 @@ if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tse
   say "Python packages (about a minute)"
   # what scripts/lock.txt names, to the hash; the newest only where another Python or machine has no such files, and never in CI
   locked=0
-  scripts/locked.sh .venv/bin/python scripts/lock.txt 2>.venv/tse-lock.log || locked=$?
+  scripts/dev/locked.sh .venv/bin/python scripts/lock.txt 2>.venv/tse-lock.log || locked=$?
   if [ $locked -eq 3 ] && [ -z "${CI:-}" ]; then
     say "not as in scripts/lock.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"
     .venv/bin/python -m pip install --quiet --disable-pip-version-check "scikit-build-core>=0.11" \
@@ -168,8 +168,8 @@ for extra in "$@"; do
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
   if [ "$extra" = release ]; then                 # as a release is to be made again by others
-    scripts/locked.sh .venv/bin/python scripts/lock-release.txt 2>.venv/tse-lock.log \
-      || fail "$(cat .venv/tse-lock.log)" "A release is made of what scripts/lock-release.txt names, to the hash."
+    scripts/dev/locked.sh .venv/bin/python scripts/dev/lock-release.txt 2>.venv/tse-lock.log \
+      || fail "$(cat .venv/tse-lock.log)" "A release is made of what scripts/dev/lock-release.txt names, to the hash."
   fi
   if this_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"

@@ -61,7 +61,7 @@ python_tests() {                     # in several processes; tests/conftest.py s
 }
 
 step ruff ruff
-step format scripts/format.sh --check
+step format scripts/dev/format.sh --check
 step mypy mypy
 for name in "${presets[@]}"; do
   case $name in

@@ -1,5 +1,5 @@
 """What a change touches: a new effect, threshold and output, each put into a copy of the sources, in the files that CONTRIBUTING
-names and no other; scripts/tables.py writes the rest, and the library that is built of it has what is new."""
+names and no other; scripts/dev/tables.py writes the rest, and the library that is built of it has what is new."""
 
 import re
 import shutil
@@ -85,13 +85,13 @@ def edit(path: Path, old: str, new: str) -> None:
 
 
 def written(folder: Path) -> list[str]:
-    """Files that scripts/tables.py changes."""
+    """Files that scripts/dev/tables.py changes."""
 
     def there() -> dict[Path, str]:
         return {p: p.read_text() for p in folder.rglob("*.[ch]")}
 
     before = there()
-    subprocess.run([sys.executable, "scripts/tables.py"], cwd=folder, check=True)
+    subprocess.run([sys.executable, "scripts/dev/tables.py"], cwd=folder, check=True)
     return sorted(p.relative_to(folder).as_posix() for p, text in there().items() if before[p] != text)
 
 
@@ -150,7 +150,7 @@ def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     assert unit == "m/s" and float(x) == 2 * float(half) > 0
 
 
-# ---- scripts/new_effect.py: what it makes builds without a warning in every hook, is off at 0, and waits for its formula.
+# ---- scripts/dev/new_effect.py: what it makes builds without a warning in every hook, is off at 0, and waits for its formula.
 
 
 UNITY = ROOT / ".venv" / "share" / "unity" / "src"
@@ -158,7 +158,7 @@ HOOKS = ("CONSTANT", "INPUT", "SLIP", "STIFFNESS", "GRIP", "BODY", "SENSOR")
 
 
 def new_effect(folder, *arguments):
-    command = [sys.executable, "scripts/new_effect.py", *map(str, arguments)]
+    command = [sys.executable, "scripts/dev/new_effect.py", *map(str, arguments)]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True)
 
 

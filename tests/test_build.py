@@ -1,5 +1,5 @@
 """Builds that are not as ours: options of a compiler that change results are an error where the preprocessor can see them, else
-found by tse_self_test(). Nothing is installed without its hash because something failed (scripts/locked.sh)."""
+found by tse_self_test(). Nothing is installed without its hash because something failed (scripts/dev/locked.sh)."""
 
 import hashlib
 import os
@@ -149,7 +149,7 @@ def test_sums_in_another_order_are_found(compiler, tmp_path):
         assert said is None and "change results" in errors
 
 
-LOCKED = ROOT / "scripts" / "locked.sh"
+LOCKED = ROOT / "scripts" / "dev" / "locked.sh"
 NO_FILES = 3
 
 
@@ -240,7 +240,7 @@ def test_what_is_run_here_is_run_there() -> None:
     runs = {w.stem: " ".join(str(s.get("run", "")) for s in steps(w)) for w in WORKFLOWS}
     assert set(runs) == {"ci", "nightly"}
     assert ".ci/run" in runs["ci"] and "ctest" in runs["ci"] and "pip wheel" in runs["ci"]
-    assert all(f"scripts/{s}" in runs["nightly"] for s in ("fuzz.sh", "soak.sh", "proof.sh mutation"))
+    assert all(f"scripts/dev/{s}" in runs["nightly"] for s in ("fuzz.sh", "soak.sh", "proof.sh mutation"))
 
 
 def test_the_linter_of_the_forge_has_nothing_to_say() -> None:

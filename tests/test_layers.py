@@ -11,7 +11,7 @@ SRC = Path(__file__).resolve().parents[1] / "src"
 LIST = re.search(r"add_library\(tse\s([^)]*)\)", (SRC / "CMakeLists.txt").read_text()).group(1)
 INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.M)
 ORDER = re.sub(r"#.*", "", LIST).split()
-EVERYWHERE = "tables"  # folder of what scripts/tables.py writes, which any file may include
+EVERYWHERE = "tables"  # folder of what scripts/dev/tables.py writes, which any file may include
 KNOWS = {  # which folders' files those of a folder may include; in order
     "tables": {"tables"},
     "number": {"number"},

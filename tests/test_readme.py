@@ -87,7 +87,7 @@ def compiled(source: str, folder: Path) -> Path:
         README,
         re.M,
     )
-    two = [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", "two/tse"]
+    two = [sys.executable, ROOT / "scripts" / "dev" / "amalgamate.py", "--out", "two/tse"]
     subprocess.run(two, cwd=folder, check=True, stdout=subprocess.DEVNULL)
     options = [
         *how[1].split(),
@@ -160,7 +160,7 @@ def test_one_include_serves_in_all_layouts_and_so_does_the_header_of_a_car(layou
         else (tmp_path, f"{layout}/tse.h".removeprefix("./"))
     )
     if layout != "include":
-        made = [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", tmp_path / layout]
+        made = [sys.executable, ROOT / "scripts" / "dev" / "amalgamate.py", "--out", tmp_path / layout]
         subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
     body = ("int it(void);\nint it(void) { tse_config c; uint8_t learnt[TSE_LEARNT_BYTES];\n"
             "  tse_config_default(&c); tse_config_car(&c); return (int)sizeof learnt; }\n")  # fmt: skip
@@ -213,7 +213,7 @@ def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, 
     assert CliRunner().invoke(cli, ["vehicle", str(car), "--c", str(header)]).exit_code == 0
     rows = pd.read_csv(log).head(1500).iloc[:, :7]
     subprocess.run(
-        [sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", tmp_path / "tse"],
+        [sys.executable, ROOT / "scripts" / "dev" / "amalgamate.py", "--out", tmp_path / "tse"],
         check=True,
         stdout=subprocess.DEVNULL,
     )

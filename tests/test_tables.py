@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def test_headers_are_what_the_tables_say():
     run = subprocess.run(
-        [sys.executable, str(ROOT / "scripts" / "tables.py"), "--check"],
+        [sys.executable, str(ROOT / "scripts" / "dev" / "tables.py"), "--check"],
         capture_output=True,
         text=True,
         check=False,
@@ -20,7 +20,7 @@ def test_headers_are_what_the_tables_say():
 
 
 def test_a_number_of_the_default_filter_is_in_the_table_or_a_limit():
-    """What is tuned is where scripts/sweep.py finds it."""
+    """What is tuned is where scripts/dev/sweep.py finds it."""
     found = [
         f"{path.name}: {name}"
         for path in sorted((ROOT / "src" / "filter").glob("*.[ch]"))

@@ -57,7 +57,7 @@ function computeDeviation(x) {
   return Math.sqrt(x.reduce((sum, v) => sum + (v - mean) ** 2, 0) / x.length);
 }
 
-// Return the part of a long log with most bends, as tse.log.rows.liveliest().
+// Return the part of a long log with most bends, as tse.log.rows.select_liveliest().
 function selectLiveliest(rows, most) {
   const n = rows.time.length;
   if (n <= most) return rows;

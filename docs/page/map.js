@@ -1,7 +1,7 @@
 // map.js - assign the columns of a log to channels and units, and check the rows.
 //
 // The words and units are those of tselab (scripts/tse/channels/vocabulary.py,
-// scripts/tse/log/units.py), which scripts/page.py puts into PAGE. The user can correct
+// scripts/tse/log/units.py), which scripts/dev/page.py puts into PAGE. The user can correct
 // the guesses. This is a third implementation of scripts/tse/channels (wheels.py,
 // scales.py, guesses.py, log.py). It leaves out: sign bits, flags, counters, clocks,
 // latencies, resampling, roles by physics and signals.toml.

@@ -37,23 +37,24 @@ static const char *wrong; /* name of the last refused setting */
 
 static const char *const vehicle_rows[] = {
   /* table: vehicle_names */
-  "mass", "yaw_inertia", "lf", "lr", "wheel_radius_front", "wheel_radius_rear", "longitudinal_stiffness_front",
-  "longitudinal_stiffness_rear", "cornering_stiffness_front", "cornering_stiffness_rear", "rear_longitudinal_follows_front",
+  "mass", "yaw_inertia", "lf", "lr", "wheel_radius_front", "wheel_radius_rear",
+  "longitudinal_stiffness_front", "longitudinal_stiffness_rear", "cornering_stiffness_front",
+  "cornering_stiffness_rear", "rear_longitudinal_follows_front",
   /* end of table */
   NULL
 };
 static const char *const uncertainty_rows[] = {
   /* table: uncertainty_names */
-  "mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd", "wheel_delay_sd",
-  "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd", "roll_steer_sd", "wheel_radius_sd", "model_sd",
-  "grade_sd",
+  "mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd",
+  "wheel_delay_sd", "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd",
+  "roll_steer_sd", "wheel_radius_sd", "model_sd", "grade_sd",
   /* end of table */
   NULL
 };
 static const char *const sensor_rows[] = {
   /* table: sensor_names */
-  "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "wheel_noise_sd", "steer_lag_sd", "accel_x_bias_sd", "accel_y_bias_sd",
-  "yaw_rate_bias_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk",
+  "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "wheel_noise_sd", "steer_lag_sd", "accel_x_bias_sd",
+  "accel_y_bias_sd", "yaw_rate_bias_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk",
   /* end of table */
   NULL
 };

@@ -1,4 +1,4 @@
-// vendor.js - what the page takes of npm; scripts/page.py bundles it, with the licences.
+// vendor.js - what the page takes of npm; scripts/dev/page.py bundles it, with the licences.
 import { parquetMetadata, parquetRead, parquetSchema } from "hyparquet";
 import { compressors } from "hyparquet-compressors";
 import { parse } from "smol-toml";

@@ -1,6 +1,6 @@
-/* tse/convert.h - double to the numbers of the library and back, in every format. For the programs around it: nothing in the library
- * includes this. What is no number stays none; what does not fit a fixed-point number is the largest that does, which tse_prepare()
- * and tse_step() refuse or take for missing. */
+/* tse/convert.h - convert double to the number format of the library and back. For programs around
+ * the library, which does not include it. NaN stays NaN. A value beyond the fixed-point range becomes
+ * the largest number, which tse_prepare() refuses and tse_step() refuses or takes as missing. */
 #ifndef TSE_CONVERT_H
 #define TSE_CONVERT_H
 
@@ -12,7 +12,8 @@
 
 static inline tse_real tse_real_of(double x)
 {
-  const double one = (double)((int64_t)1 << TSE_FRACTION_BITS), most = 1152921504606846976.0; /* 2^60, beyond every result */
+  const double one = (double)((int64_t)1 << TSE_FRACTION_BITS);
+  const double most = 1152921504606846976.0; /* 2^60, beyond every result */
   const double scaled = x * one;
   if (x != x) return INT64_MIN;
   if (scaled >= most) return (tse_real)1 << 60;
@@ -28,7 +29,7 @@ static inline double tse_double_of(tse_real x)
   return (double)x / (double)((int64_t)1 << TSE_FRACTION_BITS);
 }
 
-/* A setting: through single precision, as TSE_S(). */
+/* Convert a setting, in single precision as TSE_S(). */
 static inline tse_setting tse_setting_of(double x) { return tse_real_of((double)(float)x); }
 static inline double tse_double_of_setting(tse_setting x) { return tse_double_of(x); }
 

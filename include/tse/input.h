@@ -6,30 +6,44 @@
 
 #include "tse/real.h"
 
-/* A channel is missing when it is NaN or its bit is set in `missing`. Velocities, pedals and road are the other way
- * round: what is not given is not there, so that a row of zeros measures none. Begin with tse_input_default(). */
+/* A channel is missing if it is NaN or its bit is set in `missing`. Velocities, pedals and road are
+ * used only if their bit is set in `given`. Begin with tse_input_default(). */
 typedef struct tse_input {
-  tse_real dt;                 /* [s] time since the previous row, (0, 3600]; ignored after tse_reset() up to the first row with all inputs */
+  tse_real dt;                 /* [s] (0, 3600]; time since the previous row; ignored until the first row
+                                * with all inputs */
   /* table: input_channels */
-  tse_real steer_angle;        /* [rad] -1.2 .. 1.2, else refused; mean road-wheel angle of the front axle, positive left */
-  tse_real wheel_speed_front;  /* [rad/s] -400 .. 400, else refused; mean rotation rate of the front wheels, positive forward */
-  tse_real wheel_speed_rear;   /* [rad/s] -400 .. 400, else refused; mean rotation rate of the rear wheels, positive forward */
-  tse_real accel_x;            /* [m/s2] -50 .. 50, else missing; specific force at the centre of gravity, positive forward */
-  tse_real accel_y;            /* [m/s2] -50 .. 50, else missing; specific force at the centre of gravity, positive left */
-  tse_real yaw_rate;           /* [rad/s] -6 .. 6, else missing; yaw rate, positive left (counter-clockwise from above) */
+  tse_real steer_angle;        /* [rad] -1.2 .. 1.2, else refused; mean road-wheel angle of the front axle,
+                                * positive left */
+  tse_real wheel_speed_front;  /* [rad/s] -400 .. 400, else refused; mean rotation rate of the front
+                                * wheels, positive forward */
+  tse_real wheel_speed_rear;   /* [rad/s] -400 .. 400, else refused; mean rotation rate of the rear wheels,
+                                * positive forward */
+  tse_real accel_x;            /* [m/s2] -50 .. 50, else missing; specific force at the centre of gravity,
+                                * positive forward */
+  tse_real accel_y;            /* [m/s2] -50 .. 50, else missing; specific force at the centre of gravity,
+                                * positive left */
+  tse_real yaw_rate;           /* [rad/s] -6 .. 6, else missing; yaw rate, positive left (counter-clockwise
+                                * from above) */
   /* end of table */
   uint32_t missing;            /* bits TSE_MISSING_accel_x of the channels above */
-  uint32_t given;              /* bits TSE_GIVEN_ins_vel_y of those below that were measured; 0: none, then they are not read */
+  uint32_t given;              /* bits TSE_GIVEN_... of the optional channels below that are measured */
   /* table: input_optional */
-  tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; velocity along the car, of an INS or an optical sensor */
+  tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; velocity along the car, of an INS or
+                                * an optical sensor */
   tse_real ins_vel_y;          /* [m/s] -60 .. 60, else not there; velocity across the car, positive left */
   tse_real gnss_speed;         /* [m/s] 0 .. 120, else not there; speed over ground */
-  tse_real gnss_course;        /* [rad] -7 .. 7, else not there; direction over ground, positive left (against the clock from above), from any zero */
-  tse_real brake;              /* [1] 0 .. 1, else not there; the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides */
-  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both front wheels */
-  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both rear wheels */
-  tse_real bank;               /* [rad] -0.35 .. 0.35, else not there; whole bank of the road, left side high > 0, in place of what the settings say of it */
-  tse_real grade;              /* [rad] -0.35 .. 0.35, else not there; whole slope of the road, uphill > 0, in place of grade_angle */
+  tse_real gnss_course;        /* [rad] -7 .. 7, else not there; direction over ground, positive left
+                                * (against the clock from above), from any zero */
+  tse_real brake;              /* [1] 0 .. 1, else not there; the car brakes: 1 yes, 0 no, from 0.5 on yes;
+                                * else accel_x decides */
+  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both
+                                * front wheels */
+  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both
+                                * rear wheels */
+  tse_real bank;               /* [rad] -0.35 .. 0.35, else not there; whole bank of the road, left side
+                                * high > 0, in place of what the settings say of it */
+  tse_real grade;              /* [rad] -0.35 .. 0.35, else not there; whole slope of the road, uphill > 0,
+                                * in place of grade_angle */
   /* end of table */
 } tse_input;
 
@@ -80,9 +94,9 @@ enum {
 #define TSE_GIVEN_bank (1u << TSE_OPTIONAL_bank)
 #define TSE_GIVEN_grade (1u << TSE_OPTIONAL_grade)
 /* end of table */
-#define TSE_VELOCITIES 4 /* the first of them are velocities */
-#define TSE_PEDALS 3     /* then comes what the pedals do, and at last the road */
-#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of the velocities */
+#define TSE_VELOCITIES 4 /* number of velocities, the first optional channels */
+#define TSE_PEDALS 3     /* number of pedal channels, behind the velocities; then follows the road */
+#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of velocities */
 #define TSE_GIVEN_PEDALS (((1u << TSE_PEDALS) - 1u) << TSE_VELOCITIES)
 #define TSE_GIVEN_ROAD (TSE_GIVEN_bank | TSE_GIVEN_grade)
 

@@ -2,17 +2,18 @@
  *
  *   TSE_REAL_DOUBLE   IEEE 754 binary64 (default)
  *   TSE_REAL_FLOAT    IEEE 754 binary32
- *   TSE_REAL_FIXED    fixed point in int64_t: 2^-TSE_FRACTION_BITS (32) resolution, results up to 2^27; no floating point anywhere
+ *   TSE_REAL_FIXED    fixed point in int64_t, resolution 2^-TSE_FRACTION_BITS (32), results up to
+ *                     2^27, without any floating point
  *
  * The CMake target and the pkg-config file hand the choice to every consumer; a program that is
  * compiled with another choice than the library does not link, because public names carry the
  * format as a suffix (TSE_NAME below).
  *
- * tse_real    what the filter computes with, every step
- * tse_setting what a human writes into the settings; used once, in tse_prepare(), never in a step
+ *   tse_real          type of the filter's numbers
+ *   tse_setting       type of the settings; used in tse_prepare(), never in a step
  *
- * Numbers go in and out by TSE_R(1.5), a literal, and TSE_S(1650), a literal for a setting; tse/convert.h turns doubles into them
- * and back where a program has doubles.
+ * TSE_R(1.5) is a literal of tse_real, TSE_S(1650) of tse_setting. tse/convert.h converts from and to
+ * double.
  */
 #ifndef TSE_REAL_H
 #define TSE_REAL_H
@@ -27,8 +28,8 @@
 #endif
 
 #if defined(TSE_REAL_STRONG)
-/* A test compiles the core as C++ with a scalar class that has no * and no / (tests/unit/strong_real.hpp):
- * a product that does not go through src/number/real_ops.h is then a compile error. */
+/* A test compiles the core as C++ with a scalar class without * and / (tests/unit/strong_real.hpp).
+ * A product that bypasses src/number/real_ops.h is then a compile error. */
 #include "strong_real.hpp"
 #define TSE_FORMAT_NAME "strong"
 #define TSE_NAME(name) name##_strong
@@ -48,9 +49,10 @@ typedef int64_t tse_setting;
 #define TSE_FORMAT_NAME "fixed"
 #define TSE_NAME(name) name##_fix
 #define TSE_FRACTION_BITS 32 /* behind the point */
-/* For literals only: the compiler folds it, no floating-point code remains. Rounds to nearest. */
+/* For literals only, which the compiler folds into integers. Rounds to nearest. */
 #define TSE_R(x) ((tse_real)((x) * (double)((int64_t)1 << TSE_FRACTION_BITS) + ((x) < 0 ? -0.5 : 0.5)))
-/* Settings are of single precision: what the fingerprint of a vehicle is made of (tse/learnt.h), so that every build has the same. */
+/* Settings have single precision, so that the vehicle hash (tse/learnt.h) is the same in every
+ * build. */
 #define TSE_S(x) TSE_R((double)(float)(x))
 
 #else
@@ -62,7 +64,7 @@ typedef double tse_setting;
 #define TSE_R(x) ((tse_real)(x))
 #endif
 
-/* What rows of numbers are kept in that the filter multiplies by the thousand: number/vector.h. */
+/* Element type of the long vectors of number/vector.h. */
 #if defined(TSE_REAL_FIXED)
 typedef int32_t tse_short;
 #else

@@ -1,7 +1,7 @@
-/* tse/replay.h - the single-track model driven by what a log says of steering and wheels: what the other channels should read.
+/* tse/replay.h - simulate the other channels of a log from its steering angle and wheel speeds.
  *
- * Deterministic: constant stiffness, constant biases, no noise; with all effects of src/tables/effects.toml that the settings switch on.
- * For fits, which call it thousands of times. Same rules as tse/tse.h. */
+ * Deterministic: constant stiffness and biases, no noise, effects of src/tables/effects.toml as the
+ * settings switch them on. For fits, which call it thousands of times. Rules as in tse/tse.h. */
 #ifndef TSE_REPLAY_H
 #define TSE_REPLAY_H
 
@@ -21,19 +21,24 @@ typedef struct tse_replay_log {
   const tse_real *steer_angle;        /* [rad] mean road-wheel angle as logged, -1.2 .. 1.2 */
   const tse_real *wheel_speed_front;  /* [rad/s] mean rotation rate of the front wheels, -400 .. 400 */
   const tse_real *wheel_speed_rear;   /* [rad/s] mean rotation rate of the rear wheels, -400 .. 400 */
-  const tse_real *grade;              /* [rad] or NULL; profile of the road, uphill > 0, besides the setting grade_angle */
-  const tse_real *bank;               /* [rad] or NULL; profile of the road, left side high > 0, besides the setting bank_angle */
+  const tse_real *grade;              /* [rad] or NULL; profile of the road, uphill > 0, besides the
+                                       * setting grade_angle */
+  const tse_real *bank;               /* [rad] or NULL; profile of the road, left side high > 0, besides
+                                       * the setting bank_angle */
   const tse_real *slip_front;         /* [rad] or NULL; disturbance of the front slip angle */
   const tse_real *slip_rear;          /* [rad] or NULL; disturbance of the rear slip angle */
-  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force over mass, forward, seen by the accelerometer */
-  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force over mass, to the left, seen by the accelerometer */
+  const tse_real *force_x;            /* [m/s2] or NULL; disturbing force over mass, forward, seen by the
+                                       * accelerometer */
+  const tse_real *force_y;            /* [m/s2] or NULL; disturbing force over mass, to the left, seen by
+                                       * the accelerometer */
   const tse_real *yaw_accel;          /* [rad/s2] or NULL; disturbing yaw moment over inertia */
   /* end of table */
 } tse_replay_log;
 
 typedef struct tse_replay_start {
   /* table: replay_start_members */
-  tse_real cx_front;             /* [1] 1; longitudinal stiffness, share of nominal (rear follows as the settings say) */
+  tse_real cx_front;             /* [1] 1; longitudinal stiffness, share of nominal (rear follows as the
+                                  * settings say) */
   tse_real cy_front;             /* [1] 1; front cornering stiffness, share of nominal */
   tse_real cy_rear;              /* [1] 1; rear cornering stiffness, share of nominal */
   tse_real bias_accel_x;         /* [m/s2] 0; bias of accel_x */
@@ -45,8 +50,10 @@ typedef struct tse_replay_start {
   tse_real yaw_rate;             /* [rad/s] 0; start of the yaw rate */
   tse_real time;                 /* [s] 0; clock of stiffness_drift at the first row */
   tse_real heading;              /* [rad] 0; heading at the first row, for crosswind */
-  tse_real wheel_inertia_front;  /* [kg m2] 2.4; rotational inertia of both front wheels, for wheel_torque_front */
-  tse_real wheel_inertia_rear;   /* [kg m2] 2.4; rotational inertia of both rear wheels, for wheel_torque_rear */
+  tse_real wheel_inertia_front;  /* [kg m2] 2.4; rotational inertia of both front wheels, for
+                                  * wheel_torque_front */
+  tse_real wheel_inertia_rear;   /* [kg m2] 2.4; rotational inertia of both rear wheels, for
+                                  * wheel_torque_rear */
   /* end of table */
 } tse_replay_start;
 
@@ -58,22 +65,27 @@ typedef struct tse_replay_out {
   tse_real *vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real *vel_y;               /* [m/s] lateral velocity of the centre of gravity */
   tse_real *true_yaw_rate;       /* [rad/s] yaw rate of the car */
-  tse_real *wheel_torque_front;  /* [Nm] drive less brake torque that the front wheels need: slip force times radius, and inertia */
+  tse_real *wheel_torque_front;  /* [Nm] drive less brake torque that the front wheels need: slip force
+                                  * times radius, and inertia */
   tse_real *wheel_torque_rear;   /* [Nm] drive less brake torque that the rear wheels need */
   /* end of table */
 } tse_replay_out;
 
-/* Fill with the defaults. s NULL: nothing happens. */
+/* Fill s with the defaults.   s NULL: no effect. */
 void tse_replay_start_default(tse_replay_start *s);
 
-/* Run a whole log. Inputs are linear between rows; the steps are those of the estimator (vehicle_steps() in src/model/vehicle.h).
- *   Given:     p     from tse_prepare(), with its effects     log    arrays of `rows` values, steer_angle and speeds finite
- *              s     stiffness, biases, start
- *   Updated:   out   what the car and its sensors do at each row; nothing when a row is refused; the rows before, when the model leaves the numbers
- *   Returned:  TSE_OK; TSE_E_NULL; TSE_E_STATE (p not prepared); TSE_E_TIME, TSE_E_INPUT: a row is out of range, *wrong
- *              (if not NULL) its index. TSE_E_INPUT also where the start (then row 0) or a profile is not finite, and where what the
- *              car does is no number of this format any more
- *   Cost:      two evaluations of the model a row: 0.1 us without effects. Source: (1)-(4), (7), src/EQUATIONS.md. */
+/* Run a whole log. Inputs are linear between rows. Substeps as in the estimator (vehicle_steps() in
+ * src/model/vehicle.h).
+ *   Given:     p    from tse_prepare(), with its effects
+ *              log  arrays of `rows` finite values
+ *              s    stiffness, biases, start
+ *   Updated:   out  motion and sensors at each row; unchanged if a row is refused; up to the row
+ *                   before, if the motion overflows
+ *   Returned:  TSE_OK; TSE_E_NULL; TSE_E_STATE (p not prepared); TSE_E_TIME or TSE_E_INPUT: row *wrong
+ *              (if not NULL) is out of range. TSE_E_INPUT also if the start (row 0) or a profile is not
+ *              finite, or if the motion overflows
+ *   Cost:      two evaluations of the model a row: 0.1 us without effects
+ *   Source:    (1)-(4), (7), src/EQUATIONS.md */
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
                       const tse_replay_out *out, int32_t *wrong);
 

@@ -1,19 +1,20 @@
-/* tse/state.h - the structs that the caller places - static, on the stack, in a section of the linker - with their sizes. What stands in them
- * is the library's own business (src/model/state.h): its files see members where all others see bytes. No pointer is among them: copying
- * the struct copies the filter. */
+/* tse/state.h - sizes of the structs that the caller allocates: static, on the stack or in a linker
+ * section. Their members are internal (src/model/state.h); the caller sees bytes. They hold no
+ * pointers: copying the struct copies the filter. */
 #ifndef TSE_STATE_H
 #define TSE_STATE_H
 
 #include "tse/limits.h"
 #include "tse/real.h"
 
-/* Form 1: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits
- * whatever the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
- * up to 14 %). */
+/* Paper's filter: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed
+ * order, so that bits do not depend on the vector width. Rows are padded to different cache sets:
+ * power-of-two strides cost up to 14 %. */
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
-/* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
+/* Number of tse_real and tse_short in the structs. A build without measured velocities needs 1.9 kB
+ * less RAM in float, and refuses rows that give one. */
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
 #define TSE_FILTER_NUMBERS (347 + 7 * TSE_LATENCY_KEPT)
@@ -33,7 +34,7 @@
 #define TSE_FILTER_WHOLE 160 /* bytes of whole numbers */
 #define TSE_FILTER_PADDED (19 + sizeof(tse_short) / sizeof(tse_real))
 #endif
-#define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
+#define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* of the particles, beside tse_filter */
 #if defined(TSE_NO_EFFECTS)
 #define TSE_EFFECT_NUMBERS 0
 #define TSE_EFFECT_BYTES 0
@@ -44,8 +45,7 @@
 #define TSE_EFFECT_BYTES 40
 #endif
 
-/* Bytes between a 32-bit integer and a tse_real behind it: 0 or 4, as the machine aligns them. None follows an odd number of tse_short where these
- * have 32 bits. */
+/* Padding bytes between a 32-bit integer and a tse_real: 0 or 4, by the alignment of the machine. */
 struct tse_aligned {
   int32_t first;
   tse_real number;
@@ -53,9 +53,9 @@ struct tse_aligned {
 #define TSE_PADDING (sizeof(struct tse_aligned) - sizeof(tse_real) - sizeof(int32_t))
 #define TSE_LATENCY_BYTES ((TSE_LATENCY_KEPT + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
 
-/* What the structs hold, to the byte: src/model/state.h does not compile where the members have another size. */
+/* Exact sizes of the structs. src/model/state.h does not compile if its members have other sizes. */
 typedef union tse_effects_bytes {
-  uint64_t first; /* aligns the others, before and behind them */
+  uint64_t first; /* aligns the struct */
   unsigned char all[sizeof(uint64_t) + TSE_EFFECT_NUMBERS * sizeof(tse_real) + TSE_EFFECT_BYTES];
 } tse_effects_bytes;
 
@@ -77,10 +77,10 @@ typedef struct tse_paper_bytes {
 /* Constants of a filter, made by tse_prepare(). */
 typedef struct tse_params tse_params;
 
-/* A filter of the default form. */
+/* A default filter. */
 typedef struct tse_filter tse_filter;
 
-/* A filter of the paper's form, with its particles. A pointer to its first member is one to all of it. */
+/* A filter of the paper, with its particles. A pointer to its first member points to all of it. */
 typedef struct tse_filter_paper tse_filter_paper;
 
 #if !defined(TSE_INTERNALS)

@@ -1,28 +1,34 @@
 /* tse/tse.h - the public API of tse, a tyre-stiffness estimator.
  *
- * One Kalman filter of a car: exact kinematics, slip and slip angle of each axle as states. Tyres have a stiffness at zero slip and
- * saturate at the friction limit. Both wheel speeds are measured, the steering angle is the only input. Road changes, axle changes, sliding
- * and sensor faults are tested by likelihood ratios. Form 1 is the marginalized adaptive particle filter of Berntorp & Di Cairano
- * (2016). Equation numbers refer to that paper; src/EQUATIONS.md says where each equation is computed and tested, src/tables/constants.toml what
- * every threshold and rate of the default form is.
+ * The default filter is a Kalman filter of a car with exact kinematics. Its states include the
+ * slip and the slip angle of each axle. Tyres have a stiffness at zero slip and saturate at the
+ * friction limit. The steering angle is the input; both wheel speeds are measurements. Road
+ * changes, axle changes, sliding and sensor faults are tested by likelihood ratios.
+ *
+ * The paper's filter (setting form = 1) is the marginalized adaptive particle filter of Berntorp &
+ * Di Cairano (2016). Equation numbers refer to that paper. src/EQUATIONS.md lists where each
+ * equation is computed and tested. src/tables/constants.toml explains each threshold and rate.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
- *   tse_config_default(&c);   c.mass = TSE_S(1650); ...           without a mass no stiffness is valid
- *   if (tse_prepare(&c, &p, NULL) < 0) ...                        settings -> constants, once
- *   tse_reset(&p, &f, sizeof f);                                  reset is also init
- *   while (next_row(&u)) tse_step(&p, &f, &u, &y);                one sample at a time
+ *   tse_config_default(&c);
+ *   c.mass = TSE_S(1650);                            without a mass no stiffness is valid
+ *   if (tse_prepare(&c, &p, NULL) < 0) ...           settings to constants, once
+ *   tse_reset(&p, &f, sizeof f);                     initialise
+ *   while (next_row(&u)) tse_step(&p, &f, &u, &y);   one sample at a time
  *
- * Only the paper's form holds particles, in a larger struct that begins with a tse_filter:
+ * The paper's filter needs a larger struct for its particles, which begins with a tse_filter:
  *
- *   static tse_filter_paper all;   tse_filter *const f = &all.filter;         instead of  static tse_filter f;
- *   tse_config_paper(&c);  ...     tse_reset(&p, f, sizeof all);              the rest is the same, with f
+ *   static tse_filter_paper all;
+ *   tse_filter *const f = &all.filter;
+ *   tse_config_paper(&c);
+ *   tse_reset(&p, f, sizeof all);
  *
- * The caller owns all memory. The library never allocates, prints, or keeps anything between calls outside
- * the objects it is handed; they hold no pointer: a copy of the struct is a snapshot of the filter.
- * Different filters may be stepped in different threads at once.
+ * The caller owns all memory. The library never allocates or prints. Its state is only in the
+ * structs that the caller passes. They hold no pointers, so a copy is a snapshot. Different
+ * filters may run in different threads at once.
  *
- * Axes ISO 8855 (x forward, y left, z up), SI units; steering angle, yaw rate and lateral acceleration are
- * positive to the left.
+ * SI units, axes of ISO 8855: x forward, y left, z up. Steering angle, yaw rate and lateral
+ * acceleration are positive to the left.
  */
 #ifndef TSE_TSE_H
 #define TSE_TSE_H
@@ -60,121 +66,152 @@
 extern "C" {
 #endif
 
-/* Fill c with the defaults of tse/config.h: an ordinary car that nobody has calibrated, with what cars of its class have and how
- * uncertain that is (src/tables/uncalibrated.toml). Then set, in any order, what is known of yours: mass, lf, lr, driven_axle, wheel
- * radii. Stiffness and yaw inertia that stay 0 are those of the class under the mass and axles that tse_prepare() is given. A mass
- * that stays 0 is not known: one of the class with an sd of 30 %, and no stiffness is valid (TSE_PARAMETERS_UNCERTAIN). The same in
- * C, FMU, Python, page and command. `tselab calibrate` finds smaller uncertainties. c NULL: nothing happens. */
+/* Fill c with the defaults of tse/config.h: an ordinary car that is not calibrated, with the mean
+ * and the uncertainty of its class (src/tables/uncalibrated.toml). Then set the known values of
+ * your car, in any order: mass, lf, lr, driven_axle, wheel radii.
+ *   stiffness or yaw inertia 0   tse_prepare() takes the value of the class for this mass and axles
+ *   mass 0                       unknown: the class's, sd 30 %; no stiffness becomes valid
+ *                                (TSE_PARAMETERS_UNCERTAIN)
+ * C, FMU, Python, page and command share these defaults. `tselab calibrate` finds smaller
+ * uncertainties.   c NULL: no effect. */
 void tse_config_default(tse_config *c);
 
-/* Fill c with a car that is known exactly, as only a simulated one is: that of tse_sim_reset(), 1900 kg, uncertainties 0, effects off.
- * Of a real car intervals are then too narrow. c NULL: nothing happens. */
+/* Fill c with a car that is known exactly: the simulated car of tse_sim_reset(), 1900 kg, all
+ * uncertainties 0, effects off. For a real car the intervals would be too narrow.
+ *   c NULL: no effect. */
 void tse_config_exact(tse_config *c);
 
-/* Write down what tse_prepare() takes for mass, yaw inertia and stiffness that are 0, to show it. A filter does not need it; what is
- * written down follows no mass that is set later. c NULL: nothing happens. */
+/* Replace mass, yaw inertia and stiffness of 0 by the values that tse_prepare() would take, for
+ * display. The filter does not need this call. Values that are written here do not follow a mass
+ * that is set later.   c NULL: no effect. */
 void tse_config_complete(tse_config *c);
 
-/* The filter of the paper as printed: Algorithm 1 on particles, with nothing to save it where it diverges (src/paper/algorithm1.c).
- * The car is that of tse_config_exact(), as in the paper's study.
- * src/EQUATIONS.md lists each deviation from (1)-(27). Needs a tse_filter_paper. c NULL: nothing happens. */
+/* Fill c with the paper's filter as printed: Algorithm 1 on particles, without protection against
+ * divergence (src/paper/algorithm1.c), and the exactly known car of the paper's study.
+ * src/EQUATIONS.md lists each deviation from (1)-(27). Needs a tse_filter_paper.
+ *   c NULL: no effect. */
 void tse_config_paper(tse_config *c);
 
-/* The same code with settings that keep it from diverging after a change of road: the mean forgets faster than the covariance, and faster
- * still where innovations last; draws are reflected; (7) is integrated by a method of second order. A reference, not as safe as the
- * default on an ordinary car. Needs a tse_filter_paper. c NULL: nothing happens. */
+/* Fill c with the paper's filter and settings that prevent divergence after a road change. The
+ * mean forgets faster than the covariance, and still faster while innovations are correlated.
+ * Draws are reflected at the bounds. (7) is integrated with second order. A reference: on an
+ * ordinary car the default filter is safer. Needs a tse_filter_paper.   c NULL: no effect. */
 void tse_config_robust(tse_config *c);
 
-/* Check every setting against its range (a default may be outside it: 0, not set), and that the latencies (settings ..._latency) fit TSE_LATENCY_ROWS rows of sample_time.
- *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
- *              wrong field, a string constant. */
+/* Check the range of each setting (0 is allowed where it means "not set"), and that the latencies
+ * fit TSE_LATENCY_ROWS rows of sample_time.
+ *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; with the latter *wrong (if not NULL) points to
+ *              the name of the first wrong field, a string constant */
 tse_status tse_config_check(const tse_config *c, const char **wrong);
 
-/* Check the settings and turn them into the constants of the filter (normalised by mass and sensor noise).
- *   Updated:   p  constants; unchanged when the result is negative
- *   Returned:  as tse_config_check(); TSE_E_FORMAT when a number that follows from the settings does not fit the number format of
- *              this build (fixed point); then *wrong names the setting */
+/* Check the settings and compute the constants of the filter, normalised by mass and sensor noise.
+ *   Updated:   p  constants; unchanged if the result is negative
+ *   Returned:  as tse_config_check(). TSE_E_FORMAT if a constant does not fit the fixed-point
+ *              format of this build; *wrong then names the setting */
 tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
 
-/* Start, or start again: the next row given to tse_step() is the first.
- *   Given:     p  from tse_prepare()      filter_bytes  size of the struct as the caller compiled it: of tse_filter_paper in
- *              the paper's form, where f is its first member; of either in the default form
- *   Updated:   f  unchanged when the result is negative
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE.    O(filter_bytes) time. */
+/* Initialise the filter: the next row of tse_step() is the first.
+ *   Given:     p             from tse_prepare()
+ *              filter_bytes  size of the caller's struct: sizeof(tse_filter_paper) with the paper's
+ *                            filter, where f is its first member; either size with the default one
+ *   Updated:   f             unchanged if the result is negative
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE
+ *   Cost:      O(filter_bytes) */
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
 
-/* Fill u with a row that measures 0 on every channel, 0.01 s after the row before, and no velocity, no pedal: then set what the log has,
- * and mark what it lacks in `missing`. u NULL: nothing happens. */
+/* Fill u with a row of zeros, 0.01 s after the row before, without velocities, pedals and road.
+ * Then set the channels that are measured, and mark the others in `missing`.
+ *   u NULL: no effect. */
 void tse_input_default(tse_input *u);
 
-/* Say what tse_step() would refuse in this row, without a filter.
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT; then *wrong (if not NULL) names the field. */
+/* Check a row as tse_step() does, without a filter.
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT; *wrong (if not NULL) then names the
+ *              field */
 tse_status tse_input_check(const tse_input *u, const char **wrong);
 
 /* Advance the estimator to this row and use its measurements.
- *   Given:     p  the parameters f was reset with      u  one row, SI units, ISO 8855
- *   Updated:   f  bit for bit unchanged when the result is negative
- *   Returned:  y  estimates at this row (may be NULL; unchanged when the result is negative)
- *              tse_status: negative refused, 0 ok, positive done with a caution; whether to use a stiffness says y->reason
- *   Policy for odd rows
- *     steering angle or wheel speed out of range (also infinite), dt not in (0, 3600]   refused
- *     a channel logged late (..._latency)        rows wait, with the reasons of the last step and the status TSE_W_WAITING, until
- *                                                all channels are known; then a step to that time, estimate_age before the row.
- *                                                dt above max_gap: what waits is given up, and the next step, when the channels
- *                                                are known again, has the whole time. Rows that come faster than the memory can
- *                                                hold (TSE_LATENCY_ROWS) are left out, their time is not
- *     |wheel speed| below hold_speed, reverse,   nothing is learnt; form 0: motion is placed anew with each row, gyro bias learnt at standstill
- *     steering angle beyond max_steer
- *     dt above max_gap                           motion is placed anew from wheels and gyro; what was learnt is kept
- *   ... in the default form
- *     any other dt                               up to TSE_SUBSTEPS steps; a late row loses information and biases nothing
- *     a measurement missing or out of range      the others are used, wheel speeds, too; all missing: predicts only
- *     steering angle missing                     held up to max_gap, then nothing is known of the motion until it is back
- *     one measurement beyond 3 sd                is down-weighted: its S is at least e^2/9
- *     a channel at fault                         regime[TSE_REGIME_FAULT], fault_channel: it is left out until it agrees again; of the
- *                                                steering angle the offset is estimated anew, one that is frozen is missing
- *     slip of an axle beyond max_slip            regime[TSE_REGIME_SLIDING]: nothing is valid
- *     another road, an axle's tyres              regime[TSE_REGIME_CHANGED], [TSE_REGIME_AXLE]: stiffness and grip move, and are
- *                                                uncertain
- *     noise other than the setting               found, noise[]; at most noise_max times
- *     model discrepancy                          a share model_sd of the recent rms of each IMU channel, discrepancy[]
- *     a velocity is given (tse_input.given)      a measurement, late by velocity_latency; a value that repeats the one before is no
- *                                                new one; out of range or NaN: not there; one that does not fit is left out until
- *                                                it does. In form 1: refused, TSE_E_INPUT
- *     brake, wheel torques given                 they say which axle rolls freely, in place of accel_x; while none does, on a road
- *                                                that may climb, nothing is learnt of the longitudinal stiffness. In form 1: refused
- *     uncertain parameters                       settings from mass_sd to grade_sd: Schmidt's gain; they widen the sd of all estimates
- *   ... in form 1
- *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
- *     a measurement missing or out of range      the others are used; all missing: predicts only
- *   Source:    src/EQUATIONS.md; form 1: Algorithm 1, (16)-(19), (22)-(27).
- *   Bounded time, O(1) or O(particles); no allocation, no recursion, no global state. */
+ *   Given:     p  the parameters with which f was reset
+ *              u  one row, SI units, ISO 8855
+ *   Updated:   f  bit for bit unchanged if the result is negative
+ *   Returned:  y  estimates at this row; may be NULL; unchanged if the result is negative
+ *              tse_status  negative: refused. 0: done. Positive: warning. Use a stiffness only if
+ *                          y->reason is TSE_VALID
+ *   Cost:      bounded: O(1), paper's filter O(particles). No allocation, no recursion, no globals
+ *   Source:    src/EQUATIONS.md; paper's filter: Algorithm 1, (16)-(19), (22)-(27)
+ *
+ *   Odd rows, both filters
+ *     steering angle or wheel speed out of range,   refused
+ *     or infinite; dt not in (0, 3600]
+ *     a channel is logged late (..._latency)        rows wait until all channels are known (status
+ *                                                   TSE_W_WAITING, reasons of the last step), then a
+ *                                                   step to the time estimate_age before the row
+ *     ... and dt above max_gap                      waiting rows are dropped; the next step covers
+ *                                                   the whole time
+ *     ... and rows faster than TSE_LATENCY_ROWS     are left out; their time counts
+ *     slower than hold_speed, reverse, steering     nothing is learnt; default filter: motion is set
+ *     beyond max_steer                              from each row, gyro bias learnt at standstill
+ *     dt above max_gap                              motion is set from wheels and gyro; learnt
+ *                                                   values stay
+ *   Odd rows, default filter
+ *     any other dt                                  up to TSE_SUBSTEPS substeps
+ *     a measurement missing or out of range         the others are used; without any: predict only
+ *     steering angle missing                        held up to max_gap; then the motion is unknown
+ *                                                   until the angle is back
+ *     one measurement beyond 3 sd                   weighted down: S is at least e^2/9
+ *     a faulty channel                              regime[TSE_REGIME_FAULT], fault_channel; ignored
+ *                                                   until it agrees again. The offset of a steering
+ *                                                   angle is estimated anew; a frozen one is missing
+ *     slip of an axle beyond max_slip               regime[TSE_REGIME_SLIDING]; nothing is valid
+ *     another road, another axle                    regime[TSE_REGIME_CHANGED], [TSE_REGIME_AXLE];
+ *                                                   stiffness and grip step and become uncertain
+ *     noise unlike the setting                      estimated in noise[], up to noise_max times
+ *     model discrepancy                             share model_sd of the recent rms of each IMU
+ *                                                   channel, discrepancy[]
+ *     a velocity (tse_input.given)                  measurement, late by velocity_latency. A
+ *                                                   repeated value is not new. Out of range, NaN or
+ *                                                   contradicting: ignored
+ *     brake or wheel torques given                  they replace accel_x in the decision which axle
+ *                                                   rolls freely. Without a free axle on a road of
+ *                                                   unknown grade no longitudinal stiffness is learnt
+ *     uncertain parameters (mass_sd .. grade_sd)    Schmidt-Kalman gain; they widen every sd
+ *   Odd rows, paper's filter
+ *     steering angle or wheel speed missing         held up to max_gap, then states are frozen
+ *     a measurement missing or out of range         the others are used; without any: predict only
+ *     velocity, brake or torques given              refused, TSE_E_INPUT */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
 
-/* Check a filter struct copied from a file or another program before it is stepped: tse_step() trusts the contents of f. Make p
- * anew from the settings.
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: of other parameters, or something in it is outside its range.
- *              O(N) time. */
+/* Check a filter struct that was copied from a file or another program. tse_step() does not check
+ * the contents of f.
+ *   Given:     p  from tse_prepare() with the same settings
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: of other parameters, or a value is
+ *              outside its range
+ *   Cost:      O(filter_bytes) */
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
-/* Return how much one uncertain parameter of the car adds to the sd of each stiffness: what to measure better first.
- *   Given:     k  which: TSE_CONSIDER_MASS, TSE_CONSIDER_INERTIA ... (tse/config.h)
- *   Returned:  sd[3]  after the last row, relative to nominal, as tse_output.stiffness_sd; unchanged when the result is negative
- *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (no such k) or TSE_E_STATE (of other parameters, or of a form other than 0).
- *              O(1) time. */
+/* Return the share of one uncertain parameter in the sd of each stiffness. The parameter with the
+ * largest share is worth measuring better.
+ *   Given:     k  TSE_CONSIDER_MASS, TSE_CONSIDER_INERTIA ... (tse/config.h)
+ *   Returned:  sd[3]  after the last row, relative to nominal as tse_output.stiffness_sd; unchanged
+ *                     if the result is negative
+ *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (no such k) or TSE_E_STATE (other parameters, or the
+ *              paper's filter)
+ *   Cost:      O(1) */
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3]);
 
-/* Convert the stiffnesses to N (longitudinal) and N/rad (cornering) per axle: nominal value times relative one.
- *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; each may be NULL. */
-void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3]);
+/* Convert stiffness to N (longitudinal) and N/rad (cornering) per axle: nominal times relative.
+ *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; each
+ *              may be NULL */
+void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3],
+                      tse_setting spread[3]);
 
-/* Check that this build rounds as IEEE 754 says and as the library is tested. What can be seen when it is compiled is an error there
- * (-ffast-math, sums that are wider than a number); contraction, -mrecip and the like cannot. Call it once, before the first filter.
- *   Returned:  TSE_OK, or TSE_E_BUILD: estimates will have other bits than elsewhere, or wrong ones; then *wrong (if not NULL)
- *              says what is found and the option that cures it, a string constant */
+/* Check that this build rounds as IEEE 754 requires. Call it once, before the first filter.
+ * -ffast-math and wider intermediate sums are compile errors; this call detects contraction,
+ * -mrecip and the like.
+ *   Returned:  TSE_OK, or TSE_E_BUILD: results will differ from other builds. *wrong (if not NULL)
+ *              then names the cause and the compiler option that cures it, a string constant */
 tse_status tse_self_test(const char **wrong);
 
-/* Return the sentence of a status or reason code from tse/status.h; never NULL. */
+/* Return the text of a status or reason code of tse/status.h; never NULL. */
 const char *tse_status_text(int32_t status);
 const char *tse_reason_text(int32_t reason);
 
@@ -182,5 +219,5 @@ const char *tse_reason_text(int32_t reason);
 }
 #endif
 
-#include "tse/learnt.h" /* one include serves in all layouts: as one file tse.h holds it, too */
+#include "tse/learnt.h" /* so that one include serves in all layouts */
 #endif

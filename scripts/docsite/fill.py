@@ -17,7 +17,7 @@ from types import FunctionType
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "scripts")]
+sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "scripts" / "dev")]
 
 from docsite import links, symptoms, tables  # noqa: E402
 

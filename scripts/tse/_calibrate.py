@@ -16,7 +16,7 @@ from tse.calibration import output, page, workflow
 from tse.calibration.result import Result, words
 from tse.car.vehicle import Vehicle, make_vehicle
 from tse.channels.agree import read_agreeing
-from tse.library.files import loads
+from tse.library.files import parse_toml
 from tse.log.rows import Reading
 from tse.roads.road import Road
 
@@ -36,7 +36,7 @@ class Calibration(Shown):
         """The calibrated car, for estimate() of other logs."""
         car = self._result.vehicle
         text = output.toml(self._result, self._logs, car.formula_path or Path("formula.toml"))
-        made = make_vehicle(loads(text), car.path or Path("vehicle"))
+        made = make_vehicle(parse_toml(text), car.path or Path("vehicle"))
         made.path, made.formula, made.formula_path = None, car.formula, car.formula_path
         return made
 

@@ -16,8 +16,8 @@ from tse.car.config import check_effect, make_config, set_sampling
 from tse.errors import InputError
 from tse.library import core
 from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
-from tse.library.errors import meant
-from tse.log.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
+from tse.library.errors import suggest_names
+from tse.log.rows import MAX_ROW_STEP, MIN_ROW_STEP, OPTIONAL_COLUMNS, SIDES
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf
@@ -83,7 +83,7 @@ class Filter:
     def _begin(self, config: core.Config) -> None:
         config = config.complete()
         self._config = config
-        self._filter = core.Filter(config)
+        self._filter = core.NativeFilter(config)
         self._row, self._out = self._filter.inputs(1), self._filter.outputs(1)
         self._nothing = self._row.copy()
         for name in CHANNELS:
@@ -149,7 +149,7 @@ class Filter:
                     u["given"] |= np.uint32(1 << optional.index(name))
             elif name in known and name not in ("missing", "given"):
                 u[name] = math.nan if value is None else self._number(name, value)
-            elif not (name.startswith("ref_") or name in OPTIONAL):
+            elif not (name.startswith("ref_") or name in OPTIONAL_COLUMNS):
                 raise InputError(f"there is no channel {name!r}{_hint(name)}", name)
         u["dt"] = self._since(now, step)
         status = self._filter.step_one(u, self._out)
@@ -265,8 +265,10 @@ def _sample_time(value: Any) -> float:
         seconds = float(value)
     except (TypeError, ValueError, OverflowError):
         seconds = math.nan
-    if not FASTEST <= seconds <= SLOWEST:
-        raise core.SettingError(f"sample_time = {value!r} is refused; allowed: {FASTEST:g} .. {SLOWEST:g} s")
+    if not MIN_ROW_STEP <= seconds <= MAX_ROW_STEP:
+        raise core.SettingError(
+            f"sample_time = {value!r} is refused; allowed: {MIN_ROW_STEP:g} .. {MAX_ROW_STEP:g} s"
+        )
     return seconds
 
 
@@ -321,7 +323,7 @@ def _hint(name: str) -> str:
     for axle, pair in SIDES.items():
         if name in pair:
             return f": give {axle}, the mean of both wheels"
-    return meant(name, CHANNELS, other=f"; {_known()}")
+    return suggest_names(name, CHANNELS, other=f"; {_known()}")
 
 
 def _known() -> str:

@@ -20,11 +20,11 @@ from tse.channels.log import read_log as _read_log
 from tse.channels.proposal import Line, Proposal, format_headline, format_signals, list_signals, propose
 from tse.channels.signals import find_signals
 from tse.library.errors import UserError
-from tse.library.files import atomic
-from tse.log.rows import Log as Checked
+from tse.library.files import write_atomically
+from tse.log.rows import CheckedLog as Checked
 from tse.log.rows import Reading
 from tse.readers.readers import read_recording
-from tse.readers.recording import How, Recording
+from tse.readers.recording import ReadOptions, Recording
 from tse.report import plots
 from tse.roads.road import Road, read_road
 
@@ -162,7 +162,7 @@ def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
 class Signals(Shown):
     """Which signal of a log is proposed for which channel."""
 
-    def __init__(self, recording: Recording, proposal: Proposal, how: How):
+    def __init__(self, recording: Recording, proposal: Proposal, how: ReadOptions):
         self._recording, self._proposal, self._how = recording, proposal, how
         self.missing = tuple(proposal.missing)
         """Channels for which nothing was found."""
@@ -195,7 +195,7 @@ class Signals(Shown):
         """Write signals.toml, for read_log() and the commands; one that is there is replaced."""
         if not self._proposal.guesses:
             raise UserError(f"{self._recording.path}: nothing could be guessed, so {path} is not written")
-        with atomic(Path(path)) as file:
+        with write_atomically(Path(path)) as file:
             file.write(self._text(Path(path).parent))
         return Path(path)
 

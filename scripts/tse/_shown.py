@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from tse.library.files import atomic
+from tse.library.files import write_atomically
 
 MOST_ROWS = 20  # of a table in a notebook
 
@@ -47,7 +47,7 @@ class Shown:
             '<!doctype html><html lang="en"><meta charset="utf-8"><title>tse</title>'
             f"<body>{self._repr_html_()}{self.plot().to_html(full_html=False, include_plotlyjs=True)}</body></html>"
         )
-        with atomic(Path(path)) as file:
+        with write_atomically(Path(path)) as file:
             file.write(page)
         return Path(path)
 

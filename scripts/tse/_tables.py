@@ -1,4 +1,4 @@
-"""Names, units and ranges of the C library's tables. Written by scripts/api_tables.py, not by hand."""
+"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py, not by hand."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from tse.car.vehicle import Vehicle, make_vehicle, sensor_settings, uncertainty_
 from tse.car.vehicle import read_vehicle as _read
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.library.files import atomic
+from tse.library.files import write_atomically
 
 VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
 
@@ -106,7 +106,7 @@ def vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
         return Path(vehicle)
     read_vehicle(vehicle)
     path = folder / "vehicle.toml"
-    with atomic(path) as file:
+    with write_atomically(path) as file:
         file.write("\n".join(_toml(_plain(vehicle), "")) + "\n")
     return path
 

@@ -39,13 +39,13 @@ def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | No
     from tse.car.config import c_settings
     from tse.car.vehicle import read_vehicle
     from tse.library.core import Config
-    from tse.library.files import atomic, check_distinct
+    from tse.library.files import check_distinct, write_atomically
 
     check_distinct({"--c": header}, {"the vehicle file": path})
     car = read_vehicle(path)
     fields = Config().fields
     if header is not None:
-        with atomic(header) as file:
+        with write_atomically(header) as file:
             file.write(c_settings(car))
     if as_json:
         from tse.report import results
@@ -165,13 +165,13 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     """
     from tse.car.formula import c_header, read_formula
     from tse.library.core import library
-    from tse.library.files import atomic, check_distinct
+    from tse.library.files import check_distinct, write_atomically
     from tse.report.tables import text_table
 
     check_distinct({"--c": header}, {"the formula": path})
     found = read_formula(path)
     if header is not None:
-        with atomic(header) as file:
+        with write_atomically(header) as file:
             file.write(c_header(found))
     place = library().formula_places[found.place]
     if as_json:

@@ -124,11 +124,11 @@ def main() -> None:
                    "machine (tselab signals --help says which formats are read in pieces)", err=True)  # fmt: skip
         sys.exit(2)
     except Exception as error:
-        from tse.library.files import no_room
+        from tse.library.files import explain_write_error
 
-        if reason := no_room(
+        if reason := explain_write_error(
             error
-        ):  # files.atomic says it of results: this is the terminal, or a temporary file
+        ):  # files.write_atomically says it of results: this is the terminal, or a temporary file
             _give_up_stdout()
             where = getattr(error, "filename", None) or "the output"
             click.echo(f"tselab: error: {where}: cannot be written: {reason}", err=True)

@@ -22,10 +22,10 @@ from tse.gaps.run.output import write_all
 from tse.gaps.run.workflow import run
 from tse.library.core import STIFFNESS, Config, SimConfig
 from tse.library.errors import UserError
-from tse.library.files import atomic, make_directory
+from tse.library.files import make_directory, write_atomically
 from tse.log.rows import Reading
 from tse.readers.readers import read_recording
-from tse.readers.recording import need
+from tse.readers.recording import import_optional
 from tse.report.report import write_report
 from tse.report.tables import simulated_vehicle
 from tse.runs.single import prepare
@@ -91,9 +91,9 @@ def estimated(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.Da
     """Write vehicle, filter settings, log, truth, estimates, report and picture; say how far off they are. Return the log, and the
     estimates."""
     make_directory(out)
-    with atomic(out / "vehicle.toml") as file:
+    with write_atomically(out / "vehicle.toml") as file:
         file.write(simulated_vehicle())
-    with atomic(out / "filter.toml") as file:
+    with write_atomically(out / "filter.toml") as file:
         file.write(
             "# a wrong start, to see it being found\n"
             + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS)
@@ -147,7 +147,7 @@ def closed(out: Path, seed: int, say: Callable[[str], None]) -> None:
     """Write logs of a car with a hidden effect, and what the gap workflow makes of them; say what was hidden, what was found."""
     make_directory(out)
     path = out / "car.toml"
-    with atomic(path) as file:
+    with write_atomically(path) as file:
         file.write(simulated_vehicle())
     vehicle = read_vehicle(path)
     car = Config.exact(vehicle.values)
@@ -212,15 +212,15 @@ GROUPS = {  # group of the MF4: rows of the clean log per entry, latency in s, c
 def logged(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
     """Write car.toml and drive.mf4, have signals.toml proposed, estimate, and say how far that is from what was estimated from the
     clean rows. UserError: no library for MF4."""
-    need("asammdf", "mf4", "the demonstration of an MF4")
+    import_optional("asammdf", "mf4", "the demonstration of an MF4")
     make_directory(out)
-    with atomic(out / "car.toml") as file:
+    with write_atomically(out / "car.toml") as file:
         file.write(f"steering_ratio = {RATIO}\n{simulated_vehicle()}")
     car = read_vehicle(out / "car.toml")
     write_mf4(out / "drive.mf4", log, car.values)
     recording = read_recording(out / "drive.mf4")
     proposal = propose(recording, car)
-    with atomic(out / "signals.toml") as file:
+    with write_atomically(out / "signals.toml") as file:
         file.write(format_signals(recording, proposal))
     prepared = prepare(out / "drive.mf4", out / "car.toml", None, None, {}, "default", {}, Reading())
     est = estimate_to(out / "est.csv", prepared.log, prepared.config)

@@ -178,13 +178,13 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     """
     from tse.car.config import make_config
     from tse.car.vehicle import read_vehicle
-    from tse.library.files import atomic, check_distinct, check_writable
+    from tse.library.files import check_distinct, check_writable, write_atomically
 
     out = out or Path(f"{vehicle_path.stem}.ssv")
     check_distinct({"--out": out}, {"the FMU": path, "--vehicle": vehicle_path})
     check_writable(out)
     known, vehicle = parameters_of(path), read_vehicle(vehicle_path)
     config, _ = make_config(vehicle, None, None, {}, "default")
-    with atomic(out, "wb") as file:
+    with write_atomically(out, "wb") as file:
         file.write(parameter_set(known, config, vehicle.name or vehicle_path.stem).encode())
     click.echo(f"Parameter set written to {out}")

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tse.library.errors import UserError
-from tse.library.files import alone, atomic
+from tse.library.files import lock_file, write_atomically
 
 # ---- The platforms that binaries are for, and how one is cross-compiled: by the C compiler of the Python package ziglang,
 # which carries the C libraries of all of them.
@@ -235,7 +235,7 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
         *([real] if real != "double" else []),
     ]
     folder = root / "build" / "-".join(kind)
-    with alone(lock_of(folder)):
+    with lock_file(lock_of(folder)):
         _build_native(root, folder, max_particles, real, say)
     return folder / "fmu"
 
@@ -277,7 +277,7 @@ def _forget_foreign(folder: Path, root: Path) -> None:
 
 def pack(path: Path, files: Mapping[str, bytes]) -> None:
     """A zip file with the same bytes for the same content: sorted names, one date."""
-    with atomic(path, "wb") as out, zipfile.ZipFile(out, "w") as file:
+    with write_atomically(path, "wb") as out, zipfile.ZipFile(out, "w") as file:
         for name in sorted(files):
             info = zipfile.ZipInfo(name, EPOCH)
             info.create_system = 3  # Unix, wherever it is packed

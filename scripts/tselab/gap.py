@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tse.library.errors import UserError
-from tse.library.files import atomic, check_writable, make_directory, real
+from tse.library.files import check_writable, make_directory, resolve_path, write_atomically
 from tselab.options import FILE, JOBS, JSON, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def _run(
         result = workflow.run(logs, vehicle_path, hold_out, jobs, say, formula, reading, road)
         written = write_all(out, result, vehicle_path, jobs, say)
     if report is not None:
-        with atomic(report) as file:
+        with write_atomically(report) as file:
             file.write((out / "report.html").read_text(encoding="utf-8"))
     if as_json:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
@@ -345,7 +345,7 @@ def _distinct(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
     """A log that is fitted proves nothing when it is held out, too; one that is given twice counts twice."""
     seen: set[Path] = set()
     for n, path in enumerate((*logs, *hold_out)):
-        if real(path) in seen:
+        if resolve_path(path) in seen:
             what = "is given twice" if n < len(logs) else "option --hold-out: is fitted, too, or given twice"
             raise UserError(f"{path}: {what}")
-        seen.add(real(path))
+        seen.add(resolve_path(path))

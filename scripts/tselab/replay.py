@@ -53,7 +53,7 @@ def replay(
     from tse.estimation.estimate import write_table
     from tse.library.core import Config
     from tse.library.files import check_distinct, check_writable
-    from tse.log.rows import liveliest
+    from tse.log.rows import select_liveliest
     from tse.report.plots import layout, lines
     from tse.report.report import write_page
     from tse.report.results import say_json
@@ -73,7 +73,7 @@ def replay(
     if road_path is not None:
         log, _ = on_road(log, read_road(road_path), config)
         words.append(log.notes[-1])
-    notes = check_car(liveliest(log, MAX_CHECKED_ROWS), car, config) + words
+    notes = check_car(select_liveliest(log, MAX_CHECKED_ROWS), car, config) + words
     table = along(log, config)
     found = apart(table)
     if out is not None:

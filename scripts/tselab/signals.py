@@ -66,7 +66,7 @@ def signals(
     from tse.channels.proposal import format_signals, list_signals, propose
     from tse.channels.signals import find_signals
     from tse.library.errors import UserError
-    from tse.library.files import atomic, check_writable
+    from tse.library.files import check_writable, write_atomically
     from tse.readers.readers import read_recording
     from tse.report.results import say_json
 
@@ -87,7 +87,7 @@ def signals(
             raise UserError(
                 f"{log_path}: nothing could be guessed, so {out} is not written: write it by hand, see 'tselab estimate --help'"
             )
-        with atomic(out) as file:
+        with write_atomically(out) as file:
             file.write(format_signals(recording, proposal, how, out.parent))
         click.echo(f"Written to {out}", err=as_json)
     return 3 if proposal.missing else 0

@@ -5,14 +5,6 @@
 #include "model/vehicle.h"
 #include "tse/tse.h"
 
-#define input_decode      TSE_NAME(tse_input_decode)
-#define align_row         TSE_NAME(tse_align_row)
-#define report_start      TSE_NAME(tse_report_start)
-#define start_of_settings TSE_NAME(tse_start_of_settings)
-#define step_particles    TSE_NAME(tse_step_particles)
-#define report_particles  TSE_NAME(tse_report_particles)
-#define crc32_of          TSE_NAME(tse_crc32_of)
-
 #define LONGEST_DT TSE_R(TSE_LONGEST_DT) /* s */
 
 /* A checked row: what is missing is marked, wheel speeds are speeds. Nobody changes one: effects make a copy. */

@@ -9,22 +9,6 @@
 #include "model/car.h"
 #include "number/vector.h"
 
-#define ud_set      TSE_NAME(tse_ud_set)
-#define ud_set_block TSE_NAME(tse_ud_set_block)
-#define ud_variance TSE_NAME(tse_ud_variance)
-#define ud_covariance   TSE_NAME(tse_ud_common)
-#define ud_add      TSE_NAME(tse_ud_add)
-#define ud_add_at   TSE_NAME(tse_ud_add_at)
-#define ud_forget   TSE_NAME(tse_ud_forget)
-#define ud_move     TSE_NAME(tse_ud_move)
-#define ud_fade     TSE_NAME(tse_ud_fade)
-#define ud_measure  TSE_NAME(tse_ud_measure)
-#define ud_correct  TSE_NAME(tse_ud_correct)
-#define ud_open     TSE_NAME(tse_ud_open)
-#define ud_tie      TSE_NAME(tse_ud_tie)
-#define ud_fade_extra TSE_NAME(tse_ud_fade_extra)
-#define ud_renew    TSE_NAME(tse_ud_renew)
-
 #if defined(TSE_NO_VELOCITY) /* known when it is compiled */
 #define EXTRAS_IN_USE(p) 0
 enum { MOST_EXTRAS = 0 };

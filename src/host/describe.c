@@ -1,4 +1,4 @@
-/* host/describe.c - the tables of the public headers, laid out for a host to read. */
+/* host/describe.c - tables of the public headers at run time. */
 #include "model/state.h"
 #include "tse/describe.h"
 #include "tse/learnt.h"

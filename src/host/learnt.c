@@ -1,4 +1,4 @@
-/* host/learnt.c - what a drive taught, as bytes for the next: written, checked, read, aged. Layout: tse/learnt.h. */
+/* host/learnt.c - save, check, load and age the learnt state. Layout of its bytes: tse/learnt.h. */
 #include "filter/filter.h"
 #include "tse/learnt.h"
 
@@ -13,13 +13,13 @@
 #define MOST_ONE 16777216
 #define MOST_NU 1000000u
 
-typedef struct content { /* of format 3, after the frame; q24 and 2^-14 as in the file */
+typedef struct content { /* of format 3, without its frame; numbers in the file's units */
   uint32_t vehicle, known, nu;
   int32_t mean[PLACES_KEPT], sd[PLACES_KEPT], pair[PAIRS], noise[TSE_SENSORS], spread[3], correlation[3];
 } content;
 
 #if !defined(TSE_NO_PARTICLES)
-static const int diagonal[3] = { 0, 3, 5 };                /* of a triangle by rows: 11 12 13 22 23 33 */
+static const int diagonal[3] = { 0, 3, 5 }; /* of an upper triangle by rows: 11 12 13 22 23 33 */
 static const int off_diagonal[3] = { 1, 2, 4 };
 static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
 #endif
@@ -29,7 +29,7 @@ enum {
   K_STIFFNESS = 3
 };
 
-/* Return the place in a file of what is kept of state FAST + i, and of the correlation of two. */
+/* Return the place in the file of state FAST + i, and of the correlation of two. */
 #if defined(TSE_SMALL)
 static int place_of(int i) { return i + (FAST + i < LCF ? 1 : 2); } /* without accel_x, cx_front; lateness and radius are the last */
 #else
@@ -43,7 +43,7 @@ static int pair_of(int i, int j)
 
 /* ------------------------------------------------------------------------------------------ bytes */
 
-/* CRC-32 of IEEE 802.3, bit by bit: 112 bytes a drive are not worth a table. */
+/* Compute the CRC-32 of IEEE 802.3, bit by bit: a table would not pay for one file a drive. */
 uint32_t crc32_of(const uint8_t *bytes, size_t count)
 {
   uint32_t crc = 0xffffffffu;
@@ -101,7 +101,7 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 
 static int code_within(int32_t x, int32_t most) { return x >= -most && x <= most; }
 
-/* What is written is inside this bound, and what is read is refused outside: what the filter allows a state. */
+/* Return the max magnitude of a mean in the file: the bound of the filter's state. */
 static int32_t most_of(int place)
 {
   for (int i = 0; i < TSE_KEPT; i++)
@@ -109,7 +109,7 @@ static int32_t most_of(int place)
   return INT32_MAX; /* no state here */
 }
 
-/* Whoever wrote it: nothing but what a drive may have taught.   Returned: what cannot be, NULL where all can */
+/* Check all values against their ranges.   Returned: name of the first wrong one, or NULL */
 static const char *implausible(const content *c)
 {
   static const char *const of[PLACES_KEPT] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate", "mean of cx_front", "mean of cy_front", "mean of cy_rear",
@@ -177,7 +177,7 @@ tse_status tse_learnt_check(const tse_params *p, const uint8_t *in, size_t bytes
 
 static int32_t code_clamped(int32_t x, int32_t most) { return x < -most ? -most : (x > most ? most : x); }
 
-/* What the car's filter knows: means, sds and correlations of what is kept.   Returned: 0 when something is no number */
+/* Read means, sds and correlations from the default filter.   Returned: 0 if one is NaN */
 static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
 {
   const tse_kalman *const k = &f->k;
@@ -213,7 +213,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
 }
 
 #if !defined(TSE_NO_PARTICLES)
-/* What particles know: stiffness and its process sd, biases. */
+/* Read stiffness, its process sd and biases from the particles. */
 static int write_particles(const tse_params *p, const tse_filter *f, content *c)
 {
   tse_output now;
@@ -225,7 +225,7 @@ static int write_particles(const tse_params *p, const tse_filter *f, content *c)
     const tse_real mean = r_max(now.stiffness[a], TSE_R(0.02)), var = r_sqr(r_div(now.stiffness_sd[a], mean));
     const tse_real scale = r_mul(r_sqrt(lam[diagonal[pair[a][0]]]), r_sqrt(lam[diagonal[pair[a][1]]]));
     const int32_t log = r_to_q24(logarithm(mean)), bias = r_to_q24(now.bias[a]);
-    if (bias == INT32_MIN) return 0; /* a mean that is no number has an sd that is none */
+    if (bias == INT32_MIN) return 0; /* NaN */
     c->mean[K_STIFFNESS + a] = code_clamped(log, most_of(K_STIFFNESS + a));
     c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, r_div(f->start.mean_var[a], r_sqr(mean))) : var));
     c->mean[K_BIAS + a] = code_clamped(bias, most_of(K_BIAS + a));
@@ -259,7 +259,7 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
 
 /* ------------------------------------------------------------------------------------------- load */
 
-/* rate times n in any format: digit by digit to the base of 1024, so that no factor leaves the range of a fixed-point number. */
+/* Return rate times n: digit by digit to base 1024, so that factors fit a fixed-point number. */
 static tse_real grown(tse_real rate, uint32_t n)
 {
   tse_real sum = TSE_R(0);
@@ -270,7 +270,8 @@ static tse_real grown(tse_real rate, uint32_t n)
   return sum;
 }
 
-/* Relative variance of a mean stiffness after `age_s` seconds; `walk` is per day; most: before anything was learnt. */
+/* Return the relative variance of a mean stiffness after age_s seconds.
+ *   Given: walk  variance per day      most  variance of the settings' prior */
 static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s, tse_real most)
 {
   const tse_real minutes = r_from_int((int32_t)(age_s % DAY / 60u));
@@ -278,8 +279,8 @@ static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s, tse_real 
   return r_min(r_add_sat(r_max(r_mul(sd, sd), p->learnt_floor), grow), most);
 }
 
-/* A bias is a stationary process with the variance of the settings, that starts to forget at its walk.
- *   Updated: mean, var   SI */
+/* Age a bias: a stationary process with the settings' variance, whose variance grows by its walk.
+ *   Updated: mean, var  SI */
 static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real most, uint32_t age_s)
 {
   if (!(*var < most)) {
@@ -292,7 +293,7 @@ static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real most
   *var = now;
 }
 
-/* Prior of the car's filter. What is kept of a covariance is its correlation; ages make variances larger. */
+/* Set the prior of the default filter: aged variances, correlations as saved. */
 static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real was[TSE_KEPT];
@@ -320,9 +321,10 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
 }
 
 #if !defined(TSE_NO_PARTICLES)
-/* The variance of the mean is gamma Sigma in each particle plus, where one gamma does not fit all three, their scatter; and a spread that
- * includes it, trusted no more than initial_spread is, lets them follow a road that has changed: 10 .. 20 s after the start on 60 %,
- * 8 drives, rms errors of 5.2, 5.2, 10.9 % become 3.3, 4.0, 7.7 %. */
+/* Set the prior of the particles. The variance of a mean is gamma Sigma in each particle, plus the
+ * scatter of the particles where one gamma does not fit all three. The spread includes it, with the
+ * weight of initial_spread, so that particles can follow a changed road. 10 .. 20 s after a start on a
+ * road at 60 %, 8 drives, rms errors of 5.2, 5.2, 10.9 % become 3.3, 4.0, 7.7 %. */
 static void load_particles(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real spread[3], var[3];
@@ -338,12 +340,12 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
     }
     tse_real mean = r_from_q24(c->mean[K_BIAS + a]), bias_var = r_sqr(r_mul(p->inv_sd[a], r_from_q24(c->sd[K_BIAS + a])));
     mean = r_mul(p->inv_sd[a], mean);
-    if (c->sd[K_BIAS + a] == 0 || !(bias_var < p->bias_var0[a])) continue; /* knows no more than the settings do */
+    if (c->sd[K_BIAS + a] == 0 || !(bias_var < p->bias_var0[a])) continue; /* no better than the settings */
     age_bias(&mean, &bias_var, p->bias_walk[a], p->bias_var0[a], age_s);
     s->bias[a] = mean;
     s->bias_var[a] = bias_var;
   }
-  if (c->known == 0) return; /* as the settings say, bit for bit */
+  if (c->known == 0) return; /* keep the settings' prior, bit for bit */
   const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* Sigma = lam nu/(nu - 4) */
   for (int a = 0; a < 3; a++) {
     const int i = pair[a][0], j = pair[a][1], both = (c->known >> i & c->known >> j & 1u) != 0;

@@ -1,4 +1,4 @@
-/* host/replay.c - a whole log through the deterministic model of integrator.c, for fits. */
+/* host/replay.c - run a whole log through the deterministic model of integrator.c, for fits. */
 
 #include "model/effects.h"
 #include "tables/input.h"
@@ -60,7 +60,7 @@ static int finite_start(const tse_replay_start *s)
   return fine;
 }
 
-/* [rad/s2] from the rows on both sides */
+/* Return the angular acceleration of a wheel [rad/s2], from the rows on both sides. */
 static tse_real spin_up(const tse_real *omega, const tse_real *dt, int32_t i, int32_t rows)
 {
   const int32_t a = i > 0 ? i - 1 : 0, b = i < rows - 1 ? i + 1 : i;
@@ -69,7 +69,7 @@ static tse_real spin_up(const tse_real *omega, const tse_real *dt, int32_t i, in
   return time > TSE_R(0) ? r_div(omega[b] - omega[a], time) : TSE_R(0);
 }
 
-/* Returned: 1, or 0 where x is no number */
+/* Return whether x is a number. */
 static int write_value(tse_real *array, int32_t i, tse_real x)
 {
   if (array) array[i] = x;
@@ -91,7 +91,7 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
   return write_value(out->wheel_torque_rear, i, slip_rear + r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows))) && fine;
 }
 
-/* All rows before the first is run: a wheel torque needs the rows on both sides.   Updated: wrong  the row, if not NULL */
+/* Check all rows before the first one runs.   Updated: wrong  index of the wrong row, if not NULL */
 static tse_status check_rows(const tse_replay_log *log, int32_t rows, const tse_replay_start *s, int32_t *wrong)
 {
   for (int32_t i = 0; i < rows; i++) {
@@ -103,7 +103,7 @@ static tse_status check_rows(const tse_replay_log *log, int32_t rows, const tse_
   return TSE_OK;
 }
 
-/* What row i says, with the wheels steered as the INPUT effects make it.   Updated: m */
+/* Take row i, with the steering angle of the INPUT effects.   Updated: m */
 static acting acting_at(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
 {
   acting now;
@@ -135,7 +135,7 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   const tse_status refused = check_rows(log, rows, s, wrong);
-  if (refused < 0 || rows <= 0) return refused; /* of no rows nothing is asked, the start neither */
+  if (refused < 0 || rows <= 0) return refused; /* without rows the start is not checked */
 
   tse_params car = *p;
   tse_effect_memory m;

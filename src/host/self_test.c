@@ -1,11 +1,11 @@
-/* host/self_test.c - tse_self_test(): does this build compute as the library was tested? What a preprocessor can see of it is an
- * error in number/real_ops.h; this is the rest, above all contraction, of which gcc says nothing. */
+/* host/self_test.c - tse_self_test(): check the rounding of this build. number/real_ops.h makes an error
+ * of options that the preprocessor can see. This file detects the others, above all contraction. */
 #include "tse/tse.h"
 #include "number/real_ops.h"
 
 #if defined(TSE_REAL_FIXED)
 
-static const char *fault(void) { return NULL; } /* of integers all is said when they are compiled */
+static const char *fault(void) { return NULL; } /* integers are checked when they are compiled */
 
 #else
 
@@ -15,7 +15,7 @@ static const char *fault(void) { return NULL; } /* of integers all is said when 
 #define EPSILON TSE_R(2.220446049250313e-16)
 #endif
 
-/* Of numbers that the compiler does not know, and results that it has to make: x - 1 == 0 may become x == 1. */
+/* Volatile, so that the compiler must compute: it may replace x - 1 == 0 by x == 1. */
 static const char *fault(void)
 {
   volatile tse_real given[] = { TSE_R(0), TSE_R(1), TSE_R(3), TSE_R(5), TSE_R(7), TSE_R(49), EPSILON, TSE_R(23), TSE_R(41) };
@@ -37,13 +37,13 @@ static const char *fault(void)
   const tse_real none = r_div(zero, zero);
   if (none >= zero || none < zero || !r_is_nan(none) || !(r_div(one, zero) > large))
     return "what is no number is taken for one: no -ffast-math, no -ffinite-math-only";
-  made[0] = r_div(five, many); /* times the rounded reciprocal, all would be others */
+  made[0] = r_div(five, many); /* differs if computed by a rounded reciprocal */
   made[1] = r_div(seven, three);
   made[2] = r_sqrt(five);
   if (!(made[0] == TSE_R(0.10204081632653061224) && made[1] == TSE_R(2.33333333333333333333) &&
         made[2] == TSE_R(2.23606797749978969641)))
     return "quotients or roots are not rounded to nearest: no -ffast-math, no -mrecip";
-  made[0] = r_div(five, many); /* several by one number: a reciprocal that they share is cheaper */
+  made[0] = r_div(five, many); /* several by one divisor: a shared reciprocal would be tempting */
   made[1] = r_div(given[7], many);
   made[2] = r_div(given[8], many);
   if (!(made[0] == TSE_R(0.10204081632653061224) && made[1] == TSE_R(0.46938775510204081633) &&

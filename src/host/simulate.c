@@ -1,4 +1,4 @@
-/* host/simulate.c - the truth for studies: the estimator's vehicle with wheels that turn, noise that is known. */
+/* host/simulate.c - simulator: the estimator's vehicle with wheel dynamics and sensor noise. */
 
 #include "model/state.h"
 #include "tse/simulate.h"
@@ -12,7 +12,7 @@
 #include "host/sound.h"
 #include "model/effects.h"
 
-/* Default and range of the settings, range of what the driver does. */
+/* Defaults and ranges of the settings, ranges of the driver's inputs. */
 #define SIM_REAL(fmu, name, def, exact, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) },
 #define SIM_WHOLE(fmu, name, def, exact, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), def, lo, hi },
 #define SIM_INPUT(name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_input, name), 1, TSE_R(lo), TSE_R(hi) },
@@ -24,8 +24,8 @@ enum { SIM_REALS = sizeof sim_reals / sizeof sim_reals[0],
        SIM_INPUTS = sizeof sim_inputs / sizeof sim_inputs[0] };
 
 #define BRAKE_GRIP TSE_R(0.2) /* rad/s: at which brakes hold all that they hold, see `wheels` of model/effects.h */
-/* Beyond these there is no car any more: the settings and what the driver does have led out of what the model is good for, and
- * soon to numbers that are none. Far above what torques within their range do in a minute to a car that can be built. */
+/* Bounds of the motion. Beyond them the simulation stops, before numbers overflow. Torques within their
+ * range take a real car nowhere near them within a minute. */
 #define LOST_SPEED TSE_R(1000)     /* m/s */
 #define LOST_YAW_RATE TSE_R(200)   /* rad/s */
 #define LOST_WHEEL TSE_R(1e7)      /* rad/s: on ice the largest torque spins the lightest wheels up by 2e6 within a second */
@@ -59,7 +59,7 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   sim->config = *s;
   memcpy(&sim->params, &params, sizeof params); /* padding too: tse_sim_check() compares bytes */
   sim->params.seed[0] = (uint32_t)s->seed;
-  sim->params.seed[1] = 0x73696d75u; /* the estimator's numbers come from another key */
+  sim->params.seed[1] = 0x73696d75u; /* unlike the estimator's key */
   sim->x[0] = r_from_setting(s->speed);
   sim->x[1] = r_from_setting(s->vel_y);
   sim->x[3] = r_div(sim->x[0], params.radius_front);
@@ -70,7 +70,7 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   return TSE_OK;
 }
 
-/* Member by member: bytes between members are whatever their writer left there. Settings of the vehicle: by their fingerprint. */
+/* Compare member by member, because padding bytes are undefined; the vehicle by its fingerprint. */
 static int same_settings(const tse_sim *a, const tse_sim *b)
 {
   int same = memcmp(&a->params, &b->params, sizeof a->params) == 0;
@@ -95,7 +95,7 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   return fine ? TSE_OK : TSE_E_STATE;
 }
 
-/* Wheels of this car with what the driver does at this row. */
+/* Return the wheels of this car with the driver's inputs at this row. */
 static wheels wheels_of(const tse_sim *sim, const tse_sim_input *u)
 {
   const tse_real radius[2] = { sim->params.radius_front, sim->params.radius_rear };
@@ -118,7 +118,7 @@ static tse_real friction_now(const tse_sim *sim)
   return sim->last.road_friction > TSE_R(0) ? sim->last.road_friction : r_from_setting(sim->config.friction);
 }
 
-/* The car at its state, with wheels steered like this; not evaluated. */
+/* Return the car at its state with these steered wheels, before forces are evaluated. */
 static point point_of(const tse_sim *sim, const tse_sim_input *u, tse_real steer)
 {
   point pt;
@@ -143,7 +143,7 @@ static void two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_r
   random_normal2(u, v, a, b);
 }
 
-/* Stiffness for the interval that starts now: mean times (1 + spread n), never below a tenth of the mean. */
+/* Draw the stiffness of the next interval: mean times (1 + spread n), at least a tenth of the mean. */
 static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
 {
   const tse_sim_config *const s = &sim->config;
@@ -158,7 +158,7 @@ static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mea
   }
 }
 
-/* Stiffness over mass as drawn; what does not follow the front still follows the road. */
+/* Return the drawn stiffness over mass. The rear follows the front in part, and the road as a whole. */
 static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
 {
   const tse_params *const p = &sim->params;
@@ -178,7 +178,7 @@ static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
   return TSE_OK;
 }
 
-/* A steering angle that was set anew since the logged one: the wheels follow. */
+/* Let the wheels follow a steering angle that was set since the last row. */
 static void jump(tse_sim *sim)
 {
   if (!(sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged)) return;
@@ -186,7 +186,7 @@ static void jump(tse_sim *sim)
   sim->steer_logged = sim->last.steer_angle;
 }
 
-/* Biases walk from row to row. */
+/* Advance the random walk of the biases. */
 static void walk_biases(tse_sim *sim, tse_real dt)
 {
   const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(dt));
@@ -196,13 +196,14 @@ static void walk_biases(tse_sim *sim, tse_real dt)
   for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, sim->params.bias_sd_walk[a]), n[a]);
 }
 
-/* Between two rows everything that the driver does is linear; with `hold_inputs` it is held. (Held torques lead the logged wheel speeds,
- * which an estimator can only interpolate, by half a row; where that is unknown it costs 2 % of the longitudinal stiffness.) */
+/* Drive to the next row. Inputs are linear between rows, or held with `hold_inputs`. Held torques lead
+ * the logged wheel speeds by half a row, since an estimator interpolates these. An estimator that does
+ * not model this loses 2 % of the longitudinal stiffness. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;
   const stiffness k = stiffness_now(sim, sim->last.road_level);
-  const int32_t steps = -r_floor_to_int(-r_div(u->dt, r_from_setting(sim->config.substep)) + TSE_R(1e-4)); /* 0.01/0.001 are ten, not eleven */
+  const int32_t steps = -r_floor_to_int(-r_div(u->dt, r_from_setting(sim->config.substep)) + TSE_R(1e-4)); /* rounding: 0.01/0.001 is 10 */
   const tse_sim_input end = sim->config.hold_inputs ? sim->last : *u;
   acting to;
   jump(sim);
@@ -226,8 +227,8 @@ static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
   walk_biases(sim, u->dt);
 }
 
-/* What the sensors read, without noise and bias. At the first row everything is at rest: tyres hold the slip that there is, the steering
- * has followed. */
+/* Compute the sensors without noise and bias. At the first row transients are over: tyres hold the slip
+ * of the start, the steering has followed. */
 static reading observe(tse_sim *sim, stiffness k, point *pt, tse_real dt)
 {
   const tse_params *const p = &sim->params;
@@ -281,7 +282,7 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   sim->step++;
 }
 
-/* Is this still a car? NaN is none. What it leaves is what tse_sim_check() takes. */
+/* Return whether the motion is within its bounds (NaN is not), so that tse_sim_check() accepts it. */
 static int is_car(const tse_sim *sim, const tse_sim_output *y)
 {
   int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED) && sound_reals(&sim->x[2], 1, -LOST_YAW_RATE, LOST_YAW_RATE);
@@ -292,7 +293,7 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
   return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL) && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 
-/* Return the effects that the row needs: those of the settings, and those of a road that is given. */
+/* Return the effects of this row: those of the settings, and bank or grade if given. */
 static uint64_t effects_of_row(const tse_sim *sim, const tse_sim_input *u)
 {
   const uint64_t road = (uint64_t)1 << TSE_EFFECT_grade | (uint64_t)1 << TSE_EFFECT_bank;

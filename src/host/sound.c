@@ -1,5 +1,6 @@
-/* host/sound.c - tse_filter_check(): a filter that came from a file, a network, another program. Every whole number in its range,
- * because places in arrays and loops depend on them; every real a number of moderate size, variances not negative. */
+/* host/sound.c - tse_filter_check(): check a filter from a file, a network or another program. Integers
+ * must be in range, because loops and array indices depend on them. Reals must be finite and of
+ * moderate size, variances not negative. */
 #include "host/sound.h"
 #include "filter/filter.h"
 #include "tables/constants.h"
@@ -18,7 +19,7 @@ static int sound_start(const tse_start *s)
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
 }
 
-/* Rows between two kept are at most a gap apart, and no dt in all is longer than LONGEST_DT. */
+/* Check the waiting rows: at most max_gap apart, and within LONGEST_DT in total. */
 static int sound_waiting(const tse_params *p, const tse_alignment *m)
 {
   const tse_real most = p->max_gap + p->latency_least;
@@ -102,7 +103,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   return fine;
 }
 
-/* Scalars and rows of what a filter with particles has in common. */
+/* Check what the particles share. */
 static int sound_common(const tse_filter_paper *f)
 {
   int fine = sound_reals(&f->nu, 1, TSE_R(0), MOST_REAL) && sound_reals(&f->gamma, 1, TSE_R(0), MOST_REAL);
@@ -121,10 +122,10 @@ static int sound_particles(const tse_params *p, const tse_filter_paper *f)
   int fine = sound_common(f) && sound_reals(f->weight, TSE_STRIDE, TSE_R(0), TSE_R(1));
   fine = fine && sound_reals(q->x[0], (int)(sizeof *q / sizeof q->x[0][0]), -MOST_REAL, MOST_REAL);
   for (int i = 0; i < TSE_STRIDE; i++) fine = fine && f->ancestor[i] < p->particles && f->copies[i] <= p->particles;
-  for (int a = 0; a < 3; a++) fine = fine && sound_reals(q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED); /* a mean of draws */
+  for (int a = 0; a < 3; a++) fine = fine && sound_reals(q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED); /* mean of draws */
   if (f->filter.started)
     for (int d = 0; d < 6; d += d ? 2 : 3) fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);
-  return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64)); /* padding has larger ones */
+  return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64)); /* larger in padding */
 }
 
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes)

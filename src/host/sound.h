@@ -1,4 +1,4 @@
-/* host/sound.h - is a state, that came from anywhere, one to go on with? What filter and simulator have in common. Internal. */
+/* host/sound.h - checks of a state of unknown origin, shared by filter and simulator. Internal. */
 #ifndef TSE_SOUND_H
 #define TSE_SOUND_H
 
@@ -6,8 +6,8 @@
 #include "number/vector.h"
 #include "tse/tse.h"
 
-/* No number of a state that has come about by itself is as large; and what is computed of such numbers stays a number. MOST_SQUARE: of
- * covariances and forecasts, in units of the sensors' sd, which may be a hundred thousandth of what the car does; of effects. */
+/* Max magnitude of a number in a valid state, small enough for further computations. MOST_SQUARE: of
+ * covariances, predictions (in sd of the sensors, down to 1e-5 of the motion) and effects. */
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL

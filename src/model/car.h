@@ -41,12 +41,6 @@
 #include "model/state.h"
 #include "model/laws.h"
 
-#define car_forces  TSE_NAME(tse_car_forces)
-#define car_move    TSE_NAME(tse_car_move)
-#define car_rates   TSE_NAME(tse_car_rates)
-#define car_pitch   TSE_NAME(tse_car_pitch)
-#define car_measure TSE_NAME(tse_car_measure)
-
 /* The state x: ROW(name, its unit in the covariance, no car goes beyond), SI. The unit makes numbers of one magnitude in every number
  * format. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
 /* clang-format off */

@@ -303,8 +303,11 @@ static inline void imu_delay_sensor(reading *z)
 #define EFFECTS_INPUT(X) X(steering_ratio) X(steering_offset) X(steering_delay) X(steering_lag)
 #define EFFECTS_SLIP(X) X(exact_kinematics) X(steering_compliance) X(rear_roll_steer)
 #define EFFECTS_LAG(X) X(relaxation) X(longitudinal_relaxation)
-#define EFFECTS_STIFFNESS(X) X(stiffness_drift) X(combined_slip) X(longitudinal_load_transfer) X(lateral_load_transfer)
+#define EFFECTS_STIFFNESS(X) X(stiffness_drift) X(combined_slip) X(longitudinal_load_transfer) \
+    X(lateral_load_transfer)
 #define EFFECTS_GRIP(X) X(tyre_saturation)
-#define EFFECTS_BODY(X) X(aero_drag) X(rolling_resistance) X(grade) X(bank) X(crosswind) X(conicity) X(aligning_moment)
-#define EFFECTS_SENSOR(X) X(imu_lever_arm) X(body_roll) X(pitch_leak) X(imu_misalignment) X(imu_scale_ax) X(imu_scale_ay) X(gyro_scale) X(imu_delay)
+#define EFFECTS_BODY(X) X(aero_drag) X(rolling_resistance) X(grade) X(bank) X(crosswind) X(conicity) \
+    X(aligning_moment)
+#define EFFECTS_SENSOR(X) X(imu_lever_arm) X(body_roll) X(pitch_leak) X(imu_misalignment) X(imu_scale_ax) \
+    X(imu_scale_ay) X(gyro_scale) X(imu_delay)
 /* end of table */

@@ -247,8 +247,6 @@ static inline void effects_at(const tse_params *p, const tse_effect_memory *m, c
 }
 
 /* integrator.c */
-#define effects_settle  TSE_NAME(tse_effects_settle)
-#define effects_advance TSE_NAME(tse_effects_advance)
 
 /* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration. Returned: pt evaluated. */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);

@@ -1,7 +1,7 @@
-/* number/fixed.c - what number/real_ops.h declares where a product is a call. */
+/* number/fixed.c - functions of number/real_ops.h in builds where a product is a call. */
 #include "number/real_ops.h"
 
-typedef int tse_fixed_is_inline; /* where it is none: C knows no empty file */
+typedef int tse_fixed_is_inline; /* C allows no empty file */
 
 #if defined(TSE_REAL_FIXED)
 #if TSE_FIXED_CALLS

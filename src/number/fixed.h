@@ -1,12 +1,14 @@
-/* number/fixed.h - arithmetic of the fixed-point scalar: an int64_t in units of 2^-TSE_FRACTION_BITS. Integers only.
+/* number/fixed.h - fixed-point arithmetic: int64_t in units of 2^-TSE_FRACTION_BITS, integers only.
  *
- * Room for sums. `+` and `-` are native and cannot say that they overflow, so results of everything else stop at FIXED_MOST, a
- * sixteenth of what the type holds: fifteen of them, of any sign, may be added before the sum leaves the type. The longest sums, over
- * the states of the filter, have 23 terms: those are kept far below it (STEEPEST in filter/limits.h, state_most in filter/start.c).
- * A result that has stopped is what an infinity is in the other formats: r_is_finite() says no, and the filter starts over.
+ * Room for sums. `+` and `-` are native and do not detect overflow. All other results therefore
+ * saturate at FIXED_MOST, a sixteenth of the range of int64_t: fifteen of them can be added. The longest
+ * sums, over the states of the filter, have 23 terms, which are kept far smaller (STEEPEST in
+ * filter/limits.h, state_most in filter/start.c). A saturated result plays the role of infinity:
+ * r_is_finite() returns 0, and the filter restarts.
  *
- * Portable C: four products of 32-bit halves, no type wider than 64 bits. Where the compiler has one, 128 bits give the same result
- * sooner, and on a Cortex-M0 products of 16 bits. Right shifts of negative numbers must be arithmetic, and conversion to a signed type must keep the bits; both are checked. */
+ * Portable C: a product is four products of 32-bit halves. Where the compiler has 128-bit integers,
+ * they give the same result faster; a Cortex-M0 uses 16-bit products. Right shifts of negative numbers
+ * must be arithmetic, and conversion to a signed type must keep the bits; both are checked. */
 #ifndef TSE_FIXED_H
 #define TSE_FIXED_H
 
@@ -35,8 +37,8 @@ static inline int64_t fixed_signed(uint64_t magnitude, int negative)
 
 static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x); }
 
-/* A processor without products of 64 bits and without a divider makes both of products of 16 bits, sooner than libgcc does; all with the
- * same result. -DTSE_FIXED_QUARTERS: here too. */
+/* Processors without 64-bit products and without a divider use 16-bit products: faster than libgcc, same
+ * results. -DTSE_FIXED_QUARTERS selects this on any processor. */
 #if defined(__ARM_ARCH_6M__) && !defined(TSE_FIXED_QUARTERS)
 #define TSE_FIXED_QUARTERS
 #endif
@@ -47,7 +49,7 @@ static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_
 #define FIXED_APART __attribute__((noinline, unused))       /* what is rare costs no registers */
 #endif
 
-/* a b: its upper half, and in `middle` 2^-16 of the lower one, in its last digits 2^-16 of what is above. */
+/* Return the upper half of a b. middle: its bits from 16 on. */
 static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
 {
   const int32_t ah = a >> 16, bh = b >> 16, al = FIXED_LOW(a), bl = FIXED_LOW(b);
@@ -56,7 +58,7 @@ static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
   return ah * bh + (across >> 16) + (*middle >> 16);
 }
 
-/* a b, exact. */
+/* Return a b, exact. */
 static inline int64_t fixed_product(int32_t a, int32_t b)
 {
   int32_t middle;
@@ -64,7 +66,7 @@ static inline int64_t fixed_product(int32_t a, int32_t b)
   return (int64_t)(((uint64_t)(uint32_t)hi << 32) | ((uint32_t)middle << 16) | (((uint32_t)a * (uint32_t)b) & 0xffffu));
 }
 
-/* a b 2^-32, nearest, ties towards +infinity. */
+/* Return a b 2^-32, nearest, ties towards +infinity. */
 static inline int32_t fixed_product_upper(int32_t a, int32_t b)
 {
   int32_t middle;
@@ -79,7 +81,8 @@ static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
   return ((uint64_t)(ah * bh + (across >> 16) + (middle >> 16)) << 32) | ((middle << 16) | (low & 0xffffu));
 }
 
-/* 2^31/d less 0 .. 2, d from 2^15 to 2^16: of lines of slope -1 the one that is off least, by 7.2 % at most, and Newton's steps. */
+/* Return 2^31/d less 0 .. 2, d from 2^15 to 2^16: the best line of slope -1 (7.2 % error), then Newton
+ * steps. */
 static inline uint32_t fixed_over(uint32_t d)
 {
   uint32_t over = 95900u - d;
@@ -87,7 +90,7 @@ static inline uint32_t fixed_over(uint32_t d)
   return over - 1;
 }
 
-/* n/d rounded down, n/2^16 up to d: by upper digits of n, which is at most 6 too few. */
+/* Return n/d rounded down, n/2^16 up to d: by the upper digits of n, then at most 6 corrections. */
 static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over)
 {
   uint32_t q = ((n >> 16) * over) >> 15, rest = n - q * d;
@@ -109,7 +112,7 @@ static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over) { retu
 #define FIXED_APART inline
 #endif
 
-/* x as hi 2^32 + lo with a lower half that has a sign: of such all products have one. */
+/* Split x into hi 2^32 + lo with a signed lower half, so that all partial products are signed. */
 typedef struct fixed_halves {
   int32_t hi, lo;
 } fixed_halves;
@@ -120,7 +123,7 @@ static inline fixed_halves fixed_halves_of(int64_t x)
   return h;
 }
 
-/* a b from halves, nearest, ties towards +infinity. */
+/* Return a b from halves, nearest, ties towards +infinity. */
 static FIXED_APART int64_t fixed_mul_any(fixed_halves a, fixed_halves b)
 {
   const int64_t middle = (int64_t)((uint64_t)(int64_t)fixed_product_upper(a.lo, b.lo) + (uint64_t)fixed_product(a.hi, b.lo) + (uint64_t)fixed_product(a.lo, b.hi));
@@ -131,7 +134,7 @@ static FIXED_APART int64_t fixed_mul_any(fixed_halves a, fixed_halves b)
 }
 
 #if defined(TSE_FIXED_QUARTERS)
-/* hi 2^32 + lo, within what a result may be. */
+/* Return hi 2^32 + lo, saturated. */
 static inline int64_t fixed_joint(int32_t hi, uint32_t lo)
 {
   const int32_t most = (int32_t)1 << (31 - FIXED_ROOM);
@@ -142,7 +145,7 @@ static inline int64_t fixed_joint(int32_t hi, uint32_t lo)
 
 static inline int fixed_is_short(int32_t x) { return x > -32768 && x < 32768; }
 
-/* The same, most of them sooner: where the upper halves have 16 bits no product has more than 32, nor has their sum. */
+/* Return the same, with a shortcut: upper halves of 16 bits have 32-bit products and sums. */
 static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b)
 {
   if (!fixed_is_short(a.hi) || !fixed_is_short(b.hi)) return fixed_mul_any(a, b);
@@ -157,10 +160,10 @@ static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b)
 static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b) { return fixed_mul_any(a, b); }
 #endif
 
-/* a b.   Given: a, b  of up to fifteen results */
+/* Return a b.   Given: a, b  sums of at most fifteen results */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b) { return fixed_mul_quick(fixed_halves_of(a), fixed_halves_of(b)); }
 
-/* Leading zeros of x > 0. */
+/* Return the number of leading zeros of x > 0. */
 static inline int fixed_zeros(uint64_t x)
 {
 #if defined(__GNUC__)
@@ -179,8 +182,8 @@ static inline int fixed_zeros(uint64_t x)
 #endif
 }
 
-/* (hi 2^32 + lo) / d, hi < d, d from 2^31: two digits to the base 2^16, each from the leading digit of d and corrected at most twice
- * (Knuth, The Art of Computer Programming 2, 4.3.1 D). */
+/* Return (hi 2^32 + lo)/d, hi < d, d from 2^31: two digits to base 2^16, each estimated by the leading
+ * digit of d and corrected at most twice (Knuth, The Art of Computer Programming 2, 4.3.1 D). */
 static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
 {
   const uint32_t base = (uint32_t)1 << 16, d1 = d >> 16, d0 = d & 0xffffu, over = fixed_over(d1);
@@ -198,7 +201,8 @@ static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
   return quotient;
 }
 
-/* (hi 2^64 + lo) / d, hi < d: two digits to the base 2^32, the same way; n/d1 by the reciprocal of d1 (Moeller & Granlund 2011). */
+/* Return (hi 2^64 + lo)/d, hi < d: two digits to base 2^32, the same way; n/d1 by the reciprocal of d1
+ * (Moeller & Granlund 2011). */
 static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64_t *rest)
 {
   const int shift = fixed_zeros(d);
@@ -240,7 +244,7 @@ static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64
   return quotient;
 }
 
-/* n/d, nearest, ties away from zero; x/0 = +-most, 0/0 = 0. */
+/* Return n/d, nearest, ties away from zero; x/0 = +-FIXED_MOST, 0/0 = 0. */
 static inline int64_t fixed_div_halves(int64_t a, int64_t b)
 {
   const uint64_t n = fixed_magnitude(a), d = fixed_magnitude(b);
@@ -252,7 +256,7 @@ static inline int64_t fixed_div_halves(int64_t a, int64_t b)
   return fixed_signed(quotient + (rest >= d - rest ? 1u : 0u), negative);
 }
 
-/* Square root of 32 bits that begin with 1 or 01: a line, and Newton's steps, from above. */
+/* Return the square root of 32 bits that begin with 1 or 01: a line, then Newton steps from above. */
 static inline uint32_t fixed_sqrt_half(uint32_t x)
 {
   uint32_t s = (((x >> 16) * 43691u) >> 16) + 21847u;
@@ -261,8 +265,9 @@ static inline uint32_t fixed_sqrt_half(uint32_t x)
   return s * s > x ? s - 1 : s;
 }
 
-/* Nearest root of x 2^FIXED_BITS; 0 for x <= 0. The upper half of its digits is a root, the others a quotient by twice that, less 1 if
- * their square is too much (Zimmermann, Karatsuba Square Root, 1999): 16, 32, and all digits. */
+/* Return the nearest root of x 2^FIXED_BITS; 0 for x <= 0. The upper half of its digits is a root, the
+ * lower half a quotient by twice that root, less 1 if its square is too large (Zimmermann, Karatsuba
+ * Square Root, 1999): 16, 32, and all digits. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
   if (x <= 0) return 0;
@@ -288,8 +293,8 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
   return (int64_t)((root + ((uint64_t)1 << (zeros / 2 - 1))) >> (zeros / 2));
 }
 
-/* Inlined on the host, where flash is not scarce; called where registers are short: a product is 30 .. 60 instructions there, and the
- * filter has two thousand of them. -DTSE_FIXED_CALLS=0 or 1 decides otherwise. */
+/* Products are inlined on 64-bit machines and called on others, where one takes 30 .. 60 instructions
+ * and the filter contains two thousand. -DTSE_FIXED_CALLS=0 or 1 overrides. */
 #if !defined(TSE_FIXED_CALLS)
 #if UINTPTR_MAX > 0xffffffffu
 #define TSE_FIXED_CALLS 0

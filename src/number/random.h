@@ -6,7 +6,8 @@
 
 #include "number/real_ops.h"
 
-/* What a number is for; keeps the streams of one step apart. Upper bits of the counter, the particle has the lower 16. */
+/* Purpose of a number, which separates the streams of one step: upper bits of the counter, above the 16
+ * bits of the particle. */
 enum {
   RANDOM_DRAW_A = 0,
   RANDOM_DRAW_B,
@@ -26,7 +27,7 @@ enum {
 
 static inline uint32_t rotate_left(uint32_t x, int n) { return (x << n) | (x >> (32 - n)); }
 
-/* Two words from the key (seed) and the counter (step, purpose and particle). */
+/* Compute two words from the key (seed) and the counter (step, purpose, particle). */
 static inline void random_words(const uint32_t seed[2], uint32_t step, uint32_t purpose, uint32_t particle,
                                 uint32_t *a, uint32_t *b)
 {
@@ -45,7 +46,7 @@ static inline void random_words(const uint32_t seed[2], uint32_t step, uint32_t 
   *b = y;
 }
 
-/* Two standard normals from two words: Box & Muller. */
+/* Compute two standard normals from two words: Box & Muller. */
 static inline void random_normal2(uint32_t a, uint32_t b, tse_real *n1, tse_real *n2)
 {
   tse_real s, c;
@@ -55,8 +56,8 @@ static inline void random_normal2(uint32_t a, uint32_t b, tse_real *n1, tse_real
   *n2 = r_mul(radius, s);
 }
 
-/* Three uncorrelated standard Student-t variates with nu degrees of freedom (jointly spherical: one chi-square for all)
- * from four words, without rejection: Bailey, Math. Comp. 62 (1994) 779.
+/* Compute three uncorrelated standard Student-t variates with nu degrees of freedom (jointly spherical:
+ * one chi-square for all) from four words, without rejection: Bailey, Math. Comp. 62 (1994) 779.
  *   (t1, t2)  radius^2 = nu (U^(-2/nu) - 1), angle uniform: the bivariate t
  *   t3        given those is t(nu + 2) sqrt((nu + radius^2)/(nu + 2))
  * Given: minus_2_nu = -2/nu, minus_2_nu2 = -2/(nu + 2), inv_nu2 = 1/(nu + 2), common to all particles. */

@@ -1,17 +1,17 @@
-/* number/real_ops.h - mul, div, sqrt, exp2, log2 ...: the only place where the number format shows.
+/* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div, r_sqrt, r_exp2 ...
  *
- * `+ - <` and unary minus are native in every format; everything else has a name here.
+ * `+ - <` and unary minus are native in every format; every other operation has a function here.
  *
- * double, float   Only + - * /, sqrt and integer operations, so the same bits on every IEEE machine:
- *                 build with -ffp-contract=off and never with -ffast-math (adding and subtracting
- *                 1.5*2^52 has to round); what of it can be seen below is an error, tse_self_test()
- *                 sees the rest. Free of branches, so that loops over particles vectorise with
+ * double, float   Only + - * /, sqrt and integer operations: the same bits on every IEEE machine. Build
+ *                 with -ffp-contract=off and without -ffast-math (adding and subtracting 1.5*2^52 must
+ *                 round). Options that the preprocessor sees are errors below; tse_self_test() detects
+ *                 the others. Branch-free, so that loops over particles vectorise with
  *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
- * fixed           Integers only, 64 bits with 32 of them behind the point: number/fixed.h. Every result
- *                 leaves room for fifteen of them in a native sum; r_add_sat stops instead.
+ * fixed           Integers only, 64 bits, 32 of them fraction: number/fixed.h. Fifteen results fit a
+ *                 native sum; r_add_sat saturates.
  *
- * What each function guarantees, and the largest error measured (tests/unit/number/test_real_ops.c holds them;
- * LSB = 2^-32; coefficients and their bounds: tests/reference/fit_elementary.py):
+ * Guarantees and largest measured errors (tested by tests/unit/number/test_real_ops.c; LSB = 2^-32;
+ * coefficients: tests/reference/fit_elementary.py):
  *
  *                  double            float             fixed
  *   r_mul r_div    IEEE              IEEE              nearest, saturates; x/0 = +-max, 0/0 = 0
@@ -29,8 +29,8 @@
  *   r_uniform(w)   a random word as a number in the open interval (0, 1), exact.
  *   r_share(x, n)  x/n, n > 0; in fixed rounded towards zero.
  *   r_single_bits(x)  a setting as the bits of an IEEE single.
- *   r_to_q24(x)    int32 in units of 2^-24, in which numbers leave the machine: nearest, saturates at +-127; NaN gives
- *                  INT32_MIN. r_from_q24(n): back, nearest.
+ *   r_to_q24(x)    int32 in units of 2^-24, for files: nearest, saturates at +-127; NaN gives INT32_MIN.
+ *   r_from_q24(n)  back, nearest.
  */
 #ifndef TSE_REAL_OPS_H
 #define TSE_REAL_OPS_H
@@ -41,9 +41,11 @@
 #include <string.h>
 
 #include "number/fixed.h"
+#include "tables/names.h"
 
 #if !defined(TSE_REAL_FIXED)
-/* What a sum is computed in: 0 (16, 32: of narrower types) its own type, 1 (64) double, 2 and more wider, -1 nobody knows. */
+/* Type in which the compiler computes sums: 0 (16, 32: for narrower types) their own, 1 (64) double, 2
+ * and more wider, -1 unknown. */
 #if defined(FLT_EVAL_METHOD)
 #if !(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 16 || FLT_EVAL_METHOD == 32 || FLT_EVAL_METHOD == 64)
 #error "sums are wider than double, as x87 makes them, and round differently: compile with -msse2 -mfpmath=sse"
@@ -63,7 +65,7 @@
 #endif
 
 #if defined(TSE_REAL_STRONG) && !defined(TSE_REAL_PLAIN)
-/* tests/unit/strong_real.hpp has included this file for a double, and wraps its functions. */
+/* tests/unit/strong_real.hpp includes this file for double and wraps its functions. */
 #elif !defined(TSE_REAL_FIXED)
 
 /* ------------------------------------------------------------------------- double and float ---- */
@@ -84,7 +86,7 @@ static inline uint32_t r_single_bits(tse_setting x)
   return word;
 }
 
-/* What a format has of its own: its bits and the root; the polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2, as wide as it is. */
+/* Format-specific part: bits, root, and the polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2. */
 #if defined(TSE_REAL_FLOAT)
 typedef uint32_t real_bits;
 #define REAL_FRACTION 23                /* bits of a significand, behind its 1 */
@@ -177,7 +179,7 @@ static inline int r_is_finite(tse_real x) { return (bits_of(x) & REAL_INFINITY) 
 static inline int r_is_nan(tse_real x) { return (bits_of(x) & REAL_MAGNITUDE) > REAL_INFINITY; }
 static inline tse_real r_abs(tse_real x) { return from_bits(bits_of(x) & REAL_MAGNITUDE); }
 
-/* Saturates; NaN gives INT32_MIN. */
+/* Round down and saturate; NaN gives INT32_MIN. */
 static inline int32_t r_floor_to_int(tse_real x)
 {
   const tse_real above = x > REAL_LEAST_INT ? x : REAL_LEAST_INT;
@@ -186,7 +188,7 @@ static inline int32_t r_floor_to_int(tse_real x)
   return n - (inside < (tse_real)n ? 1 : 0);
 }
 
-/* Upper bits and a half: exact, never 0 or 1. */
+/* Take the upper bits and add a half: exact, never 0 or 1. */
 static inline tse_real r_uniform(uint32_t word)
 {
   return ((tse_real)(int32_t)(word >> REAL_UNIFORM) + (tse_real)0.5) * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
@@ -211,8 +213,8 @@ static inline tse_real r_exp2(tse_real x)
   return (REAL_ONE + r * exp2_series(r)) * from_bits((bits_of(t) + REAL_BIAS) << REAL_FRACTION);
 }
 
-/* With v = 2t - 1:  sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2): of -v^2, because all coefficients are above 0 then. Of sums
- * beside differences gcc 12 makes fused instructions, in spite of -ffp-contract=off. */
+/* With v = 2t - 1:  sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2). Polynomials of -v^2 have
+ * positive coefficients: gcc 12 fuses mixed sums and differences, in spite of -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
@@ -232,7 +234,7 @@ static inline int32_t r_to_q24(tse_real x)
 }
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * (tse_real)(1.0 / 16777216); }
 
-/* NaN if an argument is. |x| + |y| must not overflow. */
+/* Return NaN if an argument is NaN. |x| + |y| must not overflow. */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
   const tse_real ax = r_abs(x), ay = r_abs(y);
@@ -281,7 +283,7 @@ static inline tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a
 static inline tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
 #endif
 
-/* Nearest, ties to even, as a conversion rounds; exact for what TSE_S() makes of numbers of 2^-8 and more. */
+/* Round to nearest, ties to even; exact for settings made by TSE_S() of numbers from 2^-8 on. */
 static inline uint32_t r_single_bits(tse_setting x)
 {
   const uint64_t m = fixed_magnitude(x);
@@ -295,7 +297,7 @@ static inline uint32_t r_single_bits(tse_setting x)
   return (x < 0 ? 0x80000000u : 0u) | ((exponent << 23) + (digits - 0x800000u) + up);
 }
 
-/* One step of a polynomial in Q30: c + p x. */
+/* Return c + p x, one step of a polynomial in Q30. */
 static inline int32_t q30_step(int32_t c, int32_t p, int32_t x)
 {
   return (int32_t)(c + ((fixed_product(p, x) + (1 << 29)) >> 30));
@@ -309,7 +311,7 @@ static inline int r_is_finite(tse_real x) { return x < FIXED_MOST && x > -FIXED_
 static inline int r_is_nan(tse_real x) { return x == FIXED_NAN; }
 static inline tse_real r_abs(tse_real x) { return x == FIXED_NAN ? INT64_MAX : (x < 0 ? -x : x); }
 
-/* Of numbers of any size: what `+` cannot. */
+/* Add numbers of any size, saturated. */
 static inline tse_real r_add_sat(tse_real a, tse_real b)
 {
   if (b > 0) return a > FIXED_MOST - b ? FIXED_MOST : fixed_saturate(a + b);
@@ -322,7 +324,7 @@ static inline int32_t r_floor_to_int(tse_real x)
   return n > INT32_MAX ? INT32_MAX : (n < INT32_MIN ? INT32_MIN : (int32_t)n);
 }
 
-/* Odd multiples of 2^-32: never 0 or 1. */
+/* Return an odd multiple of 2^-32: never 0 or 1. */
 static inline tse_real r_uniform(uint32_t word)
 {
   return (tse_real)(word | 1u);
@@ -404,7 +406,7 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
   if (((quarter + 1) & 2) != 0) { *c = -*c; }
 }
 
-/* The quotient is reduced to tan(pi/8); angles in Q32. */
+/* Reduce the quotient to tan(pi/8); angles in Q32. */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
   const uint64_t ax = fixed_magnitude(x), ay = fixed_magnitude(y);
@@ -435,7 +437,7 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
 
 /* ------------------------------------------------------------------------------- all formats ---- */
 
-/* log2(a b c) of positive numbers whose product does not overflow (fixed: any). */
+/* Return log2(a b c) of positive numbers whose product does not overflow (fixed: any). */
 static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
 {
 #if defined(TSE_REAL_FIXED)
@@ -447,11 +449,11 @@ static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
 
 static inline tse_real r_sqr(tse_real x) { return r_mul(x, x); }
 
-/* Of two numbers; if one is NaN the second is returned. */
+/* Return the smaller or larger of two numbers; if one is NaN, the second. */
 static inline tse_real r_min(tse_real a, tse_real b) { return a < b ? a : b; }
 static inline tse_real r_max(tse_real a, tse_real b) { return b < a ? a : b; }
 
-/* NaN stays NaN. */
+/* Limit x to lo .. hi; NaN stays NaN. */
 static inline tse_real r_clamp(tse_real x, tse_real lo, tse_real hi)
 {
   const tse_real y = x < lo ? lo : x;

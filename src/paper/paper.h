@@ -22,29 +22,6 @@
 #define TSE_INLINE static inline
 #endif
 
-#define paper_start             TSE_NAME(tse_paper_start)
-#define paper_place             TSE_NAME(tse_paper_place)
-#define paper_predict           TSE_NAME(tse_paper_predict)
-#define paper_update            TSE_NAME(tse_paper_update)
-#define paper_predict_bias      TSE_NAME(tse_paper_predict_bias)
-#define paper_predict_state     TSE_NAME(tse_paper_predict_state)
-#define paper_common_of         TSE_NAME(tse_paper_common_of)
-#define paper_update_weights    TSE_NAME(tse_paper_update_weights)
-#define paper_normalise         TSE_NAME(tse_paper_normalise)
-#define paper_effective_size    TSE_NAME(tse_paper_effective_size)
-#define paper_total_weight      TSE_NAME(tse_paper_total_weight)
-#define paper_resample          TSE_NAME(tse_paper_resample)
-#define paper_choose_ancestors  TSE_NAME(tse_paper_choose_ancestors)
-#define paper_keep_survivors    TSE_NAME(tse_paper_keep_survivors)
-#define paper_copy_particles    TSE_NAME(tse_paper_copy_particles)
-#define paper_draw_stiffness    TSE_NAME(tse_paper_draw_stiffness)
-#define paper_update_statistics TSE_NAME(tse_paper_update_statistics)
-#define paper_update_bias       TSE_NAME(tse_paper_update_bias)
-#define paper_forget            TSE_NAME(tse_paper_forget)
-#define paper_estimate          TSE_NAME(tse_paper_estimate)
-#define paper_weighted_means    TSE_NAME(tse_paper_weighted_means)
-#define paper_excitation        TSE_NAME(tse_paper_excitation)
-
 /* Quantities that are the same for all particles at one row. */
 typedef struct common {
   observation_gains g;       /* of h and d, (9); 0 where the measurement is missing                */

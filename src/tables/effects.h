@@ -8,14 +8,15 @@
  * the others are refused by tse_config_check(). Then there is no simulator and no replay either. */
 enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
   /* table: effect_places */
-  TSE_EFFECT_mass, TSE_EFFECT_yaw_inertia, TSE_EFFECT_cg_shift, TSE_EFFECT_wheel_radius, TSE_EFFECT_steering_ratio,
-  TSE_EFFECT_steering_offset, TSE_EFFECT_steering_delay, TSE_EFFECT_steering_lag, TSE_EFFECT_exact_kinematics,
-  TSE_EFFECT_steering_compliance, TSE_EFFECT_rear_roll_steer, TSE_EFFECT_relaxation, TSE_EFFECT_longitudinal_relaxation,
-  TSE_EFFECT_stiffness_drift, TSE_EFFECT_combined_slip, TSE_EFFECT_tyre_saturation, TSE_EFFECT_longitudinal_load_transfer,
-  TSE_EFFECT_lateral_load_transfer, TSE_EFFECT_aero_drag, TSE_EFFECT_rolling_resistance, TSE_EFFECT_grade, TSE_EFFECT_bank,
-  TSE_EFFECT_crosswind, TSE_EFFECT_conicity, TSE_EFFECT_aligning_moment, TSE_EFFECT_imu_lever_arm, TSE_EFFECT_body_roll,
-  TSE_EFFECT_pitch_leak, TSE_EFFECT_imu_misalignment, TSE_EFFECT_imu_scale_ax, TSE_EFFECT_imu_scale_ay, TSE_EFFECT_gyro_scale,
-  TSE_EFFECT_imu_delay,
+  TSE_EFFECT_mass, TSE_EFFECT_yaw_inertia, TSE_EFFECT_cg_shift, TSE_EFFECT_wheel_radius,
+  TSE_EFFECT_steering_ratio, TSE_EFFECT_steering_offset, TSE_EFFECT_steering_delay, TSE_EFFECT_steering_lag,
+  TSE_EFFECT_exact_kinematics, TSE_EFFECT_steering_compliance, TSE_EFFECT_rear_roll_steer,
+  TSE_EFFECT_relaxation, TSE_EFFECT_longitudinal_relaxation, TSE_EFFECT_stiffness_drift,
+  TSE_EFFECT_combined_slip, TSE_EFFECT_tyre_saturation, TSE_EFFECT_longitudinal_load_transfer,
+  TSE_EFFECT_lateral_load_transfer, TSE_EFFECT_aero_drag, TSE_EFFECT_rolling_resistance, TSE_EFFECT_grade,
+  TSE_EFFECT_bank, TSE_EFFECT_crosswind, TSE_EFFECT_conicity, TSE_EFFECT_aligning_moment,
+  TSE_EFFECT_imu_lever_arm, TSE_EFFECT_body_roll, TSE_EFFECT_pitch_leak, TSE_EFFECT_imu_misalignment,
+  TSE_EFFECT_imu_scale_ax, TSE_EFFECT_imu_scale_ay, TSE_EFFECT_gyro_scale, TSE_EFFECT_imu_delay,
   /* end of table */
   TSE_EFFECTS
 };
@@ -31,16 +32,19 @@ typedef struct tse_effects {
 #if !defined(TSE_NO_EFFECTS)
   tse_real
   /* table: effect_members */
-  mass_change, yaw_inertia_change, cg_shift_distance, wheel_radius_change, steering_ratio_change, steering_offset_angle,
-  steering_delay_time, steering_lag_time, steering_lag_second, exact_kinematics_share, steering_compliance_angle_per_moment,
-  steering_compliance_trail, rear_roll_steer_gain, rear_roll_steer_roll, rear_roll_steer_frequency, rear_roll_steer_damping,
-  relaxation_length, longitudinal_relaxation_length, stiffness_drift_change, stiffness_drift_time, stiffness_drift_start,
-  combined_slip_factor, tyre_saturation_inverse_friction, tyre_saturation_shape, tyre_saturation_balance,
-  longitudinal_load_transfer_gain, longitudinal_load_transfer_balance, lateral_load_transfer_gain, lateral_load_transfer_balance,
-  aero_drag_coefficient, rolling_resistance_coefficient, grade_angle, bank_angle, bank_superelevation, crosswind_speed,
-  crosswind_heading, crosswind_coefficient, crosswind_arm, conicity_front, conicity_rear, aligning_moment_trail, imu_lever_arm_x,
-  imu_lever_arm_y, body_roll_gain, body_roll_frequency, body_roll_damping, body_roll_height, body_roll_coupling, pitch_leak_gain,
-  pitch_leak_frequency, pitch_leak_damping, pitch_leak_height, imu_misalignment_angle, imu_scale_ax_error, imu_scale_ay_error,
+  mass_change, yaw_inertia_change, cg_shift_distance, wheel_radius_change, steering_ratio_change,
+  steering_offset_angle, steering_delay_time, steering_lag_time, steering_lag_second,
+  exact_kinematics_share, steering_compliance_angle_per_moment, steering_compliance_trail,
+  rear_roll_steer_gain, rear_roll_steer_roll, rear_roll_steer_frequency, rear_roll_steer_damping,
+  relaxation_length, longitudinal_relaxation_length, stiffness_drift_change, stiffness_drift_time,
+  stiffness_drift_start, combined_slip_factor, tyre_saturation_inverse_friction, tyre_saturation_shape,
+  tyre_saturation_balance, longitudinal_load_transfer_gain, longitudinal_load_transfer_balance,
+  lateral_load_transfer_gain, lateral_load_transfer_balance, aero_drag_coefficient,
+  rolling_resistance_coefficient, grade_angle, bank_angle, bank_superelevation, crosswind_speed,
+  crosswind_heading, crosswind_coefficient, crosswind_arm, conicity_front, conicity_rear,
+  aligning_moment_trail, imu_lever_arm_x, imu_lever_arm_y, body_roll_gain, body_roll_frequency,
+  body_roll_damping, body_roll_height, body_roll_coupling, pitch_leak_gain, pitch_leak_frequency,
+  pitch_leak_damping, pitch_leak_height, imu_misalignment_angle, imu_scale_ax_error, imu_scale_ay_error,
   gyro_scale_error, imu_delay_time,
   /* end of table */
   mass; /* [kg] */

@@ -7,7 +7,8 @@
 enum {
   /* table: formula_places */
   PLACE_front_angle = 0, PLACE_rear_angle = 1, PLACE_force_x = 2, PLACE_force_y = 3, PLACE_yaw_moment = 4,
-  PLACE_stiffness_front = 5, PLACE_stiffness_rear = 6, PLACE_accel_x = 7, PLACE_accel_y = 8, PLACE_yaw_rate = 9,
+  PLACE_stiffness_front = 5, PLACE_stiffness_rear = 6, PLACE_accel_x = 7, PLACE_accel_y = 8,
+  PLACE_yaw_rate = 9,
   /* end of table */
 };
 

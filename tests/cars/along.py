@@ -21,8 +21,8 @@ from tests.cars.study import RESULTS
 from tse.car.vehicle import SHAPE, Vehicle, fill_sensors, make_vehicle, ordinary_car
 from tse.channels.log import read_frame
 from tse.identify.slip import longitudinal
-from tse.library.core import Config, Filter
-from tse.log.rows import Log
+from tse.library.core import Config, NativeFilter
+from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
 OFF, SMOOTH, FEWEST = 0.1, 61, 500  # relative error; rows; rows
@@ -57,7 +57,7 @@ CARS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def line_of(log: Log, vehicle: Vehicle) -> float:
+def line_of(log: CheckedLog, vehicle: Vehicle) -> float:
     """Return mass over the slope of slip over accel_x, by least squares: straight rows
     above 4 m/s without braking, means of 0.6 s; NaN: none. N"""
     front, rear = (
@@ -79,7 +79,7 @@ def line_of(log: Log, vehicle: Vehicle) -> float:
     return float(vehicle.values["mass"] / slope) if slope > 0 else np.nan
 
 
-def config_of(vehicle: Vehicle, log: Log) -> Config:
+def config_of(vehicle: Vehicle, log: CheckedLog) -> Config:
     """Return the settings with which a calibration begins."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, log)
@@ -135,7 +135,7 @@ def straight(seed: int) -> list[float]:
     minutes straight on, the car exact."""
     made = tse.simulate("straight", seed=seed, duration=600.0)
     config = Config.exact({"driven_axle": 1})
-    out = Filter(config).over(read_frame(made.log).rows())
+    out = NativeFilter(config).estimate_rows(read_frame(made.log).rows())
     valid, error = out["cx_front_valid"] == 0, np.abs(out["cx_front"] - 1.0)
     return [float(valid.mean()), float((error[valid] > OFF).mean()) if valid.any() else 0.0, float(error[-1])]
 

@@ -20,12 +20,12 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-import tables
+from scripts.dev import tables
 from tests.cars import SCENARIOS, make_cars, make_logs
 from tests.cars.road import LASTS
 from tests.cars.study import PRIOR, RESULTS, driven, estimated
-from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, Library
-from tse.log.rows import Log
+from tse.library.core import NOMINAL, STIFFNESS, Config, Library, NativeFilter
+from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
 EVENTS = [s for s in SCENARIOS if s != "dry"]
@@ -47,7 +47,7 @@ def share(of: np.ndarray, among: np.ndarray) -> float:
     return float(of[among].mean()) if among.any() else 0.0
 
 
-def behind(log: Log, row: int) -> Log:
+def behind(log: CheckedLog, row: int) -> CheckedLog:
     """Return a log from a row on."""
     parts = {
         k: v[row:]
@@ -60,7 +60,7 @@ def behind(log: Log, row: int) -> Log:
 
 
 def shown_after(
-    log: Log, config: Config, stiffness: dict[str, float], moved: dict[str, float], began: float
+    log: CheckedLog, config: Config, stiffness: dict[str, float], moved: dict[str, float], began: float
 ) -> float:
     """Return after how many seconds a filter that starts at the change, and knows of each stiffness that it may be another by
     CHANGE_SD, would tell one of them from that of before with 95 %; AFTER where it does not. The sd of the mass, which is in both,
@@ -69,7 +69,10 @@ def shown_after(
     start = {NOMINAL[k]: stiffness[k] for k in STIFFNESS} | {
         f"initial_{PRIOR[k]}_sd": CHANGE_SD for k in STIFFNESS
     }
-    out, mass = Filter(Config.exact(config.as_dict() | start)).over(rest.rows()), config.mass_sd
+    out, mass = (
+        NativeFilter(Config.exact(config.as_dict() | start)).estimate_rows(rest.rows()),
+        config.mass_sd,
+    )
     var = {key: (out[f"{key}_sd"] / out[key]) ** 2 - mass**2 for key in STIFFNESS}
     sure = np.flatnonzero(np.any([np.log(moved[key]) ** 2 > SURE**2 * var[key] for key in STIFFNESS], axis=0))
     return float(min(rest.time[sure[0]] - rest.time[0], AFTER)) if len(sure) else AFTER

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from scripts.fixed import library
+from scripts.dev.fixed import library
 from tests.cars import ROADS
 from tests.cars.study import driven, estimated, parser_of_kept, score, shares
 from tse.library.core import STIFFNESS, Library

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from tests.cars.study import RESULTS, SETTLED, SLOW, TRUTH, estimated, truth_of
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL
-from tse.log.rows import Log
+from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
 LATE, SHARES = 0.12, (0.0, 0.1, 0.2, 0.3)  # s; of the rows
@@ -50,7 +50,7 @@ def late(folder: Path, share: float | None, rng: np.random.Generator, scratch: P
     reference = pd.read_csv(folder / "test" / "reference_mountain.csv")
     truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
     table.iloc[thinned(table["time"].to_numpy(), share, rng)].to_csv(scratch, index=False)
-    log: Log = read_log(scratch)
+    log: CheckedLog = read_log(scratch)
     out, config = estimated(folder / "calibrated.toml", log)
     found = []
     for key in ("cy_front", "cy_rear"):

@@ -24,8 +24,8 @@ from tse.calibration import own
 from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, filter_values, read_vehicle
 from tse.channels.log import read_log
-from tse.library.core import Config, Filter
-from tse.log.rows import Log
+from tse.library.core import Config, NativeFilter
+from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
@@ -37,12 +37,12 @@ SHARES = (
 AXLES = ("cy_front", "cy_rear")
 
 
-def calibrated(vehicle: Vehicle, log: Log) -> Vehicle:
+def calibrated(vehicle: Vehicle, log: CheckedLog) -> Vehicle:
     """Return the car as `tselab estimate` takes it: calibrated on the log, or of its class."""
     return own.calibrated(vehicle, [log]).vehicle(vehicle)
 
 
-def with_share(vehicle: Vehicle, log: Log, share: float) -> Config:
+def with_share(vehicle: Vehicle, log: CheckedLog, share: float) -> Config:
     """Return settings whose prior of the stiffness has so much of the posterior sd, at most that of the class."""
     config, _ = make_config(vehicle, log)
     ordinary = filter_values(Vehicle(None, "", dict(vehicle.values), dict(vehicle.facts)))
@@ -78,7 +78,7 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
         for who, made in ways.items():
             config = made()
             rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
-                         **score(Filter(config).over(log.rows()), config, log, truth)})  # fmt: skip
+                         **score(NativeFilter(config).estimate_rows(log.rows()), config, log, truth)})  # fmt: skip
     return pd.DataFrame(rows)
 
 

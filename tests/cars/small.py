@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from scripts.fixed import library
+from scripts.dev.fixed import library
 from tests.cars import ROADS
 from tests.cars.real import CORNERING, DATA, FAST, SAME_CAR, lively
 from tests.cars.study import (

@@ -28,8 +28,8 @@ from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
 from tse.identify.unknowns import LATENCY
-from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, Library
-from tse.log.rows import Log
+from tse.library.core import NOMINAL, STIFFNESS, Config, Library, NativeFilter
+from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
@@ -88,7 +88,9 @@ def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndar
     return truth_of(made)
 
 
-def driven(folder: Path, road: str, smooth: int = SMOOTH) -> tuple[Log, pd.DataFrame, dict[str, np.ndarray]]:
+def driven(
+    folder: Path, road: str, smooth: int = SMOOTH
+) -> tuple[CheckedLog, pd.DataFrame, dict[str, np.ndarray]]:
     """Return a kept drive: its log, its reference, and the secants of it that truth_of() has."""
     reference = pd.read_csv(folder / f"reference_{road}.csv")
     truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, smooth)
@@ -97,7 +99,7 @@ def driven(folder: Path, road: str, smooth: int = SMOOTH) -> tuple[Log, pd.DataF
 
 def estimated(
     vehicle_path: Path,
-    log: Log,
+    log: CheckedLog,
     columns: dict[str, np.ndarray] | None = None,
     options: dict[str, float] | None = None,
     lib: Library | None = None,
@@ -110,10 +112,10 @@ def estimated(
     config, _ = make_config(read_vehicle(vehicle_path), log, options=options)
     if lib:
         config = Config.exact(config.as_dict(), lib=lib)
-    return Filter(config).over(log.rows()), config
+    return NativeFilter(config).estimate_rows(log.rows()), config
 
 
-def constant(vehicle_path: Path, log: Log) -> tuple[np.ndarray, Config]:
+def constant(vehicle_path: Path, log: CheckedLog) -> tuple[np.ndarray, Config]:
     """Return the same of doing nothing: the stiffness of the vehicle file in every row, always valid, with the sd of its prior."""
     out, config = estimated(vehicle_path, log)
     for key in STIFFNESS:
@@ -124,7 +126,7 @@ def constant(vehicle_path: Path, log: Log) -> tuple[np.ndarray, Config]:
     return out, config
 
 
-def best(vehicle_path: Path, log: Log, stiffness: dict[str, float]) -> tuple[np.ndarray, Config]:
+def best(vehicle_path: Path, log: CheckedLog, stiffness: dict[str, float]) -> tuple[np.ndarray, Config]:
     """Return what no constant can beat: the median of the car's true secants in every row, without an interval. What is off here
     is how far the secant itself moves with slip, load and the lag of the steering."""
     out, config = constant(vehicle_path, log)
@@ -141,7 +143,7 @@ def changes(out: np.ndarray, counts: np.ndarray) -> int:
 
 
 def score(
-    out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray], of: str = "_secant"
+    out: np.ndarray, config: Config, log: CheckedLog, truth: dict[str, np.ndarray], of: str = "_secant"
 ) -> dict[str, float]:
     """Return, per stiffness, rows with a truth, valid, valid and off, inside their interval; changes, rows at fault.
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from scripts.fixed import library
+from scripts.dev.fixed import library
 from tests.cars import make_logs
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
-from tse.library.core import STIFFNESS, Config, Filter
+from tse.library.core import STIFFNESS, Config, NativeFilter
 
 CORNERING = STIFFNESS[1:]
 
@@ -26,7 +26,8 @@ def estimates(tmp_path_factory):
         "fixed": library("fixed", small=True),
     }
     return {
-        who: Filter(Config.exact(config.as_dict(), lib=lib)).over(log.rows()) for who, lib in builds.items()
+        who: NativeFilter(Config.exact(config.as_dict(), lib=lib)).estimate_rows(log.rows())
+        for who, lib in builds.items()
     }
 
 

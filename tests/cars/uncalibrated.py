@@ -21,7 +21,7 @@ from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
 from tse.car.config import make_config
 from tse.car.vehicle import filter_values, make_vehicle
 from tse.channels.log import read_frame
-from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
+from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, SimConfig
 from tse.report.tables import markdown_table
 from tse.simulation import maneuvers
 from tse.simulation.simulate import simulate
@@ -62,7 +62,7 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
     log = read_frame(simulate(plan, car, sim).log)
     config, _ = make_config(vehicle, log)
-    out = Filter(config).over(log.rows())
+    out = NativeFilter(config).estimate_rows(log.rows())
     counts = (log.time > SETTLED) & (out["vel_x"] > SLOW)
     found: dict[str, float | str] = {
         "car": which,

@@ -20,7 +20,7 @@ from tests.cars.real import DATA
 from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score, shares
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL
-from tse.log.rows import Log
+from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
 LATE, RATE, SPEED_SD, COURSE_SD, INS_SD = 0.1, 10.0, 0.1, np.radians(0.5), 0.03
@@ -31,7 +31,7 @@ FAST = {"real": 8.0, "car": 3.0}  # m/s: rows that count
 
 
 def measured(
-    way: str, log: Log, vx: np.ndarray, vy: np.ndarray, rate: np.ndarray, clock: float, seed: int
+    way: str, log: CheckedLog, vx: np.ndarray, vy: np.ndarray, rate: np.ndarray, clock: float, seed: int
 ) -> dict[str, np.ndarray]:
     """Return the columns of a way to measure the velocity. vx, vy, rate: true, (rows,); clock: how late the gyro is, s."""
     t, random = log.time - log.time[0], np.random.default_rng(seed)
@@ -62,7 +62,9 @@ def late(columns: dict[str, np.ndarray]) -> dict[str, float]:
     return {"velocity_latency": LATE} if "gnss_course" in columns else {}
 
 
-def sideslip(out: np.ndarray, log: Log, vx: np.ndarray, vy: np.ndarray, least: float) -> dict[str, float]:
+def sideslip(
+    out: np.ndarray, log: CheckedLog, vx: np.ndarray, vy: np.ndarray, least: float
+) -> dict[str, float]:
     """Return how far the sideslip is off, rms in deg, and how often the 95 % interval of vel_y holds."""
     t = log.time - log.time[0]
     x, y = (np.interp(t - out["estimate_age"], t, v) for v in (vx, vy))

@@ -1,5 +1,5 @@
 /* tests/dropin/same.c - what the library does, as a few numbers: linked once with its sources and once with the two files of
- * scripts/amalgamate.py, it must print the same.
+ * scripts/dev/amalgamate.py, it must print the same.
  *   same DRIVE      tests/replay/drive.csv through every form of the filter; what was learnt; tables; sizes; simulator */
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-"""The two files of scripts/amalgamate.py are the library: alone, without a warning, the same numbers, no name more."""
+"""The two files of scripts/dev/amalgamate.py are the library: alone, without a warning, the same numbers, no name more."""
 
 import re
 import subprocess
@@ -17,7 +17,7 @@ SAME = ROOT / "tests" / "dropin" / "same.c"
 
 
 def amalgamated(out: Path, *options: str) -> Path:
-    run(sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", out, *options)
+    run(sys.executable, ROOT / "scripts" / "dev" / "amalgamate.py", "--out", out, *options)
     return out
 
 

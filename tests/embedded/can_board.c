@@ -1,6 +1,6 @@
 /* tests/embedded/can_board.c - scripts/dropin/can on an emulated board: the timer's interrupt brings the frames of a recorded drive, as
  * a CAN controller would, then calls the loop; the main program waits for interrupts, and works when there is a row.
- * frames.h is what scripts/machines.py makes of tests/replay/drive.csv: FRAME(period, id, bytes ...). */
+ * frames.h is what scripts/dev/machines.py makes of tests/replay/drive.csv: FRAME(period, id, bytes ...). */
 #include "control_loop.h"
 #include "port.h"
 #include "replay_hash.h"

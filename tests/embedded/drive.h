@@ -1,4 +1,4 @@
-/* tests/embedded/drive.h - the recorded drive of tests/replay as a table, which scripts/machines.py writes: rows.h. */
+/* tests/embedded/drive.h - the recorded drive of tests/replay as a table, which scripts/dev/machines.py writes: rows.h. */
 #ifndef DRIVE_H
 #define DRIVE_H
 

@@ -1,5 +1,5 @@
 /* tests/embedded/profile.c - a plugin of qemu (its interface, version 1): how often each block of instructions was executed, for
- * `scripts/budgets.py --profile`. Only between the passes FROM and TO (counted from 0) of the instruction at MARK, which is where a row
+ * `scripts/dev/budgets.py --profile`. Only between the passes FROM and TO (counted from 0) of the instruction at MARK, which is where a row
  * begins.
  *   -plugin profile.so,mark=ADDRESS,from=N,to=N,out=FILE      FILE: address, instructions of the block, times */
 #include <inttypes.h>

@@ -1,5 +1,5 @@
 /* tests/embedded/replay.c - the recorded drive of tests/replay through the filter, on any machine: tse.h and tse.c of
- * scripts/amalgamate.py, rows.h of scripts/machines.py, and one port.
+ * scripts/dev/amalgamate.py, rows.h of scripts/dev/machines.py, and one port.
  *
  * Says what identifies the result: the hash of every bit of every output after each PART rows, so that two machines that differ
  * show where, and that of the whole drive, which is the one of the golden replay.

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
+sys.path.insert(0, str(ROOT / "scripts" / "dev"))
 
 import budgets  # noqa: E402
 import machines as m  # noqa: E402
@@ -32,12 +32,12 @@ def test_the_same_bits_where_machines_differ_most() -> None:
         pytest.skip(
             "none of the compilers and emulators for other machines is installed (scripts/setup.sh machines)"
         )
-    assert "FAILED" not in command("scripts/platforms.py", "--short")
+    assert "FAILED" not in command("scripts/dev/platforms.py", "--short")
 
 
 def test_a_row_stays_within_the_limits() -> None:
     machine("Cortex-M4F")
-    assert "FAILED" not in command("scripts/budgets.py", "--short")
+    assert "FAILED" not in command("scripts/dev/budgets.py", "--short")
 
 
 def test_a_limit_that_is_passed_is_found() -> None:

@@ -20,8 +20,8 @@ from fmpy import read_model_description
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Warning
 from fmpy.fmi3 import FMU3Slave
 
-from tse.library.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
-from tse.library.files import alone
+from tse.library.core import INPUT, OUTPUT, SIM_INPUT, Config, NativeFilter, convert_stiffness, library
+from tse.library.files import lock_file
 from tselab.fmu_build import FMI, PLATFORMS, compile_for, lock_of, native, version_of, zig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,7 +62,7 @@ def headers(fmi: str = "2") -> Path:
 def build(folder: str = "fmu", *options: str) -> Path:
     """Build the FMUs with the preset fmu; only what changed is built again.   Returned: the folder of the .fmu files."""
     where = ROOT / "build" / folder
-    with alone(lock_of(where)):  # of other processes that test, and of `tselab fmu build`
+    with lock_file(lock_of(where)):  # of other processes that test, and of `tselab fmu build`
         _build(where, *options)
     return where / "fmu"
 
@@ -303,7 +303,7 @@ class Log:
         config = settings
         if not isinstance(settings, Config):
             config = Config.exact({**(Config.settings_of(form) if form else {}), **settings})
-        filter_ = Filter(config)
+        filter_ = NativeFilter(config)
         rows = np.zeros(len(self), library().dtype(INPUT))
         rows["dt"][1:] = np.diff(self.time)
         for k, name in enumerate(CHANNELS):
@@ -337,7 +337,7 @@ def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
 def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
     """What the estimator FMU has to put out where the C library puts out this row."""
     expected: dict[str, float] = {}
-    si = stiffness_si(config, row)
+    si = convert_stiffness(config, row)
     for f in library().fields(OUTPUT):
         value = row[f.name].item()
         stem = f.name.removesuffix("_valid")
@@ -356,7 +356,7 @@ def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
     one = np.zeros(1, library().dtype(OUTPUT))
     for s in stiffness:
         one[s] = 1.0
-    for s, nominal in zip(stiffness, stiffness_si(config, one[0])[0], strict=True):
+    for s, nominal in zip(stiffness, convert_stiffness(config, one[0])[0], strict=True):
         expected[f"estimate.nominal.{s}"] = float(nominal)
         expected[f"estimate.{s}_secant"] = float(nominal * row[f"{s}_secant"])
     expected["estimate.valid"] = all(expected[f"estimate.{s}_valid"] for s in stiffness)

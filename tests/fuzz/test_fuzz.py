@@ -1,4 +1,4 @@
-"""A few hundred inputs of each fuzz target, the same ones each time; scripts/fuzz.sh --runs 1000000 on demand. The readers of
+"""A few hundred inputs of each fuzz target, the same ones each time; scripts/dev/fuzz.sh --runs 1000000 on demand. The readers of
 files have tests of their own."""
 
 import os
@@ -21,7 +21,7 @@ RUNS = "400"
 def fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess[str]:
     env = dict(os.environ) if path is None else {**os.environ, "PATH": path}
     return subprocess.run(
-        ["bash", "scripts/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900
+        ["bash", "scripts/dev/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900
     )
 
 

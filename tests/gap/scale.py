@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from measured import TSELAB, measured
+from scripts.dev.measured import TSELAB, measure_command
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "scripts" / "results" / "gap-scale.md"
@@ -80,7 +80,7 @@ def run(case: str, duration: float, jobs: int) -> Row:
         command = [*TSELAB, "gap", "run", *logs, "--vehicle", folder / "car.toml", "--out", out]
         for path in held:
             command += ["--hold-out", path]
-        _, seconds, _, memory = measured(*command, "--jobs", jobs, codes=VERDICTS, env=os.environ)
+        _, seconds, _, memory = measure_command(*command, "--jobs", jobs, codes=VERDICTS, env=os.environ)
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
         names = ", ".join(e["id"] for e in verdict["effects"])
         of = f"{len(logs)}, and {len(held)} held out" if held else f"{len(logs)}"

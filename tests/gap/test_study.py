@@ -116,8 +116,10 @@ def test_logs_are_as_many_and_as_long_as_the_table_says(tmp_path: Path) -> None:
 def test_memory_is_that_of_one_process() -> None:
     """Not the largest of those before it. Asked in a small process: one that starts another gives it its own size as the least."""
     code = (
-        "import sys; from measured import measured\n"
-        "for mb in (400, 1): print(*measured(sys.executable, '-c', f'x = bytearray({mb} << 20); raise SystemExit(10)', codes=[10]))"
+        "import sys; from measured import measure_command\n"
+        "for mb in (400, 1):\n"
+        "    code = f'x = bytearray({mb} << 20); raise SystemExit(10)'\n"
+        "    print(*measure_command(sys.executable, '-c', code, codes=[10]))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=scale.ROOT, capture_output=True, text=True, check=True

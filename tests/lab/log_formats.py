@@ -1,5 +1,7 @@
-"""One drive as measuring systems log it: eight formats and more, four wheels in km/h, the steering wheel in degrees, names of their
-own, three rates, latencies. Written with the libraries that others write such logs with."""
+"""One drive in the formats of measuring systems, written by the usual libraries.
+
+Four wheels in km/h, the steering wheel in degrees, other names, three rates,
+latencies."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ DEG = 180 / np.pi
 
 @dataclass(frozen=True)
 class Message:
-    """Signals that come together: time, s, and columns; as logged."""
+    """Signals with the same times: time (s) and columns, as logged."""
 
     name: str
     time: np.ndarray
@@ -27,9 +29,11 @@ class Message:
     units: dict[str, str]
 
 
-def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
-    """A drive in tse's own columns: double lane changes by a foot that takes 0.5 s from one torque to the next. What happens
-    between two entries of a slow channel is in no log; a torque that jumps from row to row would be."""
+def make_drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
+    """Return a drive in tse's own columns: double lane changes with smooth torques.
+
+    The torque moves to its next value within 0.5 s. Jumps from row to row would be lost
+    between two entries of a slow channel."""
     from tse.car.vehicle import read_vehicle
     from tse.library.core import Config, SimConfig
     from tse.simulation import maneuvers
@@ -43,8 +47,8 @@ def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
     return simulate(plan, config, SimConfig(quiet)).log
 
 
-def messages(clean: pd.DataFrame) -> list[Message]:
-    """The drive as three messages: what a clean row has is logged later by the message's latency."""
+def split_messages(clean: pd.DataFrame) -> list[Message]:
+    """Return the drive as three messages, each later by its latency."""
 
     def part(name: str, columns: dict[str, np.ndarray], units: dict[str, str]) -> Message:
         k = EVERY[name]
@@ -70,16 +74,21 @@ def messages(clean: pd.DataFrame) -> list[Message]:
     ]
 
 
-def repeated(parts: list[Message], times: int, period: float) -> list[Message]:
-    """The drive again and again, every `period` s: messages as long as one likes."""
+def repeat_messages(parts: list[Message], times: int, period: float) -> list[Message]:
+    """Return messages of any length: the drive, repeated every `period` s."""
     return [
         Message(m.name, np.concatenate([m.time + period * k for k in range(times)]),
                 {n: np.tile(x, times) for n, x in m.columns.items()}, m.units) for m in parts
     ]  # fmt: skip
 
 
-def signals_toml(prefix: dict[str, str], units: bool = True, log: str = "", steer_unit: str = "deg") -> str:
-    """The file for these names; `prefix`: by message, what stands before a name. `units`: said here, for formats that have none."""
+def make_signals_toml(
+    prefix: dict[str, str], units: bool = True, log: str = "", steer_unit: str = "deg"
+) -> str:
+    """Return signals.toml for these names.
+
+    `prefix`: text before the names, by message. `units`: give the units, for formats
+    without."""
 
     def table(channel: str, names: list[str], message: str, unit: str, more: str = "") -> str:
         full = [prefix.get(message, "") + n for n in names]
@@ -99,8 +108,8 @@ def signals_toml(prefix: dict[str, str], units: bool = True, log: str = "", stee
     )
 
 
-def joined(parts: list[Message]) -> pd.DataFrame:
-    """An outer join over time, as tables of several rates are: most cells are empty."""
+def join_columns(parts: list[Message]) -> pd.DataFrame:
+    """Return an outer join over time: most cells are empty."""
     frames = [pd.DataFrame({"t": np.round(m.time, 9)} | m.columns) for m in parts]
     table = frames[0]
     for f in frames[1:]:
@@ -108,9 +117,9 @@ def joined(parts: list[Message]) -> pd.DataFrame:
     return table.sort_values("t").reset_index(drop=True)
 
 
-def german_csv(folder: Path, parts: list[Message]) -> Path:
-    """Semicolons, decimal comma, cp1252, a preamble, a row of units, milliseconds, values held at 100 Hz."""
-    table = joined(parts).ffill().dropna()
+def write_german_csv(folder: Path, parts: list[Message]) -> Path:
+    """Write a German CSV: decimal comma, cp1252, preamble, units, held values."""
+    table = join_columns(parts).ffill().dropna()
     units = {"LenkradWinkel": "°", "Gierrate": "°/s", "Querbeschl": "g", "Laengsbeschl": "m/s²"}
     names = ["Zeit", *table.columns[1:]]
     lines = ["Messung: Prüfstrecke", "Fahrer: Müller", "", ";".join(names)]
@@ -120,30 +129,30 @@ def german_csv(folder: Path, parts: list[Message]) -> Path:
     ]
     path = folder / "fahrt.csv"
     path.write_bytes("\r\n".join(lines).encode("cp1252"))
-    (folder / "signals.toml").write_text(signals_toml({}, units=False))
+    (folder / "signals.toml").write_text(make_signals_toml({}, units=False))
     return path
 
 
-def parquet(folder: Path, parts: list[Message]) -> Path:
-    """An outer join."""
+def write_parquet(folder: Path, parts: list[Message]) -> Path:
+    """Write an outer join."""
     path = folder / "drive.parquet"
-    joined(parts).to_parquet(path)
-    (folder / "signals.toml").write_text(signals_toml({}))
+    join_columns(parts).to_parquet(path)
+    (folder / "signals.toml").write_text(make_signals_toml({}))
     return path
 
 
-def feather(folder: Path, parts: list[Message]) -> Path:
-    """An outer join with dates for times."""
+def write_feather(folder: Path, parts: list[Message]) -> Path:
+    """Write an outer join with dates as times."""
     path = folder / "drive.feather"
-    table = joined(parts)
+    table = join_columns(parts)
     table["t"] = pd.to_datetime("2024-05-01T08:00:00") + pd.to_timedelta(table.t, unit="s")
     table.to_feather(path)
-    (folder / "signals.toml").write_text(signals_toml({}))
+    (folder / "signals.toml").write_text(make_signals_toml({}))
     return path
 
 
-def mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
-    """A group per message."""
+def write_mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
+    """Write a group per message."""
     from asammdf import MDF, Signal
 
     path = folder / name
@@ -154,7 +163,7 @@ def mdf(folder: Path, parts: list[Message], name: str, version: str) -> Path:
             )
         saved = made.save(path.with_suffix(".mf4" if version > "4" else ".mdf"), overwrite=True)
     Path(saved).replace(path)
-    (folder / "signals.toml").write_text(signals_toml({}, units=False))
+    (folder / "signals.toml").write_text(make_signals_toml({}, units=False))
     return path
 
 
@@ -181,8 +190,8 @@ BO_ 2566844158 imu: 8 ESP
 Frame: TypeAlias = tuple[float, int, bool, bytes, int]
 
 
-def frames(parts: list[Message]) -> list[Frame]:
-    """Time, identifier, is it extended, bytes and bus of every frame, in order."""
+def encode_frames(parts: list[Message]) -> list[Frame]:
+    """Return time, identifier, extended flag, bytes and bus of every frame, in order."""
     import cantools
 
     database = cantools.database.load_string(DBC, "dbc")
@@ -199,33 +208,40 @@ def frames(parts: list[Message]) -> list[Frame]:
 
 
 def write_bus(path: Path, sent: list[Frame]) -> None:
-    """Frames by python-can."""
+    """Write frames by python-can."""
     import can
 
     with can.Logger(str(path)) as logger:
         for t, identifier, extended, data, channel in sent:
-            logger.on_message_received(can.Message(timestamp=float(1.7e9 + t), arbitration_id=identifier, is_extended_id=extended,
-                                                   data=data, channel=channel))  # fmt: skip
+            logger.on_message_received(
+                can.Message(
+                    timestamp=float(1.7e9 + t),
+                    arbitration_id=identifier,
+                    is_extended_id=extended,
+                    data=data,
+                    channel=channel,
+                )
+            )
 
 
-def bus(folder: Path, parts: list[Message], name: str) -> Path:
-    """A bus, its database beside the log."""
+def write_bus_log(folder: Path, parts: list[Message], name: str) -> Path:
+    """Write a bus, with its database beside the log."""
     path = folder / name
-    write_bus(path, frames(parts))
+    write_bus(path, encode_frames(parts))
     (folder / "car.dbc").write_text(DBC)
-    text = signals_toml({"steer": "steer.", "wheels": "wheels.", "imu": "imu."}, units=False)
+    text = make_signals_toml({"steer": "steer.", "wheels": "wheels.", "imu": "imu."}, units=False)
     text = text.replace("ratio =", 'counter = "steer.LenkradBZ"\nratio =').replace(
         '[signals.yaw_rate]\n', '[signals.yaw_rate]\nvalid = {name = "imu.Gueltig", is = [1]}\n')  # fmt: skip
     (folder / "signals.toml").write_text(text)
     return path
 
 
-def savvycan(folder: Path, parts: list[Message]) -> Path:
-    """A table with a frame per row: whole microseconds, hexadecimal identifiers and bytes."""
+def write_savvycan(folder: Path, parts: list[Message]) -> Path:
+    """Write a table of frames: whole microseconds, hexadecimal identifiers and bytes."""
     lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"]
-    bus(folder, parts, "drive.blf")
+    write_bus_log(folder, parts, "drive.blf")
     (folder / "drive.blf").unlink()
-    for t, identifier, extended, data, _ in frames(parts):
+    for t, identifier, extended, data, _ in encode_frames(parts):
         cells = ",".join(f"{b:02X}" for b in data)
         lines.append(f"{round(1e6 * t)},{identifier:08X},{str(extended).lower()},Rx,0,{len(data)},{cells}")
     path = folder / "drive.csv"
@@ -234,7 +250,7 @@ def savvycan(folder: Path, parts: list[Message]) -> Path:
 
 
 def write_mf4_bus(path: Path, found: list[Frame]) -> None:
-    """Frames of a bus in MF4, as loggers write them."""
+    """Write frames of a bus in MF4, as loggers do."""
     from asammdf import MDF, Signal
     from asammdf.blocks.v4_blocks import SourceInformation
     from asammdf.blocks.v4_constants import BUS_TYPE_CAN
@@ -242,9 +258,14 @@ def write_mf4_bus(path: Path, found: list[Frame]) -> None:
     data = np.zeros((len(found), 8), np.uint8)
     for i, f in enumerate(found):
         data[i, : len(f[3])] = np.frombuffer(f[3], np.uint8)
-    kind = [("CAN_DataFrame.BusChannel", "u1"), ("CAN_DataFrame.ID", "u4"), ("CAN_DataFrame.IDE", "u1"), ("CAN_DataFrame.DLC",
-    "u1"),
-            ("CAN_DataFrame.DataLength", "u1"), ("CAN_DataFrame.DataBytes", "(8,)u1")]  # fmt: skip
+    kind = [
+        ("CAN_DataFrame.BusChannel", "u1"),
+        ("CAN_DataFrame.ID", "u4"),
+        ("CAN_DataFrame.IDE", "u1"),
+        ("CAN_DataFrame.DLC", "u1"),
+        ("CAN_DataFrame.DataLength", "u1"),
+        ("CAN_DataFrame.DataBytes", "(8,)u1"),
+    ]
     samples = np.zeros(len(found), kind)
     samples["CAN_DataFrame.BusChannel"] = [f[4] for f in found]
     samples["CAN_DataFrame.ID"] = [f[1] for f in found]
@@ -261,13 +282,13 @@ def write_mf4_bus(path: Path, found: list[Frame]) -> None:
         mdf.save(path, overwrite=True)
 
 
-def mf4_bus(folder: Path, parts: list[Message]) -> Path:
-    """A bus in MF4, its database beside it."""
+def write_mf4_bus_log(folder: Path, parts: list[Message]) -> Path:
+    """Write a bus in MF4, with its database beside the log."""
     path = folder / "bus.mf4"
-    write_mf4_bus(path, frames(parts))
+    write_mf4_bus(path, encode_frames(parts))
     (folder / "car.dbc").write_text(DBC)
     (folder / "signals.toml").write_text(
-        signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n')
+        make_signals_toml({}, units=False, log='[log]\ndatabases = ["car.dbc"]\n\n')
     )
     return path
 
@@ -276,12 +297,12 @@ WHEELS_MSG = "std_msgs/Header header\nfloat64 rad_vl\nfloat64 rad_vr\nfloat64 ra
 STEER_MSG = "std_msgs/Header header\nfloat64 angle"
 
 
-def _stamp(store: object, t: float) -> object:
+def _make_stamp(store: object, t: float) -> object:
     kinds = store.types
     return kinds["builtin_interfaces/msg/Time"](sec=int(t), nanosec=round(t % 1 * 1e9))
 
 
-def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, object], None]) -> None:
+def _write_ros(store: object, parts: list[Message], write: Callable[[str, str, float, object], None]) -> None:
     kinds = store.types
     header = kinds["std_msgs/msg/Header"]
     vector, quaternion = kinds["geometry_msgs/msg/Vector3"], kinds["geometry_msgs/msg/Quaternion"]
@@ -290,27 +311,48 @@ def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, 
 
     def head(t: float) -> object:
         named = {"seq": 0} if "seq" in getattr(header, "__dataclass_fields__", {}) else {}
-        return header(stamp=_stamp(store, 1.7e9 + t), frame_id="base", **named)
+        return header(stamp=_make_stamp(store, 1.7e9 + t), frame_id="base", **named)
 
     for i, t in enumerate(steer.time):
         made.append((t, "/steer", "car_msgs/msg/Steer", lambda i=i, t=t: kinds["car_msgs/msg/Steer"](
             header=head(t), angle=float(steer.columns["LenkradWinkel"][i]))))  # fmt: skip
     for i, t in enumerate(wheels.time):
-        made.append((t, "/wheels", "car_msgs/msg/Wheels", lambda i=i, t=t: kinds["car_msgs/msg/Wheels"](
-            header=head(t), **{f"rad_{n[3:].lower()}": float(x[i]) for n, x in wheels.columns.items()})))  # fmt: skip
+        made.append(
+            (
+                t,
+                "/wheels",
+                "car_msgs/msg/Wheels",
+                lambda i=i, t=t: kinds["car_msgs/msg/Wheels"](
+                    header=head(t), **{f"rad_{n[3:].lower()}": float(x[i]) for n, x in wheels.columns.items()}
+                ),
+            )
+        )
     for i, t in enumerate(imu.time):
         c = imu.columns
-        made.append((t, "/imu", "sensor_msgs/msg/Imu", lambda i=i, t=t, c=c: kinds["sensor_msgs/msg/Imu"](
-            header=head(t), orientation=quaternion(0.0, 0.0, 0.0, 1.0), orientation_covariance=np.zeros(9),
-            angular_velocity=vector(0.0, 0.0, float(c["Gierrate"][i] / DEG)), angular_velocity_covariance=np.zeros(9),
-            linear_acceleration=vector(float(c["Laengsbeschl"][i]), float(9.80665 * c["Querbeschl"][i]), 9.81),
-            linear_acceleration_covariance=np.zeros(9))))  # fmt: skip
+        made.append(
+            (
+                t,
+                "/imu",
+                "sensor_msgs/msg/Imu",
+                lambda i=i, t=t, c=c: kinds["sensor_msgs/msg/Imu"](
+                    header=head(t),
+                    orientation=quaternion(0.0, 0.0, 0.0, 1.0),
+                    orientation_covariance=np.zeros(9),
+                    angular_velocity=vector(0.0, 0.0, float(c["Gierrate"][i] / DEG)),
+                    angular_velocity_covariance=np.zeros(9),
+                    linear_acceleration=vector(
+                        float(c["Laengsbeschl"][i]), float(9.80665 * c["Querbeschl"][i]), 9.81
+                    ),
+                    linear_acceleration_covariance=np.zeros(9),
+                ),
+            )
+        )
     for t, topic, kind, message in sorted(made, key=lambda m: m[0]):
         write(topic, kind, 1.7e9 + t + 0.001, message())
 
 
-def _ros_signals(folder: Path) -> None:
-    text = signals_toml({"steer": "/steer.", "wheels": "/wheels."}).replace("LenkradWinkel", "angle")
+def _write_ros_signals(folder: Path) -> None:
+    text = make_signals_toml({"steer": "/steer.", "wheels": "/wheels."}).replace("LenkradWinkel", "angle")
     for place in ("VL", "VR", "HL", "HR"):
         text = text.replace(f"Rad{place}", f"rad_{place.lower()}")
     for german, field, unit in (
@@ -322,7 +364,7 @@ def _ros_signals(folder: Path) -> None:
     (folder / "signals.toml").write_text(text)
 
 
-def _store(ros1: bool = False) -> object:
+def _open_store(ros1: bool = False) -> object:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
@@ -333,7 +375,7 @@ def _store(ros1: bool = False) -> object:
     return store
 
 
-def _bag(
+def _write_bag(
     folder: Path,
     parts: list[Message],
     path: Path,
@@ -349,32 +391,32 @@ def _bag(
                 opened[topic] = writer.add_connection(topic, kind, typestore=store)
             writer.write(opened[topic], round(1e9 * t), serialized(message, kind))
 
-        _ros(store, parts, write)
-    _ros_signals(folder)
+        _write_ros(store, parts, write)
+    _write_ros_signals(folder)
     return path
 
 
-def rosbag2(folder: Path, parts: list[Message]) -> Path:
-    """The folder of a ROS 2 bag."""
+def write_rosbag2(folder: Path, parts: list[Message]) -> Path:
+    """Write the folder of a ROS 2 bag."""
     from rosbags.rosbag2 import Writer
 
-    store, path = _store(), folder / "bag"
-    return _bag(folder, parts, path, store, Writer(path, version=9), store.serialize_cdr)
+    store, path = _open_store(), folder / "bag"
+    return _write_bag(folder, parts, path, store, Writer(path, version=9), store.serialize_cdr)
 
 
-def rosbag1(folder: Path, parts: list[Message]) -> Path:
-    """A ROS 1 bag."""
+def write_rosbag1(folder: Path, parts: list[Message]) -> Path:
+    """Write a ROS 1 bag."""
     from rosbags.rosbag1 import Writer
 
-    store, path = _store(ros1=True), folder / "drive.bag"
-    return _bag(folder, parts, path, store, Writer(path), store.serialize_ros1)
+    store, path = _open_store(ros1=True), folder / "drive.bag"
+    return _write_bag(folder, parts, path, store, Writer(path), store.serialize_ros1)
 
 
-def mcap(folder: Path, parts: list[Message]) -> Path:
-    """ROS 2 messages in one MCAP."""
+def write_mcap(folder: Path, parts: list[Message]) -> Path:
+    """Write ROS 2 messages in one MCAP."""
     from mcap.writer import Writer
 
-    store, path, opened = _store(), folder / "drive.mcap", {}
+    store, path, opened = _open_store(), folder / "drive.mcap", {}
     with open(path, "wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2", library="test")
@@ -389,24 +431,24 @@ def mcap(folder: Path, parts: list[Message]) -> Path:
                 opened[topic], log_time=at, publish_time=at, data=bytes(store.serialize_cdr(message, kind))
             )
 
-        _ros(store, parts, write)
+        _write_ros(store, parts, write)
         writer.finish()
-    _ros_signals(folder)
+    _write_ros_signals(folder)
     return path
 
 
-def mat5(folder: Path, parts: list[Message]) -> Path:
-    """A struct per message, with its time."""
+def write_mat5(folder: Path, parts: list[Message]) -> Path:
+    """Write a struct per message, with its time."""
     from scipy.io import savemat
 
     path = folder / "drive.mat"
     savemat(path, {m.name: {"time": m.time} | m.columns for m in parts})
-    (folder / "signals.toml").write_text(signals_toml({m.name: f"{m.name}." for m in parts}))
+    (folder / "signals.toml").write_text(make_signals_toml({m.name: f"{m.name}." for m in parts}))
     return path
 
 
-def mat73(folder: Path, parts: list[Message]) -> Path:
-    """The same as HDF5."""
+def write_mat73(folder: Path, parts: list[Message]) -> Path:
+    """Write the same as HDF5."""
     import h5py
 
     path = folder / "drive73.mat"
@@ -418,32 +460,32 @@ def mat73(folder: Path, parts: list[Message]) -> Path:
                 )
     with open(path, "r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(116))
-    (folder / "signals.toml").write_text(signals_toml({m.name: f"{m.name}." for m in parts}))
+    (folder / "signals.toml").write_text(make_signals_toml({m.name: f"{m.name}." for m in parts}))
     return path
 
 
-FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # what it needs, who writes it
-    "MF4": ("asammdf", lambda f, p: mdf(f, p, "drive.mf4", "4.10")),
-    "MDF 3": ("asammdf", lambda f, p: mdf(f, p, "drive.dat", "3.30")),
-    "MF4, frames and DBC": ("asammdf", mf4_bus),
-    "BLF and DBC": ("can", lambda f, p: bus(f, p, "drive.blf")),
-    "ASC and DBC": ("can", lambda f, p: bus(f, p, "drive.asc")),
-    "TRC and DBC": ("can", lambda f, p: bus(f, p, "drive.trc")),
-    "frames in a CSV of python-can and DBC": ("can", lambda f, p: bus(f, p, "drive.csv")),
-    "frames in a CSV of SavvyCAN and DBC": ("can", savvycan),
-    "MCAP, ROS 2": ("mcap_ros2", mcap),
-    "ROS 2 bag": ("rosbags", rosbag2),
-    "ROS 1 bag": ("rosbags", rosbag1),
-    "Parquet": ("pyarrow", parquet),
-    "Feather": ("pyarrow", feather),
-    "MAT 5": ("scipy", mat5),
-    "MAT 7.3": ("h5py", mat73),
-    "German CSV": ("pandas", german_csv),
+FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # needed package, writer
+    "MF4": ("asammdf", lambda f, p: write_mdf(f, p, "drive.mf4", "4.10")),
+    "MDF 3": ("asammdf", lambda f, p: write_mdf(f, p, "drive.dat", "3.30")),
+    "MF4, frames and DBC": ("asammdf", write_mf4_bus_log),
+    "BLF and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.blf")),
+    "ASC and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.asc")),
+    "TRC and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.trc")),
+    "frames in a CSV of python-can and DBC": ("can", lambda f, p: write_bus_log(f, p, "drive.csv")),
+    "frames in a CSV of SavvyCAN and DBC": ("can", write_savvycan),
+    "MCAP, ROS 2": ("mcap_ros2", write_mcap),
+    "ROS 2 bag": ("rosbags", write_rosbag2),
+    "ROS 1 bag": ("rosbags", write_rosbag1),
+    "Parquet": ("pyarrow", write_parquet),
+    "Feather": ("pyarrow", write_feather),
+    "MAT 5": ("scipy", write_mat5),
+    "MAT 7.3": ("h5py", write_mat73),
+    "German CSV": ("pandas", write_german_csv),
 }
 
 
-def written(name: str, folder: Path, parts: list[Message]) -> Path:
-    """A log of this format; where what writes it is missing, the test is skipped."""
+def write_or_skip(name: str, folder: Path, parts: list[Message]) -> Path:
+    """Write a log of this format; skip the test if its writer is not installed."""
     needs, write = FORMATS[name]
     if find_spec(needs) is None:
         pytest.skip(f"{needs} is not installed: scripts/setup.sh logs")

@@ -437,7 +437,7 @@ def test_settings_of_a_filter_are_checked_and_win():
 
 
 def test_the_typed_names_are_those_of_the_tables():
-    subprocess.run([sys.executable, ROOT / "scripts" / "api_tables.py", "--check"], check=True)
+    subprocess.run([sys.executable, ROOT / "scripts" / "dev" / "api_tables.py", "--check"], check=True)
     names = [f.name for f in fields(tse.Estimate)]
     assert {f.name for f in library().fields(OUTPUT)} <= set(names)
     assert set(tse.Row.__annotations__) == {f.name for f in library().fields(INPUT)} - {

@@ -16,7 +16,7 @@ import tse
 from conftest import tselab_here
 from tse.channels.signals import read_signals
 from tse.gaps.run import workflow
-from tse.readers.recording import How
+from tse.readers.recording import ReadOptions
 from tse.report.report import figures_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -128,7 +128,7 @@ def test_a_log_is_proposed_as_the_file_beside_it_says_and_what_is_written_says_i
     done = tselab_here("signals", "log.csv", "--vehicle", folder / "car.toml", "--database", "car.dbc", "--write", "command.toml",
                        cwd=tmp_path)  # fmt: skip
     assert done.code == 0, done.err
-    wanted = How((tmp_path / "car.dbc",), step=0.01, separator=";")
+    wanted = ReadOptions((tmp_path / "car.dbc",), step=0.01, separator=";")
     assert read_signals(made).how == read_signals(tmp_path / "command.toml").how == wanted
     assert len(tse.read_log(tmp_path / "log.csv", CAR, signals=made)) == len(pd.read_csv(folder / "log.csv"))
 

@@ -31,7 +31,7 @@ from tse.identify.unknowns import LATE, UNKNOWNS, prior_of
 from tse.identify.vehicle_file import BEFORE, unexplained
 from tse.library.core import NOMINAL, Config
 from tse.library.files import read_toml
-from tse.log.rows import Log
+from tse.log.rows import CheckedLog
 
 ROOT = Path(__file__).resolve().parents[2]
 DRIVES = ("highway", "slalom")
@@ -375,7 +375,7 @@ def slip_of(config: Config, driven: str, stiffness: float, push: float, share: f
     return float(brentq(lambda slip: force(slip) - config.mass * push * share, -1.0, 1.0))
 
 
-def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: float = 1.0) -> Log:
+def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: float = 1.0) -> CheckedLog:
     """Return a log of a car that speeds up and coasts; front wheels later; its stiffness
     the file's times the factor.
 
@@ -413,7 +413,7 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
 
 def _all_wheel_drive(
     config: Config, t: np.ndarray, v: np.ndarray, push: np.ndarray, factor: float, rng: np.random.Generator
-) -> Log:
+) -> CheckedLog:
     """Return a log with wheel torques and brake: 70 % of the force in front, then 40 %, by turns of 30 s."""
     grid, by = np.linspace(push.min(), push.max(), 101), {}
     in_front = t // 30 % 2 == 1

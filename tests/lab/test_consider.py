@@ -8,7 +8,7 @@ import pytest
 
 from conftest import simulated
 from tse.estimation.verdict import of_uncertainty
-from tse.library.core import NOMINAL, STIFFNESS, Config, Filter
+from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter
 
 ROWS, DT = 6000, 0.01
 LAST = slice(ROWS - 500, None)  # rows of which the mean is compared: a single one has its own noise
@@ -37,7 +37,7 @@ def logged(
     driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
 ) -> np.ndarray:
     """The log, with columns changed by functions of time and column."""
-    rows = np.zeros(ROWS, Filter(Config.exact()).inputs(1).dtype)
+    rows = np.zeros(ROWS, NativeFilter(Config.exact()).inputs(1).dtype)
     t = DT * np.arange(ROWS)
     for name in rows.dtype.names:
         if name in driven.dtype.names:
@@ -52,7 +52,7 @@ def rms(x: np.ndarray) -> float:
 
 def estimated(rows: np.ndarray, **settings: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Estimates of all rows, and Filter.uncertainty_sd() at the end."""
-    filter_ = Filter(Config.exact(BASE | settings))
+    filter_ = NativeFilter(Config.exact(BASE | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     return out, filter_.uncertainty_sd()
@@ -159,7 +159,7 @@ def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.nda
         speed[i], force[i] = v, wish[i] - 0.1 * (v - 12.0)
         v += fine * (force[i] - 9.81 * np.sin(slope[i]))
     front = np.where(force > 0, 1.0, 0.65)
-    rows = np.zeros(len(t) // every, Filter(Config.exact()).inputs(1).dtype)
+    rows = np.zeros(len(t) // every, NativeFilter(Config.exact()).inputs(1).dtype)
     for axle, share in (("front", front), ("rear", 1.0 - front)):
         slip = share * mass * force / stiffness
         turned = np.where(slip > 0, speed / (1 - slip), speed * (1 + slip)) / radius
@@ -183,7 +183,7 @@ def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
         "driven_axle": 1.0,
         "grade_sd": 0.03,
     }
-    filter_ = Filter(Config.exact(settings))
+    filter_ = NativeFilter(Config.exact(settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     valid, off = out["cx_front_valid"][2000:] == 0, np.abs(out["cx_front"][2000:] - 1.0) > 0.1
@@ -235,7 +235,7 @@ def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -
     for dt in (DT, 1e-5, 1e-6):
         rows = logged(driven)
         rows["dt"][2000:2002] = dt, 2 * DT - dt
-        filter_ = Filter(config)
+        filter_ = NativeFilter(config)
         outputs = filter_.outputs(ROWS)
         filter_.step_into(rows, outputs)
         largest.append(outputs["cy_front_sd"][2000:].max())

@@ -1,6 +1,7 @@
-"""A damaged file ends in rows or in a sentence, whatever was done to it: cut, bits turned, pieces taken out or doubled.
+"""A damaged file gives rows or an error message, whatever the damage.
 
-TSE_DAMAGED says how many files of each kind are made (12; the long run: 200)."""
+Files are cut; bits change; parts are removed or doubled. TSE_DAMAGED is the number of
+files of each kind (12; in the long run 200)."""
 
 import gzip
 import os
@@ -13,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from conftest import tselab, tselab_here
-from log_formats import FORMATS, drive, messages, written
+from log_formats import FORMATS, make_drive, split_messages, write_or_skip
 from trade_files import (
     BUS_LOGS,
     DBC,
     ODD_LINES,
-    frames,
-    si,
+    add_wheels,
+    encode_frames,
     write_bus_log,
     write_candump,
     write_groups,
@@ -42,7 +43,7 @@ TRADE = {
     "long table": lambda f, s: write_long(f / "drive.csv", s),
     "packed table": lambda f, s: _packed(write_racechrono(f / "drive.csv", s)),
     "groups of MF4": lambda f, s: write_groups(f / "drive.mf4", s, 5.0),
-    **{name: (lambda f, s, name=name: write_bus_log(name, f, frames(s))) for name in BUS_LOGS},
+    **{name: (lambda f, s, name=name: write_bus_log(name, f, encode_frames(s))) for name in BUS_LOGS},
 }
 
 
@@ -54,7 +55,7 @@ def _packed(path: Path) -> Path:
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:
-    """A file with one kind of damage."""
+    """Return the file with one kind of damage."""
     made = bytearray(data)
     at = chance.randrange(len(made))
     kind = chance.randrange(6)
@@ -70,7 +71,7 @@ def damaged(data: bytes, chance: random.Random) -> bytes:
     elif kind == 4:
         made[at : at + 16] = bytes(chance.randrange(256) for _ in range(16))
     else:
-        begin = chance.randrange(min(len(made), 2000))  # where a file says what it is
+        begin = chance.randrange(min(len(made), 2000))  # in the description of the content
         made[begin : begin + 4] = bytes(chance.choice(b"\0\xff\n,;\"'[]()#*-0 9") for _ in range(4))
     return bytes(made)
 
@@ -98,7 +99,7 @@ def try_all(path: Path, target: Path, seed: str, car) -> None:
 
 @pytest.fixture(scope="module")
 def car(tmp_path_factory):
-    """A vehicle."""
+    """Return a vehicle."""
     path = tmp_path_factory.mktemp("damaged") / "car.toml"
     path.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     return read_vehicle(path)
@@ -106,21 +107,21 @@ def car(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def clean(car):
-    """Twelve seconds of a drive."""
-    return drive(car.path, seconds=12.0)
+    """Return twelve seconds of a drive."""
+    return make_drive(car.path, seconds=12.0)
 
 
 @pytest.mark.parametrize("name", TRADE)
 def test_a_damaged_file_of_the_trade_is_read_or_refused(name, car, clean, tmp_path):
     if "MF4" in name:
         pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
-    path = TRADE[name](tmp_path, si(clean)[:150])
+    path = TRADE[name](tmp_path, add_wheels(clean)[:150])
     try_all(path, path, name, car)
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_path):
-    path = written(name, tmp_path, messages(clean[:300]))
+    path = write_or_skip(name, tmp_path, split_messages(clean[:300]))
     (tmp_path / "signals.toml").unlink(missing_ok=True)
     target = (
         max((p for p in path.rglob("*") if p.is_file()), key=lambda p: p.stat().st_size)
@@ -132,12 +133,14 @@ def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_pa
 
 @pytest.mark.parametrize("odd", ["", *ODD_LINES])
 def test_a_damaged_database_is_read_or_refused(odd, car, clean, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(si(clean)[:150]), DBC + ODD_LINES.get(odd, "") + "\n")
+    path = write_candump(
+        tmp_path / "drive.log", encode_frames(add_wheels(clean)[:150]), DBC + ODD_LINES.get(odd, "") + "\n"
+    )
     try_all(path, tmp_path / "car.dbc", odd, car)
 
 
 def _header(first_group: int, first_history: int) -> bytes:
-    """An MDF 4 of two blocks."""
+    """Return the beginning of an MDF 4: two blocks."""
     name = b"MDF     4.10    test    ".ljust(28, b"\0") + struct.pack("<H", 410) + bytes(34)
     return (
         name
@@ -162,7 +165,7 @@ def test_blocks_that_point_to_themselves_do_not_keep_a_reader(block, where, tmp_
 
 @pytest.mark.parametrize("where", ["main", "thread"])
 def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
-    monkeypatch.setattr("tse.readers.recording.LEAST_TIME", 0.3)
+    monkeypatch.setattr("tse.readers.recording.BASE_READ_TIME", 0.3)
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
 
@@ -170,7 +173,7 @@ def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
         while True:
             try:
                 time.sleep(0)
-            except Exception:  # as readers do
+            except Exception:  # as parsers of other packages do
                 continue
 
     monkeypatch.setattr("tse.readers.read_text.read", read)
@@ -185,8 +188,8 @@ def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
 def test_a_thread_that_has_read_in_time_is_not_interrupted_later(monkeypatch, tmp_path):
     path = tmp_path / "drive.csv"
     path.write_text("time,x\n0,1\n1,2\n")
-    read_recording(path)  # what it needs is loaded now
-    monkeypatch.setattr("tse.readers.recording.LEAST_TIME", 1.0)
+    read_recording(path)  # load the needed packages before the measurement
+    monkeypatch.setattr("tse.readers.recording.BASE_READ_TIME", 1.0)
 
     def work() -> int:
         found = len(read_recording(path).channels)
@@ -199,11 +202,21 @@ def test_a_thread_that_has_read_in_time_is_not_interrupted_later(monkeypatch, tm
         assert pool.submit(work).result(timeout=30) == 1
 
 
-@pytest.mark.parametrize(("text", "says"), [
-    ("time," + ",".join(f"c{i}" for i in range(30000)) + "\n" + ",".join("1" for _ in range(30001)) + "\n", "has 30,001 columns"),
-    ("time," + "x" * 100000 + "\n0,1\n1,2\n", "a cell has 100,000 characters"),
-    ("time," + "x" * 2000 + "\n0,1\n1,2\n", "the name of a column has 2,000 characters"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "time,"
+            + ",".join(f"c{i}" for i in range(30000))
+            + "\n"
+            + ",".join("1" for _ in range(30001))
+            + "\n",
+            "has 30,001 columns",
+        ),
+        ("time," + "x" * 100000 + "\n0,1\n1,2\n", "a cell has 100,000 characters"),
+        ("time," + "x" * 2000 + "\n0,1\n1,2\n", "the name of a column has 2,000 characters"),
+    ],
+)
 @pytest.mark.parametrize("command", ["signals", "estimate"])
 def test_a_table_that_is_too_wide_or_has_too_long_a_name_is_refused(text, says, command, car, tmp_path):
     (tmp_path / "drive.csv").write_text(text)
@@ -225,7 +238,7 @@ def test_what_is_no_regular_file_is_refused_before_it_is_read(tmp_path):
 
 
 def test_what_unpacks_to_far_more_than_a_log_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("tse.readers.readers.LEAST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("tse.readers.readers.MIN_UNPACKED_LIMIT", 1 << 20)
     (tmp_path / "drive.csv.gz").write_bytes(gzip.compress(b"time,x\n" + b"0,0\n" * 1000000))
     done = tselab_here("signals", tmp_path / "drive.csv.gz")
     assert done.code == 2 and "unpacks to more than 1 MB, 40 times its size" in done.err

@@ -12,7 +12,7 @@ from tse.library.core import (
     REPLAY_LOG,
     STIFFNESS,
     Config,
-    Filter,
+    NativeFilter,
     Replay,
     SettingError,
     SimConfig,
@@ -282,7 +282,7 @@ def driven() -> np.ndarray:
 
 
 def estimated(rows: np.ndarray, **settings: float) -> np.void:
-    filter_ = Filter(Config.exact({"driven_axle": 1.0} | settings))
+    filter_ = NativeFilter(Config.exact({"driven_axle": 1.0} | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     return out[-1]

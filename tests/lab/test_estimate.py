@@ -26,7 +26,7 @@ from tse.estimation import estimate as module
 from tse.estimation.estimate import estimate_to
 from tse.estimation.verdict import remarks, verdicts
 from tse.library.errors import UserError
-from tse.log.rows import Log, Reading, average, columns
+from tse.log.rows import CheckedLog, Reading, average, list_columns
 from tse.report import results
 from tse.report.results import run_facts
 from tse.runs import single
@@ -262,11 +262,11 @@ def test_average_takes_rows_as_they_come():
         [0, 0.01, 0.02, 0.03, 0.1, 0.13, 0.14, 0.19, 0.2, 0.21, 0.22, 0.23, 5.0, 5.01, 5.02, 5.03, 5.1]
     )
     n = len(time)
-    data = pd.DataFrame(dict.fromkeys(columns()[1:], 10.0 * time))
+    data = pd.DataFrame(dict.fromkeys(list_columns()[1:], 10.0 * time))
     data.loc[4:6, "accel_x"] = np.nan  # three of a block
     data.loc[8, "accel_y"] = np.nan  # one
     ref = pd.DataFrame({"ref_vel_x": np.where(time < 5, 1.0, np.nan)})
-    log = average(Log(Path("x.csv"), time, data, ref, np.arange(n) + 2, 0.01), 0.1)
+    log = average(CheckedLog(Path("x.csv"), time, data, ref, np.arange(n) + 2, 0.01), 0.1)
     assert log.time == pytest.approx(
         [0.015, 0.14, 0.215, 5.015]
     )  # mean times; the last row alone is no block

@@ -1,4 +1,4 @@
-"""What is written is written whole or not at all, also where a disk is full; and nothing is written over an input."""
+"""Files are written completely or not at all, even on a full disk; inputs are kept."""
 
 import csv
 import errno
@@ -21,11 +21,11 @@ from tse.estimation.estimate import csv_header, csv_rows
 from tse.library import files
 from tse.library.errors import UserError
 
-KB = 40  # of room: less than any result of a drive
+KB = 40  # allowed size of a file; every result of a drive is larger
 
 
 def with_little_room(*args: object, room: int = KB) -> subprocess.CompletedProcess[str]:
-    """The command with a limit to the size of a file, which says what a full disk says: not one byte more."""
+    """Run the command with a limit to the size of a file, as on a full disk."""
 
     def limit() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -133,7 +133,7 @@ def test_whatever_fails_the_old_file_stays_and_no_other(where, tmp_path, monkeyp
         monkeypatch.setattr(files.os, where, fail)
     with (
         pytest.raises(UserError, match=f"{path}: cannot be written: No space left"),
-        files.atomic(path) as file,
+        files.write_atomically(path) as file,
     ):
         file.write("new\n")
         if where == "block":
@@ -148,7 +148,7 @@ def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path):
     path.write_text("as before\n")
     path.chmod(0o640)
     link.symlink_to(path)
-    with files.atomic(link) as file:
+    with files.write_atomically(link) as file:
         file.write("new\n")
     assert not link.is_symlink() and link.read_text() == "new\n" and link.stat().st_mode & 0o777 == 0o640
     assert path.read_text() == "as before\n"
@@ -162,8 +162,8 @@ def test_what_a_killed_process_has_left_is_cleared_and_nothing_else(tmp_path):
     for path in (left, other, held):
         os.utime(path, (1e9, 1e9))
     with open(held) as file:
-        files.fcntl.flock(file, files.fcntl.LOCK_EX)  # as a process that goes on writing it
-        with files.atomic(tmp_path / "e.csv") as made:
+        files.fcntl.flock(file, files.fcntl.LOCK_EX)  # as another process that still writes it
+        with files.write_atomically(tmp_path / "e.csv") as made:
             made.write("whole\n")
     assert {p.name for p in tmp_path.iterdir()} == {"e.csv", young.name, other.name, held.name}
 
@@ -213,7 +213,7 @@ def test_the_content_is_on_the_disk_before_it_has_the_name(tmp_path, monkeypatch
 
     monkeypatch.setattr(files.os, "fsync", synced)
     monkeypatch.setattr(files.os, "replace", replaced)
-    with files.atomic(path) as file:
+    with files.write_atomically(path) as file:
         file.write("new\n")
     assert order == [4, "name", "folder"]
 
@@ -236,12 +236,29 @@ def test_a_link_to_an_input_is_that_input(drive, tmp_path):
     assert "--report is the same file as --out" in done.err
 
 
-@pytest.mark.parametrize(("command", "option", "same"), [
-    (("calibrate", "a.csv", "--vehicle", "car.toml", "--hold-out", "b.csv", "--out", "x.toml", "--table", "b.csv"),
-     "--table", "b.csv"),
-    (("formula", "play.toml", "--c", "play.toml"), "--c", "the formula"),
-    (("fmu", "parameters", "x.fmu", "--vehicle", "car.toml", "--out", "car.toml"), "--out", "--vehicle"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("command", "option", "same"),
+    [
+        (
+            (
+                "calibrate",
+                "a.csv",
+                "--vehicle",
+                "car.toml",
+                "--hold-out",
+                "b.csv",
+                "--out",
+                "x.toml",
+                "--table",
+                "b.csv",
+            ),
+            "--table",
+            "b.csv",
+        ),
+        (("formula", "play.toml", "--c", "play.toml"), "--c", "the formula"),
+        (("fmu", "parameters", "x.fmu", "--vehicle", "car.toml", "--out", "car.toml"), "--out", "--vehicle"),
+    ],
+)
 def test_no_command_writes_over_what_it_reads(command, option, same, drive, tmp_path):
     for name, path in {"a.csv": drive.log, "b.csv": drive.log, "car.toml": drive.vehicle}.items():
         (tmp_path / name).write_bytes(path.read_bytes())
@@ -254,33 +271,33 @@ def test_no_command_writes_over_what_it_reads(command, option, same, drive, tmp_
     assert {p: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
-# ---- seals
+# ---- Seals
 
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    files.secret.cache_clear()
+    files.load_secret.cache_clear()
     yield tmp_path / "state"
-    files.secret.cache_clear()
+    files.load_secret.cache_clear()
 
 
 def test_the_next_process_of_a_user_has_the_same_secret(home):
-    first = files.secret()
+    first = files.load_secret()
     kept = home / "tselab" / "seal.key"
-    assert kept.read_bytes() == first and len(first) == files.BYTES
+    assert kept.read_bytes() == first and len(first) == files.SECRET_BYTES
     assert [p.name for p in kept.parent.iterdir()] == ["seal.key"]
     if os.name == "posix":
         assert kept.stat().st_mode & 0o077 == 0
-    files.secret.cache_clear()
-    assert files.secret() == first
+    files.load_secret.cache_clear()
+    assert files.load_secret() == first
 
 
 def test_another_user_has_another(home, tmp_path, monkeypatch):
-    first = files.seal(["one", "two"])
+    first = files.compute_seal(["one", "two"])
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "other"))
-    files.secret.cache_clear()
-    assert files.seal(["one", "two"]) != first
+    files.load_secret.cache_clear()
+    assert files.compute_seal(["one", "two"]) != first
 
 
 @pytest.mark.parametrize("there", [b"", b"short", bytes(33)])
@@ -291,12 +308,12 @@ def test_where_none_can_be_kept_each_process_has_its_own(there, home):
         (home / "tselab" / "seal.key").write_bytes(there)
     else:
         (home / "tselab").write_text("a file, in which no folder can be")
-    first = files.secret()
-    files.secret.cache_clear()
-    assert len(first) == files.BYTES and files.secret() != first
+    first = files.load_secret()
+    files.load_secret.cache_clear()
+    assert len(first) == files.SECRET_BYTES and files.load_secret() != first
 
 
-# ---- Tables written fast: the same bits come back, and it reads as what pandas writes.
+# ---- Tables that are written fast: pandas reads back the same bits.
 
 
 def written(table) -> str:
@@ -308,7 +325,7 @@ def as_pandas(table: pd.DataFrame) -> str:
 
 
 def cells(text: str) -> list[list[object]]:
-    """The cells of a table: whatever is a number by its value, the rest as it stands."""
+    """Return the cells of a table: numbers by their value, other cells as texts."""
 
     def value(cell: str) -> object:
         try:
@@ -336,17 +353,24 @@ def test_numbers_have_the_shortest_digits_and_every_bit(kind):
 
 
 def usual(seed: int, rows: int = 500) -> dict:
-    """Columns as estimates have them: numbers of both precisions, whole, missing, all alike; words."""
+    """Return columns like those of estimates: numbers of many kinds, and words."""
     rng = np.random.default_rng(seed)
     size = 10.0 ** rng.uniform(-9, 9, rows)
     some = np.where(rng.random(rows) < 0.5, np.nan, np.round(size % 7))
     return {
-        "time": np.arange(rows) * 0.01, "x": (rng.standard_normal(rows) * size).astype(np.float32), "y": some.astype(np.float32),
-        "log": rng.uniform(-1, 1, rows) * 1e3, "none": np.full(rows, np.nan, np.float32), "one": np.ones(rows, np.float32),
-        "zero": np.where(rng.random(rows) < 0.5, -0.0, 0.0).astype(np.float32), "code": rng.integers(-5, 9, rows, np.int32),
-        "count": rng.integers(0, 2**23, rows), "same": pd.Categorical(["valid"] * rows),
-        "word": pd.Categorical(rng.choice(["a b", "c"], rows)), "part": pd.Categorical([None, *["x"] * (rows - 1)]),
-    }  # fmt: skip
+        "time": np.arange(rows) * 0.01,
+        "x": (rng.standard_normal(rows) * size).astype(np.float32),
+        "y": some.astype(np.float32),
+        "log": rng.uniform(-1, 1, rows) * 1e3,
+        "none": np.full(rows, np.nan, np.float32),
+        "one": np.ones(rows, np.float32),
+        "zero": np.where(rng.random(rows) < 0.5, -0.0, 0.0).astype(np.float32),
+        "code": rng.integers(-5, 9, rows, np.int32),
+        "count": rng.integers(0, 2**23, rows),
+        "same": pd.Categorical(["valid"] * rows),
+        "word": pd.Categorical(rng.choice(["a b", "c"], rows)),
+        "part": pd.Categorical([None, *["x"] * (rows - 1)]),
+    }
 
 
 @pytest.mark.parametrize("rows", [1, 2, 500])
@@ -388,10 +412,15 @@ MIXED = pd.DataFrame(
 
 @pytest.mark.parametrize(
     "change",
-    [{}, {"flag": [True, False, True]}, {"word": ['say "x"', "a,b", "two\nlines"]}, {"x": [np.inf, -np.inf, np.nan]},
-     {"word": ["", None, "x"]},
-     {'head,"er': [1, 2, 3]}],
-)  # fmt: skip
+    [
+        {},
+        {"flag": [True, False, True]},
+        {"word": ['say "x"', "a,b", "two\nlines"]},
+        {"x": [np.inf, -np.inf, np.nan]},
+        {"word": ["", None, "x"]},
+        {'head,"er': [1, 2, 3]},
+    ],
+)
 def test_a_table_reads_as_what_pandas_writes(change):
     table = MIXED.assign(**change)
     assert cells(written(table)) == cells(as_pandas(table))

@@ -21,7 +21,7 @@ from tse.car.vehicle import read_vehicle
 from tse.estimation.estimate import write_table
 from tse.library.core import STIFFNESS, Config, SimConfig
 from tse.library.errors import Interrupted, UserError
-from tse.library.processes import Local, check_workers
+from tse.library.processes import LocalPool, check_workers
 from tse.log.rows import Reading
 from tse.report.report import figures_of
 from tse.runs import work as module
@@ -222,7 +222,7 @@ def task(log: Path) -> Task:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(tmp_path):
-    with Local(kill_this_process, 2) as workers:
+    with LocalPool(kill_this_process, 2) as workers:
         for name in ("a", "deadly", "b"):
             workers.submit(task(tmp_path / name))
         found = {t.log.name: outcome_of(t, result) for t, result in (workers.next() for _ in range(3))}
@@ -312,7 +312,7 @@ def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Local, "next", stop)
+    monkeypatch.setattr(LocalPool, "next", stop)
     found = drives([str(logs / "logs")], logs / "car.toml", None, None, tmp_path)
     with pytest.raises(Interrupted, match=r"keeps the 0 of 9 logs .* the same command goes on"):
         run(found, Plan(Reading(), reports=False), Store(tmp_path, False), 1)
@@ -432,7 +432,7 @@ from tse.library import processes
 
 if __name__ == "__main__":
     try:
-        with contextlib.closing(processes.each(time.sleep, [0.004] * 3000, 2)) as results:
+        with contextlib.closing(processes.run_in_processes(time.sleep, [0.004] * 3000, 2)) as results:
             for i, _ in enumerate(results):
                 if i == 3:
                     print("busy", flush=True)

@@ -26,10 +26,11 @@ from tse.gaps.infer.naming import Named, name
 from tse.gaps.parallel import apart, is_copy
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.gaps.run import workflow
-from tse.identify.data import BURN_IN, fresh, prepare, prepare_all, simulate, smoothed
+from tse.identify.data import BURN_IN, prepare, prepare_all, simulate, smoothed
 from tse.library.core import Config, Replay
 from tse.library.errors import UserError
-from tse.log.rows import MEASURES, Log, Reading
+from tse.log.noise import find_new_values
+from tse.log.rows import MEASURES, CheckedLog, Reading
 from tse.report.results import plain
 
 TIME = 0.005 * np.arange(4000)
@@ -40,7 +41,7 @@ SIGNAL = np.sin(1.7 * TIME) + 0.3 * np.sin(11.0 * TIME)
 def test_a_slow_signal_held_in_a_fast_log_is_taken_where_it_is_new(hold: int) -> None:
     held = np.repeat(SIGNAL[3::hold], hold)[: len(TIME) - 3]
     held = np.append(np.full(3, SIGNAL[0]), held)
-    found = fresh(held)
+    found = find_new_values(held)
     assert found[1:].mean() == pytest.approx(1.0 / hold, abs=2e-3)
     np.testing.assert_array_equal(held[found][2:], SIGNAL[found][2:])
     late = np.abs(smoothed(TIME, held) - SIGNAL)[50:-50].max()
@@ -49,20 +50,20 @@ def test_a_slow_signal_held_in_a_fast_log_is_taken_where_it_is_new(hold: int) ->
 
 def test_the_same_value_again_is_new_at_its_beat() -> None:
     slow = np.round(SIGNAL[::4], 1)
-    assert fresh(np.repeat(slow, 4))[4:].mean() == pytest.approx(0.25, abs=0.01)
+    assert find_new_values(np.repeat(slow, 4))[4:].mean() == pytest.approx(0.25, abs=0.01)
 
 
 @pytest.mark.parametrize("step", [0.0, 0.01, 0.2])
 def test_a_fast_signal_is_new_in_every_row_however_coarse(step: float) -> None:
     noisy = SIGNAL + 0.02 * np.random.default_rng(1).standard_normal(len(TIME))
-    assert fresh(np.round(noisy / step) * step if step else noisy).all()
+    assert find_new_values(np.round(noisy / step) * step if step else noisy).all()
 
 
 def test_a_sensor_that_stands_still_is_no_slow_one() -> None:
     stuck = SIGNAL.copy()
     stuck[1000:1300] = stuck[1000]
-    assert fresh(stuck).all()
-    assert fresh(np.zeros(100)).all()
+    assert find_new_values(stuck).all()
+    assert find_new_values(np.zeros(100)).all()
 
 
 def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
@@ -236,7 +237,7 @@ class Clean:
 
     vehicle: Path
     problem: Problem
-    log: Log
+    log: CheckedLog
     undetectable: dict[str, dict]
 
     def named_when_hidden(self, effect: str, times: float) -> list[Named]:

@@ -38,7 +38,7 @@ from tse.identify.problem import SPEED_TIME, Problem, as_measured
 from tse.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, prior_of
 from tse.library.core import Config, Replay, SimConfig, Simulator
 from tse.library.errors import UserError
-from tse.log.rows import Slower
+from tse.log.rows import SlowChannel
 
 DT = 0.01
 LATE = {
@@ -427,7 +427,7 @@ def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp
     for k, (name, x) in enumerate(true.items()):
         own = x[::2] + noise * np.random.default_rng(k).standard_normal(len(time))
         log.data[name] = CubicSpline(time, own)(log.time)
-        log.slower[name] = Slower(time, own, 2.0)
+        log.slower[name] = SlowChannel(time, own, 2.0)
     ready = prepare(log, Config.exact(QUIET))
     for name, x in true.items():
         own = smoothed(time, log.slower[name].value)

@@ -7,7 +7,7 @@ import pytest
 from conftest import RAN, simulated, tselab_here
 from tse.car.vehicle import latency_settings, read_vehicle
 from tse.estimation import regimes
-from tse.library.core import STIFFNESS, Config, Filter, SettingError, library
+from tse.library.core import STIFFNESS, Config, NativeFilter, SettingError, library
 from tse.library.errors import UserError
 from tse.report import plots
 from tse.report.report import figures_of
@@ -35,7 +35,7 @@ def driven() -> np.ndarray:
 def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:
     """The log every 10 ms with the sensors' noise, in which columns are late by so many seconds."""
     config, random = Config.exact(), np.random.default_rng(seed)
-    rows = np.zeros(ROWS, Filter(config).inputs(1).dtype)
+    rows = np.zeros(ROWS, NativeFilter(config).inputs(1).dtype)
     fine, t = DT / 10 * np.arange(len(driven)), DT * np.arange(ROWS)
     for channel in library().channels:
         name = channel.name
@@ -47,7 +47,9 @@ def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndar
 
 
 def estimated(rows: np.ndarray, late: dict[str, float], **settings: float) -> np.ndarray:
-    filter_ = Filter(Config.exact(STRICT | settings | {f"{name}_latency": by for name, by in late.items()}))
+    filter_ = NativeFilter(
+        Config.exact(STRICT | settings | {f"{name}_latency": by for name, by in late.items()})
+    )
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     return out
@@ -212,4 +214,4 @@ def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
 
 def test_latencies_that_the_filter_cannot_keep_are_refused_with_their_name() -> None:
     with pytest.raises(SettingError, match=r"wheel_speed_rear_latency = 0\.2 is refused"):
-        Filter(Config.exact({"sample_time": 0.005, "wheel_speed_rear_latency": 0.2}))
+        NativeFilter(Config.exact({"sample_time": 0.005, "wheel_speed_rear_latency": 0.2}))

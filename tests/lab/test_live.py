@@ -16,8 +16,8 @@ import pytest
 
 import tse
 from conftest import RAN, tselab, tselab_here
-from log_formats import RADIUS, RATIO, TRACK, drive
-from trade_files import DBC, frames
+from log_formats import RADIUS, RATIO, TRACK, make_drive
+from trade_files import DBC, encode_frames
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
@@ -64,14 +64,14 @@ def sent(
     folder: Path, seconds: float = 20.0, qualifier: np.ndarray | None = None
 ) -> list[tuple[float, int, bytes]]:
     """Frames of a drive, three messages each 10 ms."""
-    clean = drive(folder / "car.toml", seconds)
+    clean = make_drive(folder / "car.toml", seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
         for side, sign in (("l", -1), ("r", 1)):
             table[letter + side] = (
                 clean[f"wheel_speed_{axle}"] * RADIUS[axle] + sign * 0.5 * TRACK * clean.yaw_rate
             )
-    return frames(table, qualifier)
+    return encode_frames(table, qualifier)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What is said of a log, and what comes out, does not depend on where something is wrong, nor on the pieces in which it is read."""
+"""Notes and rows of a log are the same for any place of an error and size of chunks."""
 
 import time
 from pathlib import Path
@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from log_formats import FORMATS, drive, messages, written
+from log_formats import FORMATS, make_drive, split_messages, write_or_skip
 from tse.car.vehicle import read_vehicle
 from tse.channels import raster
 from tse.channels.log import read_log
@@ -18,7 +18,7 @@ from tse.estimation import estimate
 from tse.library.core import Config, library
 from tse.library.errors import UserError
 from tse.log import rows
-from tse.log.clock import BRIDGED, straight
+from tse.log.clock import BRIDGED_GAP, straighten_time
 from tse.log.rows import Reading
 from tse.readers.recording import Growing
 
@@ -103,7 +103,7 @@ TRACK, RADIUS = 1.5, 0.3
 
 
 def four_wheels(folder, **columns):
-    """A log with four wheel speeds of a car that turns, and the speeds of the middles of both axles, rad/s."""
+    """Write a log of a turning car with four wheels; return the axles' means, rad/s."""
     t = 0.01 * np.arange(400)
     turn = 0.4 * np.sin(t)
     middle = {"wheel_speed_front": 60.0 + t, "wheel_speed_rear": 60.2 + t}
@@ -167,10 +167,10 @@ def test_a_wheel_out_of_range_is_missing_and_named_with_its_side(tmp_path):
         "wheel_speed_rear_right: 1 values outside -400 .. 400 rad/s are treated as missing (first in line 9)"
         in log.notes
     )
-    assert log.data["wheel_speed_rear"].notna().all()  # the other wheel stands in
+    assert log.data["wheel_speed_rear"].notna().all()  # the other wheel replaces it
 
 
-# ---- very long logs, here those of more than a few rows
+# ---- Very long logs, here those with more than a few rows
 
 
 def test_of_a_very_long_log_a_part_of_the_rows_is_kept_for_the_verdict_and_all_are_counted(
@@ -190,31 +190,31 @@ def test_noise_and_units_of_a_very_long_log_are_those_of_its_liveliest_part(driv
     log = read_log(drive.log)
     log.data["yaw_rate"] *= 0.01
     log.data.loc[1200:1599, "yaw_rate"] *= 100.0
-    part = rows.liveliest(log, 400)
+    part = rows.select_liveliest(log, 400)
     assert len(part) == 400 and part.time[0] == log.time[1200] and part.line[0] == log.line[1200]
     assert np.array_equal(part.data["accel_y"], log.data["accel_y"][1200:1600])
-    assert rows.liveliest(log, 2001) is log
+    assert rows.select_liveliest(log, 2001) is log
 
 
-# ---- what is read of a log in pieces is what is read as a whole
+# ---- Reading in chunks gives the same as reading at once
 
 
 SECONDS = 30.0
-SMALL = 300  # entries of a piece in these tests
+SMALL = 300  # rows of a chunk in these tests
 
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
-    """Messages of a drive, and the car's file."""
+    """Return the messages of a drive, and the vehicle file."""
     car = tmp_path_factory.mktemp("long") / "car.toml"
     car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
-    return messages(drive(car, SECONDS).iloc[: round(100 * SECONDS)]), car
+    return split_messages(make_drive(car, SECONDS).iloc[: round(100 * SECONDS)]), car
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_path, monkeypatch):
     parts, car = short
-    path, reading = written(name, tmp_path, parts), Reading(car=read_vehicle(car))
+    path, reading = write_or_skip(name, tmp_path, parts), Reading(car=read_vehicle(car))
     whole = read_log(path, reading=reading)
     in_small_pieces(monkeypatch)
     log = read_log(path, reading=reading)
@@ -226,19 +226,19 @@ def test_a_log_in_pieces_is_the_log_as_a_whole_to_the_last_bit(name, short, tmp_
 
 
 def in_small_pieces(monkeypatch) -> None:
-    """Everything as of a log that is a hundred times as long."""
+    """Use small chunks, as if the log were a hundred times as long."""
     for name in ("channels.raster", "readers.read_can", "readers.read_mdf", "readers.read_text"):
-        monkeypatch.setattr(f"tse.{name}.PIECE", SMALL)
-    monkeypatch.setattr("tse.readers.read_mat.MOST_AT_ONCE", 0)
+        monkeypatch.setattr(f"tse.{name}.CHUNK_ROWS", SMALL)
+    monkeypatch.setattr("tse.readers.read_mat.MAX_BYTES_AT_ONCE", 0)
 
 
 def test_a_spline_in_pieces_has_the_same_bits(monkeypatch):
     rng = np.random.default_rng(1)
     t = np.cumsum(rng.uniform(0.015, 0.025, 20000))
-    x = np.where((t > 100) & (t < 250), 0.0, rng.normal(size=len(t)))  # where nothing is, it still rings
+    x = np.where((t > 100) & (t < 250), 0.0, rng.normal(size=len(t)))  # the spline rings at 0, too
     at = np.arange(t[0], t[-1], 0.01)
     whole = resample(t, x, at, 100.0)
-    monkeypatch.setattr(raster, "PIECE", 1500)
+    monkeypatch.setattr(raster, "CHUNK_ROWS", 1500)
     assert np.array_equal(resample(t, x, at, 100.0), whole)
 
 
@@ -251,18 +251,18 @@ def test_a_column_that_grows_knows_what_is_missing():
     np.testing.assert_array_equal(column.array(), [np.nan, np.nan, 2.0, np.nan, np.nan, 4.0, np.nan, np.nan])
 
 
-# ---- From channels with their own time to rows, and clocks that are wrong.
+# ---- From channels with their own times to rows; wrong clocks
 
 T = np.arange(0, 20, 0.001)
 
 
 def test_what_is_above_the_new_rate_does_not_come_down_as_something_slow():
-    """A vibration of 97 Hz in a channel of 1 kHz would be 3 Hz at 100 Hz."""
+    """Without a filter, a vibration of 97 Hz at 1 kHz becomes 3 Hz at 100 Hz."""
     slow, fast = np.sin(2 * np.pi * 2 * T), np.sin(2 * np.pi * 97 * T)
     time = np.arange(0.5, 19.5, 0.01)
     found = resample(T, slow + fast, time, 100.0)
     assert np.std(found - np.sin(2 * np.pi * 2 * time)) < 0.01
-    taken = np.interp(time, T, slow + fast)  # what taking every tenth one would do
+    taken = np.interp(time, T, slow + fast)  # the result of taking every tenth sample
     assert np.std(taken - np.sin(2 * np.pi * 2 * time)) > 0.5
 
 
@@ -297,14 +297,14 @@ def test_held_values_are_entries_where_they_are_new():
 
 
 def test_a_value_that_stands_still_is_no_hole():
-    """Straight on, the steering wheel shows the same for seconds."""
+    """On a straight road, the steering-wheel angle stays the same for seconds."""
     x = np.repeat(np.maximum(np.sin(np.arange(0, 60, 0.05)), 0.0), 5)
     t, _ = select_entries(Series("steer_angle", np.arange(len(x)) * 0.01, x))
     assert np.diff(t).max() < 0.11
 
 
 def table(**late: float) -> dict[str, Series]:
-    """Channels of three rates, of which one has a gap."""
+    """Return channels of three rates; one of them has a gap."""
     rates = {
         "steer_angle": 20,
         "wheel_speed_front": 50,
@@ -367,18 +367,18 @@ def test_an_even_table_is_left_as_it_is():
     assert rows.time is t and rows.value["yaw_rate"] is x["yaw_rate"].value and rows.rate == pytest.approx(50)
 
 
-# ---- clocks
+# ---- Clocks
 
 
 def test_a_good_clock_is_left_alone():
     t = np.array([0.0, 0.01, 0.03, 5.0])
-    found, keep, notes = straight(t)
+    found, keep, notes = straighten_time(t)
     assert keep.all() and not notes and np.array_equal(found, t)
 
 
 def test_a_clock_that_wraps_goes_on():
     t = np.arange(0, 20, 0.01)
-    found, keep, notes = straight(t % 8.0)
+    found, keep, notes = straighten_time(t % 8.0)
     np.testing.assert_allclose(found, t, atol=1e-9)
     assert keep.all() and "goes back 2 times (first by 7.99 s" in notes[0]
 
@@ -386,7 +386,7 @@ def test_a_clock_that_wraps_goes_on():
 def test_late_entries_are_left_out_and_no_jump():
     t = np.arange(0, 2, 0.01)
     t[[50, 120]] -= 0.035
-    found, keep, notes = straight(t)
+    found, keep, notes = straighten_time(t)
     assert list(np.flatnonzero(~keep)) == [50, 120] and (np.diff(found) > 0).all()
     assert notes == ["2 entries are out of order: left out"]
 
@@ -395,27 +395,30 @@ def test_many_late_entries_take_no_longer_each_than_a_few():
     t = np.arange(300000) * 0.01
     t[::10] -= 0.025
     begin = time.process_time()
-    found, keep, notes = straight(t)
+    found, keep, notes = straighten_time(t)
     assert time.process_time() - begin < 8.0 and notes == ["29999 entries are out of order: left out"]
     assert np.array_equal(found, t[keep]) and np.flatnonzero(~keep).tolist() == list(range(10, 300000, 10))
 
 
 def test_a_coarse_clock_is_spread_over_its_ticks():
     t = np.arange(0, 20, 0.01)
-    found, keep, notes = straight(np.floor(t * 10) / 10)
+    found, keep, notes = straighten_time(np.floor(t * 10) / 10)
     assert keep.all() and np.abs(found - t).max() < 1e-9 and "coarser" in notes[0]
 
 
 def test_messages_of_a_bus_may_share_a_time():
     t = np.repeat(np.arange(0, 2, 0.01), 3)
-    found, keep, notes = straight(t, together=True)
+    found, keep, notes = straighten_time(t, together=True)
     assert keep.all() and not notes and np.array_equal(found, t)
 
 
 def test_a_clock_that_is_set_ahead_leaves_a_gap():
     t = np.arange(0, 20, 0.01)
-    found, _, notes = straight(np.where(t > 10, t + 1e6, t))
-    assert np.diff(found).max() == pytest.approx(BRIDGED) and "jumps ahead by 1e+06 s at 10.000 s" in notes[0]
+    found, _, notes = straighten_time(np.where(t > 10, t + 1e6, t))
+    assert (
+        np.diff(found).max() == pytest.approx(BRIDGED_GAP)
+        and "jumps ahead by 1e+06 s at 10.000 s" in notes[0]
+    )
 
 
 def test_a_table_at_1_khz_with_held_values_becomes_100_hz_and_rate_is_an_option(drive, tmp_path):

@@ -21,11 +21,11 @@ from tse.channels.raster import _place_entries
 from tse.channels.signals import read_signals
 from tse.estimation.estimate import estimate
 from tse.identify.data import prepare
-from tse.library.core import Filter, library
+from tse.library.core import NativeFilter, library
 from tse.library.errors import UserError
-from tse.log.rows import MEASURES, Log, Reading, average
+from tse.log.rows import MEASURES, CheckedLog, Reading, average
 from tse.readers.readers import read_recording
-from tse.readers.recording import How
+from tse.readers.recording import ReadOptions
 
 ROWS, DT = 4000, 0.01
 CAR: dict[str, Any] = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33,
@@ -195,7 +195,7 @@ def its_car(made, tmp_path_factory) -> Vehicle:
     return read_vehicle(folder / "car.toml")
 
 
-def said(log: Log, made) -> list[str]:
+def said(log: CheckedLog, made) -> list[str]:
     v = made.vehicle
     return check_units(
         log,
@@ -232,8 +232,8 @@ def test_the_filter_uses_them_and_without_them_has_the_bits_it_had(its_car, driv
     plain = read_frame(driven.drop(columns=list(PEDALS)))
     config, _ = make_config(its_car, plain)
 
-    def out(log: Log) -> np.ndarray:
-        step = Filter(config)
+    def out(log: CheckedLog) -> np.ndarray:
+        step = NativeFilter(config)
         rows, found = step.inputs(len(log)), step.outputs(len(log))
         given = log.rows()
         for name in rows.dtype.names:
@@ -307,7 +307,7 @@ def test_a_pressure_becomes_a_switch_by_signals_toml(its_car, driven: pd.DataFra
     other = driven.rename(columns={**units, "wheel_torque_front": "FrontAxleTorque [Nm]", "brake": "unused"})
     other["Brake_Pressure [bar]"], other["ParkBrake"] = pressure, 1.0 * (driven.index % 500 > 250)
     other.drop(columns=["unused", "wheel_torque_rear"]).to_csv(tmp_path / "drive.csv", index=False)
-    recording = read_recording(tmp_path / "drive.csv", How())
+    recording = read_recording(tmp_path / "drive.csv", ReadOptions())
     proposal = propose(recording)
     brake, torque = proposal["brake"], proposal["wheel_torque_front"]
     assert (

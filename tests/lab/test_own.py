@@ -18,7 +18,7 @@ from tse.calibration import own, workflow
 from tse.car.config import make_config
 from tse.car.vehicle import filter_values, make_vehicle, read_vehicle
 from tse.channels.log import read_log
-from tse.library.core import Filter
+from tse.library.core import NativeFilter
 from tse.runs.keep import CALIBRATED
 
 MINUTES = 1.5
@@ -320,7 +320,7 @@ def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
     vehicle, log = read_vehicle(case.car), read_log(case.log)
     found = own.calibrated(vehicle, [log]).found
     config, _ = make_config(vehicle, log)
-    last = Filter(config).over(log.rows())[-1]
+    last = NativeFilter(config).estimate_rows(log.rows())[-1]
     assert own._contradicted(config, last, found) == ""
     front = {k: 2 * v for k, v in found["stiffness"]["cy_front"].items()} | {"sd_relative": 0.05}
     text = own._contradicted(config, last, {"stiffness": found["stiffness"] | {"cy_front": front}})

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
-from tse.log.rows import DRIVES, MEASURES, columns
+from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, SimConfig
+from tse.log.rows import DRIVES, MEASURES, list_columns
 from tse.simulation import maneuvers
 from tse.simulation.simulate import simulate
 from tselab.montecarlo import peers
@@ -54,9 +54,9 @@ def drive(
         maneuver.wheel_torque_front = maneuver.wheel_torque_front * 250 / 700
         maneuver.steer_angle = maneuver.steer_angle * 0.005 / 0.02
     simulation = simulate(maneuver, config, SimConfig({"seed": seed, "noise": noise, **(sim or {})}))
-    rows = Filter(config).inputs(len(maneuver.time))
+    rows = NativeFilter(config).inputs(len(maneuver.time))
     rows["dt"] = dt
-    for channel in columns()[1:]:
+    for channel in list_columns()[1:]:
         rows[channel] = simulation.log[channel]
     sensors = tuple(noise * getattr(config, s) for s in SENSORS)
     return Drive(config, rows, peers.Known((SPREAD,) * 3, sensors, forgetting), simulation.truth)
@@ -182,7 +182,7 @@ class Window:
         return tuple((a - b) / (2 * self.step) for a, b in zip(ahead, back, strict=True))
 
     def rows(self, y: np.ndarray) -> np.ndarray:
-        rows = Filter(self.config).inputs(self.ROWS)
+        rows = NativeFilter(self.config).inputs(self.ROWS)
         rows["dt"] = self.DT
         for name, values in zip((*DRIVES, *MEASURES), (*self.u.T, *y.T), strict=True):
             rows[name] = values
@@ -240,7 +240,7 @@ def test_a_sample_moves_the_stiffness_by_a_sensible_amount():
 @pytest.mark.parametrize(("dt", "speed"), [(0.04, 20.0), (0.01, 2.5), (0.04, 2.5)])
 def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
     config = Config.exact({"sample_time": dt})
-    rows = Filter(config).inputs(2)
+    rows = NativeFilter(config).inputs(2)
     rows["dt"], rows["steer_angle"] = dt, [0.02, 0.03]
     rows["wheel_speed_front"], rows["wheel_speed_rear"] = (
         [speed / 0.33, (speed + 0.05) / 0.33],

@@ -17,7 +17,7 @@ from tse.estimation.regimes import REGIMES, changes, spells
 from tse.estimation.verdict import late_steering, others, remarks, verdicts
 from tse.gaps.run.pictures import overlay
 from tse.library.core import STIFFNESS, Config
-from tse.log.rows import Log, columns
+from tse.log.rows import CheckedLog, list_columns
 from tse.report import plots
 from tse.report.plots import match_reference
 from tse.report.report import figures_of, write_report
@@ -231,15 +231,15 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
 # ---- The report's figures: thinned without losing a peak, and such as plotly takes them.
 
 
-def made_up(n: int) -> tuple[Log, pd.DataFrame]:
+def made_up(n: int) -> tuple[CheckedLog, pd.DataFrame]:
     """A log and estimates of n rows that nobody computed."""
     rng = np.random.default_rng(n)
     time = 0.01 * np.arange(n)
-    data = pd.DataFrame({c: rng.standard_normal(n) for c in columns()[1:]})
+    data = pd.DataFrame({c: rng.standard_normal(n) for c in list_columns()[1:]})
     ref = pd.DataFrame(
         {"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]}
     )
-    log = Log(Path("made-up.csv"), time, data, ref, np.arange(n) + 2, 0.01)
+    log = CheckedLog(Path("made-up.csv"), time, data, ref, np.arange(n) + 2, 0.01)
     names = [c for c in (*plots.WITH_BAND, *plots.PLAIN) if c not in ("status",)]
     est = {"time": time, "status": (rng.random(n) < 0.1).astype(int)}
     est |= {c: rng.standard_normal(n) * 0.1 + (1.3e5 if c in STIFFNESS else 1) for c in names}

@@ -15,7 +15,7 @@ from tse._tables import Reason
 from tse.car.vehicle import SHAPE, make_vehicle
 from tse.channels.log import read_frame
 from tse.identify.slip import longitudinal
-from tse.library.core import Config, Filter
+from tse.library.core import Config, NativeFilter
 
 SETTLED = 2000  # rows
 DOES_NOT_FIT = get_args(Reason).index("does not fit")
@@ -27,7 +27,7 @@ def estimate(seed: int, rear: float) -> np.ndarray:
     made = tse.simulate("straight", seed=seed, duration=120.0)
     rows = read_frame(made.log).rows()
     rows["wheel_speed_rear"] /= 1.0 + rear
-    return Filter(Config.exact({"driven_axle": 1})).over(rows)
+    return NativeFilter(Config.exact({"driven_axle": 1})).estimate_rows(rows)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

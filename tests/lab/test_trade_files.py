@@ -1,4 +1,4 @@
-"""Files of the trade: each case is a kind of file that was read wrong once, built small, with the right answer."""
+"""Files of other tools. Each case is a small copy of a file that was read wrong once."""
 
 import csv
 import gzip
@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from conftest import tselab, tselab_here
-from log_formats import DEG, RATIO, drive
+from log_formats import DEG, RATIO, make_drive
 from trade_files import (
     BUS_LOGS,
     CORNERS,
     DBC,
     MIDNIGHT,
     ODD_LINES,
-    frames,
-    packed,
-    si,
+    add_wheels,
+    encode_frames,
+    pack_times,
     write_bus_log,
     write_candump,
     write_groups,
@@ -36,12 +36,12 @@ from tse.log.rows import Reading
 from tse.readers.databases import read_database
 from tse.readers.readers import read_recording
 from tse.readers.recording import Channel, Recording
-from tse.readers.table import is_packed, of_packed
+from tse.readers.table import is_packed, unpack_times
 
 
 @pytest.fixture(scope="module")
 def car(tmp_path_factory):
-    """A vehicle file."""
+    """Return a vehicle file."""
     path = tmp_path_factory.mktemp("trade") / "car.toml"
     path.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     return path
@@ -49,8 +49,8 @@ def car(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trip(car):
-    """Forty seconds of lane changes at 50 Hz."""
-    return si(drive(car))
+    """Return forty seconds of lane changes at 50 Hz."""
+    return add_wheels(make_drive(car))
 
 
 # ---- VBOX
@@ -62,7 +62,7 @@ def test_a_vbox_file_is_read_with_its_units_and_time_of_day(trip, tmp_path):
     np.testing.assert_allclose(log.channels["YawRate"].time, MIDNIGHT + trip.time, atol=1e-6)
     assert [log.channels[n].unit for n in ("velocity", "YawRate", "SWA", "FLwhlspd", "Lat._Vel.")] == \
         ["km/h", "°/s", "rad", "m/s", "km/h"]  # fmt: skip
-    assert log.channels["sats"].value[0] == 10  # 64 more says that DGPS is received
+    assert log.channels["sats"].value[0] == 10  # bit 64 is the flag of DGPS
     assert (log.channels["lat"].value[0], log.channels["long"].value[0]) == (
         50.0,
         10.0,
@@ -71,7 +71,7 @@ def test_a_vbox_file_is_read_with_its_units_and_time_of_day(trip, tmp_path):
 
 @pytest.mark.parametrize("wheels", [True, False])
 def test_what_a_vbox_counts_to_the_right_is_found_positive_to_the_left(wheels, trip, tmp_path):
-    """By the wheels, and without them by the course of the receiver."""
+    """The wheels show the sign, or else the course of the receiver."""
     found = propose(read_recording(write_vbo(tmp_path / "drive.vbo", trip, wheels)))
     guesses = {g.channel: (g.name, g.unit, g.sign) for g in found.guesses}
     assert guesses["yaw_rate"] == (("YawRate",), "°/s", -1.0)
@@ -87,9 +87,15 @@ def test_what_an_ins_gives_besides_is_taken_for_nothing_else(trip, tmp_path):
     found = propose(read_recording(write_vbo(tmp_path / "drive.vbo", trip, more=True)))
     assert found.missing == []
     assert {g.channel: g.name for g in found.guesses} == {
-        "steer_angle": ("SWA",), "wheel_speed_front": ("FLwhlspd", "FRwhlspd"), "wheel_speed_rear": ("RLwhlspd", "RRwhlspd"),
-        "accel_x": ("X_Accel",), "accel_y": ("Y_Accel",), "yaw_rate": ("YawRate",), "ins_vel_x": ("Lng._Vel.",),
-        "ins_vel_y": ("Lat._Vel.",)}  # fmt: skip
+        "steer_angle": ("SWA",),
+        "wheel_speed_front": ("FLwhlspd", "FRwhlspd"),
+        "wheel_speed_rear": ("RLwhlspd", "RRwhlspd"),
+        "accel_x": ("X_Accel",),
+        "accel_y": ("Y_Accel",),
+        "yaw_rate": ("YawRate",),
+        "ins_vel_x": ("Lng._Vel.",),
+        "ins_vel_y": ("Lat._Vel.",),
+    }
 
 
 def test_the_rows_of_a_vbox_file_are_those_of_the_drive(trip, car, tmp_path):
@@ -103,7 +109,10 @@ def test_the_rows_of_a_vbox_file_are_those_of_the_drive(trip, car, tmp_path):
 
 
 def test_sections_of_a_vbox_file_may_be_missing_or_shorter(trip, tmp_path):
-    """No [column names], units of the last columns only, a row that is cut off, a time without satellites, midnight."""
+    """[column names] is missing, [channel units] is short, a row is cut, satellites are
+    lost.
+
+    The drive goes on after midnight."""
     path = write_vbo(tmp_path / "drive.vbo", trip, start=86400.0 - 10.0)
     text = path.read_text(encoding="cp1252")
     before, _, after = text.partition("[column names]")
@@ -148,14 +157,14 @@ def test_seconds_are_no_time_of_day_and_minutes_of_sixty_seconds_are():
     day = MIDNIGHT + 0.02 * np.arange(5000)
     time = np.floor(day / 3600) * 1e4 + np.floor(day / 60) % 60 * 100 + day % 60
     assert is_packed(time)
-    np.testing.assert_allclose(of_packed(time), day, atol=1e-9)
+    np.testing.assert_allclose(unpack_times(time), day, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["packed time", "decimal comma in quotes"])
 def test_a_table_with_the_names_of_tse_is_read_in_either_writing(kind, car, tmp_path):
-    clean = drive(car, seconds=40.0).iloc[::2].reset_index(drop=True)
+    clean = make_drive(car, seconds=40.0).iloc[::2].reset_index(drop=True)
     table = clean.copy()
-    table["time"] = packed(MIDNIGHT + clean.time)
+    table["time"] = pack_times(MIDNIGHT + clean.time)
     if kind == "packed time":
         table.to_csv(tmp_path / "log.csv", index=False)
     else:
@@ -174,7 +183,7 @@ def test_a_table_with_the_names_of_tse_is_read_in_either_writing(kind, car, tmp_
 
 @pytest.mark.parametrize("odd", ODD_LINES)
 def test_a_database_is_read_without_its_odd_line_which_is_named(odd, trip, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(trip[:200]), DBC + ODD_LINES[odd] + "\n")
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip[:200]), DBC + ODD_LINES[odd] + "\n")
     log = read_recording(path)
     np.testing.assert_allclose(
         log.channels["ESC_1.YawRate"].value, np.degrees(trip.yaw_rate[:200]), atol=0.006
@@ -185,7 +194,7 @@ def test_a_database_is_read_without_its_odd_line_which_is_named(odd, trip, tmp_p
 
 
 def test_of_a_database_that_is_none_the_name_is_said(trip, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(trip[:20]), "this is no database")
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip[:20]), "this is no database")
     with pytest.raises(UserError, match=r"car\.dbc: is no database of a bus"):
         read_recording(path)
 
@@ -193,7 +202,7 @@ def test_of_a_database_that_is_none_the_name_is_said(trip, tmp_path):
 def test_what_cantools_does_not_read_canmatrix_may(trip, monkeypatch, tmp_path):
     cantools = pytest.importorskip("cantools", reason="cantools is not installed: scripts/setup.sh logs")
     pytest.importorskip("canmatrix", reason="canmatrix is not installed: it comes with asammdf")
-    path = write_candump(tmp_path / "drive.log", frames(trip[:100]))
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip[:100]))
     made = cantools.database.load_string(DBC, "dbc").as_kcd_string()
     (tmp_path / "car.kcd").write_text(made)
     (tmp_path / "car.dbc").unlink()
@@ -221,8 +230,8 @@ def test_all_public_databases_are_read():
 
 
 def test_what_a_database_says_of_values_is_used(trip, tmp_path):
-    """A code for no value in a measurement is missing; the codes of a state stay."""
-    sent = frames(trip[:300])
+    """A code for "not available" is missing in a measurement; a state keeps its codes."""
+    sent = encode_frames(trip[:300])
     lost = [100, 101, 250]
     for i in lost:
         t, identifier, data = sent[3 * i]
@@ -236,41 +245,53 @@ def test_what_a_database_says_of_values_is_used(trip, tmp_path):
 
 
 def test_a_counter_of_fifteen_values_loses_no_message(trip, car, tmp_path):
-    path = write_candump(tmp_path / "drive.log", frames(trip))
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip))
     assert tselab_here("signals", path, "--vehicle", car, "--write", tmp_path / "signals.toml").code == 0
     assert "modulo = 15" in (tmp_path / "signals.toml").read_text()
     assert not any("lost" in n for n in read_log(path, reading=Reading(car=read_vehicle(car))).notes)
 
 
-@pytest.mark.parametrize(("counter", "modulo"), [
-    (np.arange(400) % 16, 16), (np.arange(400) % 15, 15), (np.arange(400) % 15 + 1, 15), (np.arange(200) % 256, 256),
-    (np.arange(400) // 2 % 16, 0), (np.delete(np.arange(400) % 16, [17, 80, 81, 200]), 16), (np.zeros(50), 0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("counter", "modulo"),
+    [
+        (np.arange(400) % 16, 16),
+        (np.arange(400) % 15, 15),
+        (np.arange(400) % 15 + 1, 15),
+        (np.arange(200) % 256, 256),
+        (np.arange(400) // 2 % 16, 0),
+        (np.delete(np.arange(400) % 16, [17, 80, 81, 200]), 16),
+        (np.zeros(50), 0),
+    ],
+)
 def test_how_far_a_counter_counts_is_read_from_it(counter, modulo):
     assert find_modulo(counter.astype(float)) == modulo
 
 
 def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
-    """Two bits, 3 where the sensor is not ready: the values are wrong then."""
+    """The qualifier has two bits; at 3, the sensor is not ready, its values are wrong."""
     qualifier = np.where((np.arange(len(trip)) > 500) & (np.arange(len(trip)) < 560), 3, 0)
-    found = propose(read_recording(write_candump(tmp_path / "drive.log", frames(trip, qualifier))))
+    found = propose(read_recording(write_candump(tmp_path / "drive.log", encode_frames(trip, qualifier))))
     for channel in ("yaw_rate", "accel_x", "accel_y"):
         assert found[channel].valid == ("ESC_1.ESC_1_Qualifier", 0.0), channel
     assert found["steer_angle"].valid is None
 
 
-# ---- Units, names
+# ---- Units and names
 
 
 def table_of(trip, **columns):
-    """A CSV as a recording, of columns that replace others."""
+    """Return the recording of a CSV, with some columns replaced."""
     return Recording(Path("log.csv"), "CSV", {n: Channel(n, trip.time.to_numpy(), np.asarray(x, float), u)
                                               for n, (x, u) in columns.items()})  # fmt: skip
 
 
 def motion(trip):
-    return {"steer": (trip.steer_angle * DEG * RATIO, "deg"), "ay": (trip.accel_y, "m/s2"), "ax": (trip.accel_x, "m/s2"),
-            "omega": (trip.yaw_rate, "rad/s")}  # fmt: skip
+    return {
+        "steer": (trip.steer_angle * DEG * RATIO, "deg"),
+        "ay": (trip.accel_y, "m/s2"),
+        "ax": (trip.accel_x, "m/s2"),
+        "omega": (trip.yaw_rate, "rad/s"),
+    }
 
 
 @pytest.mark.parametrize(
@@ -285,10 +306,24 @@ def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip)
     assert not any("but its size" in w for w in found.warnings)
 
 
-@pytest.mark.parametrize("form", [
-    "{}whlspd", "{}speed", "{}_wheel", "WhlSpd{}", "wheelspeed{}", "v_{}", "{}WheelSpeed", "Wheel_{}_Speed", "WHEEL_SPEED_{}",
-    "ABS_{}_Spd", "whl{}spd", "Speed.{}", "W_SPD_{}_KMH",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "form",
+    [
+        "{}whlspd",
+        "{}speed",
+        "{}_wheel",
+        "WhlSpd{}",
+        "wheelspeed{}",
+        "v_{}",
+        "{}WheelSpeed",
+        "Wheel_{}_Speed",
+        "WHEEL_SPEED_{}",
+        "ABS_{}_Spd",
+        "whl{}spd",
+        "Speed.{}",
+        "W_SPD_{}_KMH",
+    ],
+)
 @pytest.mark.parametrize(
     "corners", ["FL FR RL RR", "VL VR HL HR", "LF RF LR RR", "FrontLeft FrontRight RearLeft RearRight"]
 )
@@ -307,10 +342,18 @@ def test_a_gear_is_no_angle_and_a_speed_of_the_receiver_no_acceleration(trip):
     time = trip.time.to_numpy()
     gear = 3 + np.round(2 * np.sin(0.3 * time))
     speed = trip[list(CORNERS)].mean(axis=1)
-    found = propose(table_of(trip, **{
-        "Gear Position (Gear)": (gear, ""), "RPM": (1000 + 40 * speed * gear, "RPM"), "Vehicle Speed": (3.6 * speed, "kph"),
-        "GPS Speed": (speed * trip.yaw_rate, ""), "Pitch Angle": (5 * trip.steer_angle, "deg"),
-    }))  # fmt: skip
+    found = propose(
+        table_of(
+            trip,
+            **{
+                "Gear Position (Gear)": (gear, ""),
+                "RPM": (1000 + 40 * speed * gear, "RPM"),
+                "Vehicle Speed": (3.6 * speed, "kph"),
+                "GPS Speed": (speed * trip.yaw_rate, ""),
+                "Pitch Angle": (5 * trip.steer_angle, "deg"),
+            },
+        )
+    )
     assert {g.channel for g in found.guesses} == {"wheel_speed_rear"}
     assert set(found.nearest) == set(found.missing)
     assert all(found.nearest.values())
@@ -387,7 +430,7 @@ def test_a_long_table_becomes_a_signal_per_name(cars, trip, tmp_path):
 @pytest.mark.parametrize("layout", BUS_LOGS)
 def test_a_bus_log_of_this_layout_is_read(layout, zipped, trip, tmp_path):
     pytest.importorskip("can", reason="python-can is not installed: scripts/setup.sh logs")
-    path = write_bus_log(layout, tmp_path, frames(trip[:500]))
+    path = write_bus_log(layout, tmp_path, encode_frames(trip[:500]))
     if zipped:
         packed_path = path.with_name(path.name + ".gz")
         packed_path.write_bytes(gzip.compress(path.read_bytes()))
@@ -405,7 +448,7 @@ def test_a_bus_log_of_this_layout_is_read(layout, zipped, trip, tmp_path):
 
 
 def test_frames_without_a_time_are_refused_with_what_helps(trip, tmp_path):
-    path = write_bus_log("candump -tz", tmp_path, frames(trip[:50]))
+    path = write_bus_log("candump -tz", tmp_path, encode_frames(trip[:50]))
     path.write_text("".join(line.split(") ")[1] + "\n" for line in path.read_text().splitlines()))
     with pytest.raises(UserError, match=r"no times: record with candump -l"):
         read_recording(path)
@@ -415,7 +458,7 @@ def test_frames_without_a_time_are_refused_with_what_helps(trip, tmp_path):
     "layout", ["ASC", "candump -l", "candump -ta", "TRC 1.1", "BUSMASTER", "CANedge CSV"]
 )
 def test_a_line_that_is_no_frame_is_left_out_and_named(layout, trip, tmp_path):
-    path = write_bus_log(layout, tmp_path, frames(trip[:50]))
+    path = write_bus_log(layout, tmp_path, encode_frames(trip[:50]))
     lines = path.read_text(encoding="latin-1").splitlines()
     lines[100] = lines[100][: len(lines[100]) - 9] + "ZZ"
     path.write_text("\n".join(lines) + "\n", encoding="latin-1")

@@ -25,9 +25,9 @@ from tse.car.vehicle import (
 from tse.identify.unknowns import UNKNOWNS
 from tse.library.core import Config, library
 from tse.library.errors import UserError
-from tse.library.files import loads, read_toml
-from tse.log.noise import FLOOR, channel_noise
-from tse.log.rows import Log, columns
+from tse.library.files import parse_toml, read_toml
+from tse.log.noise import NOISE_FLOOR, estimate_channel_noise
+from tse.log.rows import CheckedLog, list_columns
 
 BARE = """name = "bare"
 mass = 1600.0
@@ -196,20 +196,20 @@ def test_a_table_that_nobody_knows_is_a_notice_for_it_may_be_another_programs(tm
 
 def log_of(**channels):
     n = len(next(iter(channels.values())))
-    data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in columns()[1:]})
-    return Log(Path("x.csv"), np.arange(n) * 0.01, data, pd.DataFrame(), np.arange(n) + 2, 0.01)
+    data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in list_columns()[1:]})
+    return CheckedLog(Path("x.csv"), np.arange(n) * 0.01, data, pd.DataFrame(), np.arange(n) + 2, 0.01)
 
 
 def test_noise_of_a_white_channel_on_a_moving_signal_is_found():
     rng = np.random.default_rng(4)
     t = np.arange(5000) * 0.01
-    noise = channel_noise("accel_x", 2 * np.sin(t) + 0.2 * rng.standard_normal(len(t)), t >= 0)
+    noise = estimate_channel_noise("accel_x", 2 * np.sin(t) + 0.2 * rng.standard_normal(len(t)), t >= 0)
     assert noise.sd == pytest.approx(0.2, rel=0.07) and noise.hold == 1 and noise.step == 0
 
 
 def test_coarse_channel_is_not_thought_free_of_noise():
     t = np.arange(5000) * 0.01
-    noise = channel_noise("yaw_rate", np.round(0.03 * np.sin(0.3 * t) / 0.01) * 0.01, t >= 0)
+    noise = estimate_channel_noise("yaw_rate", np.round(0.03 * np.sin(0.3 * t) / 0.01) * 0.01, t >= 0)
     assert noise.step == pytest.approx(0.01)
     assert noise.sd >= 0.01 / np.sqrt(12)
 
@@ -218,13 +218,13 @@ def test_held_samples_count_once():
     rng = np.random.default_rng(4)
     t = np.arange(8000) * 0.01
     held = np.repeat(rng.standard_normal(2000), 4) * 0.1
-    noise = channel_noise("accel_y", held, t >= 0)
+    noise = estimate_channel_noise("accel_y", held, t >= 0)
     assert noise.hold == 4
     assert noise.sd > 0.1 * np.sqrt(4) * 0.9
 
 
 def test_constant_channel_gets_the_floor():
-    assert channel_noise("yaw_rate", np.zeros(500), np.ones(500, bool)).sd >= FLOOR["yaw_rate"]
+    assert estimate_channel_noise("yaw_rate", np.zeros(500), np.ones(500, bool)).sd >= NOISE_FLOOR["yaw_rate"]
 
 
 def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
@@ -351,7 +351,7 @@ def test_a_car_that_is_edited_after_its_calibration_is_spoken_of():
     lines = calibration_toml(
         ["cx", "cy"], np.zeros(2), np.eye(2), of={"mass": 1900.0, "lf": 1.2, "lr": 1.5, "yaw_inertia": 3000.0}
     )
-    table = loads("\n".join(lines))
+    table = parse_toml("\n".join(lines))
     assert not read_notes({"mass": 1900.0, "lf": 1.2, "lr": 1.5, **table})
     assert "mass = 2100 was 1900 when" in " ".join(
         read_notes({"mass": 2100.0, "lf": 1.2, "lr": 1.5, **table})

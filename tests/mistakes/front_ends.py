@@ -99,7 +99,7 @@ def make_scratch_folder() -> Path:
 def _build_program() -> Path:
     """Build rows.c with the library as two files; return the program."""
     two, program = make_scratch_folder() / "two", make_scratch_folder() / "rows"
-    _run(sys.executable, ROOT / "scripts" / "amalgamate.py", "--out", two / "tse")
+    _run(sys.executable, ROOT / "scripts" / "dev" / "amalgamate.py", "--out", two / "tse")
     _run(
         "cc",
         "-O2",

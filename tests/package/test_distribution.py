@@ -24,7 +24,7 @@ if not (shutil.which("git") and (ROOT / ".git").exists()):
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LAB = PROJECT["optional-dependencies"]["lab"]
 VERSION = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include" / "tse" / "version.h").read_text())[1]
-RELEASE = [sys.executable, ROOT / "scripts" / "release.py"]
+RELEASE = [sys.executable, ROOT / "scripts" / "dev" / "release.py"]
 
 
 def run(*command, cwd=None, **environment):
@@ -127,7 +127,7 @@ def test_the_description_has_bounds_and_types(wheel):
 
 def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_path):
     code = (
-        "import sys, pandas, tse; from tse.library.core import library_path; print(tse.__file__); print(library_path());"
+        "import sys, pandas, tse; from tse.library.core import find_library; print(tse.__file__); print(find_library());"
         "tse.estimate(tse.simulate(duration=5).log, {'mass': 1650, 'lf': 1.2, 'lr': 1.5, 'wheel_radius_front': 0.32,"
         "'wheel_radius_rear': 0.32}).to_csv(sys.argv[1])"
     )
@@ -171,7 +171,7 @@ def test_the_lock_names_all_that_is_needed_within_its_bounds_and_by_hash(lock, e
         PROJECT["dependencies"] + LAB + PROJECT["optional-dependencies"][extra]
     ).items():
         versions = [v for n, v in pins if n == name]
-        assert versions, f"{name} is not in {lock}: run scripts/lock.sh"
+        assert versions, f"{name} is not in {lock}: run scripts/dev/lock.sh"
         assert all(Version(v) >= Version(least) for v in versions), name
     assert len(re.findall(r"==.*\\\n    --hash=sha256:", text)) == len(pins)
     assert "://" not in text
@@ -196,7 +196,7 @@ def made_twice(checkout, tmp_path_factory):
         out = folder.parent / "out"
         run(
             sys.executable,
-            folder / "scripts" / "release.py",
+            folder / "scripts" / "dev" / "release.py",
             VERSION,
             "--only",
             "source,sdist,amalgamation,sbom",

@@ -1,4 +1,4 @@
-"""The page of scripts/page.py in a browser, from a file and without a network.
+"""The page of scripts/dev/page.py in a browser, from a file and without a network.
 
 Its estimates are the same bytes as those of `tselab estimate`. Other log formats, error
 messages, simulator and filter are tested, too. Screenshots are written to

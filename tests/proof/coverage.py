@@ -1,4 +1,4 @@
-"""What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/proof.sh coverage
+"""What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/dev/proof.sh coverage
 
 Measured by clang (19 or later, -fcoverage-mcdc) in double, with all of the library and as TSE_SMALL: every test program is run, and
 what either build runs is covered, of a function in a header what any program runs. A condition in a macro is counted once for each
@@ -219,7 +219,7 @@ def page(
     out = [
         "# What the unit tests run",
         "",
-        f"`scripts/proof.sh coverage --write`; {version}, `{FLAGS}`, double, all of the library and",
+        f"`scripts/dev/proof.sh coverage --write`; {version}, `{FLAGS}`, double, all of the library and",
         f"as `TSE_SMALL`; {programs} test programs. A line, an outcome or a condition is covered where either build covers it.",
         "Branches: both outcomes of every condition. MC/DC: conditions of decisions with more than one that were seen to decide",
         "it alone. A condition in a macro counts once for each of its uses. *Reachable* leaves out what tests/proof/coverage.toml",

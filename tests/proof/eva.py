@@ -1,4 +1,4 @@
-"""Frama-C's EVA on tse_prepare(), tse_learnt_load() and tse_step(), with any bits as input.   scripts/proof.sh eva
+"""Frama-C's EVA on tse_prepare(), tse_learnt_load() and tse_step(), with any bits as input.   scripts/dev/proof.sh eva
 
 What eva.c asks is proven but for the alarms that eva.toml explains, one by one; an alarm that it does not explain is a failure,
 and so is an explanation that no alarm needs. Infinite numbers and NaN are no alarm: what is asked is memory, shifts, whole numbers,
@@ -209,7 +209,7 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
     out = [
         "# What is proven of memory and whole numbers",
         "",
-        f"`{' '.join(['scripts/proof.sh eva --write', *targets])}`; Frama-C {version}, EVA, 64-bit x86.",
+        f"`{' '.join(['scripts/dev/proof.sh eva --write', *targets])}`; Frama-C {version}, EVA, 64-bit x86.",
         "Every real number of settings, parameters, filter and",
         "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter are in the ranges that tse_prepare()",
         "and tse_filter_check() hold them to, and are asserted to be there after the row; in fixed point a number is any that an",

@@ -1,4 +1,4 @@
-"""MISRA C:2012 as cppcheck's addon sees it: hits by rule, and whether each stands in a deviation.   scripts/proof.sh misra
+"""MISRA C:2012 as cppcheck's addon sees it: hits by rule, and whether each stands in a deviation.   scripts/dev/proof.sh misra
 
 Rules are named by number; their texts are not ours to print. A deviation in misra.toml says which rule, in which files, on which
 lines (a pattern), and why. A hit of a mandatory or required rule outside of them is a failure, and so is a deviation that nothing
@@ -95,7 +95,7 @@ def page(without: list, used: Counter, by_rule: dict) -> str:
     out = [
         "# MISRA C:2012",
         "",
-        f"`scripts/proof.sh misra --write`; {version} with its addon, double, src/ and include/. "
+        f"`scripts/dev/proof.sh misra --write`; {version} with its addon, double, src/ and include/. "
         "A line that breaks a rule counts once.",
         "",
         "| category | hits | without a deviation |",

@@ -1,4 +1,4 @@
-"""How many small faults in the core do the unit tests and the golden replay find?   scripts/proof.sh mutation
+"""How many small faults in the core do the unit tests and the golden replay find?   scripts/dev/proof.sh mutation
 
 A fault is one token changed, or one statement left out (KINDS), in a file of FOLDERS. Each is compiled, and the tests are run
 until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile, and those that a
@@ -452,7 +452,7 @@ def report(
     version = subprocess.run(
         [given.compiler, "--version"], capture_output=True, text=True
     ).stdout.splitlines()[0]
-    command = "scripts/proof.sh mutation --write" + (
+    command = "scripts/dev/proof.sh mutation --write" + (
         " --all" if given.all else f" --count {given.count} --seed {given.seed}"
     )
     if len(verdicts) < min(given.count, total) and not given.all:

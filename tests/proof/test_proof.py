@@ -1,4 +1,4 @@
-"""The short parts of scripts/proof.sh; skipped where a tool is not installed."""
+"""The short parts of scripts/dev/proof.sh; skipped where a tool is not installed."""
 
 import shutil
 import sys
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.skipif(not shutil.which("cppcheck"), reason="cppcheck is not installed (scripts/setup.sh proof)")
 def test_no_required_misra_rule_is_broken_outside_the_deviations():
-    """Of a file of each folder, and the headers they include; scripts/proof.sh misra looks at all."""
+    """Of a file of each folder, and the headers they include; scripts/dev/proof.sh misra looks at all."""
     without, _, _, found = misra.judged(misra.SHORT)
     assert len(found) > 100
     assert not misra.failures(without)

@@ -17,7 +17,7 @@ from tse.library.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, STATUS, 
 from tselab.cli import CONTEXT, cli
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "scripts"))
+sys.path += [str(ROOT / "scripts"), str(ROOT / "scripts" / "dev")]
 from docsite import fill, links, tables  # noqa: E402
 
 if not (shutil.which("git") and (ROOT / ".git").exists()):

@@ -27,7 +27,7 @@ from tse.identify.vehicle_file import model_sd
 from tse.identify.vehicle_file import toml as vehicle_toml
 from tse.library import __version__
 from tse.library.core import NOMINAL
-from tse.library.files import atomic
+from tse.library.files import write_atomically
 from tse.report.results import plain
 
 ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
@@ -155,10 +155,10 @@ def write(path: Path, result: Result, logs: list[str]) -> Path:
     formula = formula_beside(path)
     if result.vehicle.formula is not None:
         write_formula(formula, result.vehicle.formula)
-    with atomic(path) as file:
+    with write_atomically(path) as file:
         file.write(toml(result, logs, formula))
     numbers = path.with_suffix(".json")
-    with atomic(numbers) as file:
+    with write_atomically(numbers) as file:
         json.dump(plain(as_json(result)), file, indent=1, allow_nan=False)
         file.write("\n")
     return numbers

@@ -21,10 +21,10 @@ import numpy as np
 from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, make_vehicle
 from tse.library import __version__
-from tse.library.core import NOMINAL, Config, Filter, library
+from tse.library.core import NOMINAL, Config, NativeFilter, library
 from tse.library.errors import UserError
-from tse.library.files import alone, read_sealed, tomllib, write_sealed
-from tse.log.rows import Log, liveliest
+from tse.library.files import lock_file, read_sealed, tomllib, write_sealed
+from tse.log.rows import CheckedLog, select_liveliest
 
 MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
 LEAST_SECONDS = 60.0  # that can be compared with a simulation,
@@ -72,7 +72,9 @@ def cache_folder() -> Path:
     return Path(base) / "tselab" / "calibrated"
 
 
-def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None] = lambda _: None) -> Own:
+def calibrated(
+    vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None] = lambda _: None
+) -> Own:
     """Calibrate on logs of the car, or return what an earlier run has found on the same ones."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
     if seconds < LEAST_SECONDS - ENDS:
@@ -87,7 +89,7 @@ def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
     if path is None:
         return _calibrate(vehicle, parts, say)
     lock = path.with_suffix(".lock")
-    with alone(lock), _gone(lock):
+    with lock_file(lock), _gone(lock):
         kept = read_sealed(path)
         if isinstance(kept, dict) and kept.get("key") == key:
             return Own(kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"])
@@ -109,7 +111,7 @@ def _gone(lock: Path) -> Iterator[None]:
             lock.unlink()
 
 
-def _turning(log: Log, vehicle: Vehicle) -> float:
+def _turning(log: CheckedLog, vehicle: Vehicle) -> float:
     """Seconds with a lateral acceleration of TURNING by speed and yaw rate, or by accel_y where there is no gyro."""
     rate, speed = (
         log.data["yaw_rate"].to_numpy(float),
@@ -130,11 +132,11 @@ def _place(name: str) -> Path | None:
     return folder / name if os.access(folder, os.W_OK) else None
 
 
-def _part(log: Log, seconds: float) -> Log:
-    return liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
+def _part(log: CheckedLog, seconds: float) -> CheckedLog:
+    return select_liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 
-def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
+def _key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
     """Of all that the calibration depends on: what was read of the logs, the car, the code."""
     digest = hashlib.sha256(library().path.read_bytes())
     for code in sorted(Path(__file__).parents[1].rglob("*.py")):
@@ -150,7 +152,7 @@ def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
     return digest.hexdigest()
 
 
-def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]) -> Own:
+def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]) -> Own:
     from tse.calibration import output, workflow
 
     car = copy.deepcopy(vehicle)
@@ -179,7 +181,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
     for car, contradicts in ((vehicle, _contradicted), (made.vehicle(vehicle), None)):
         for log in logs:
             config, _ = make_config(car, log)
-            out = Filter(config).over(log.rows())
+            out = NativeFilter(config).estimate_rows(log.rows())
             used = out[out["status"] >= 0]
             if (used["change_kind"] > 0).any():  # a stiffness of two roads is that of neither
                 return of_class("the road or the tyres change during it", found)

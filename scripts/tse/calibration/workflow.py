@@ -20,8 +20,8 @@ from tse.identify.slip import slip_words, slips
 from tse.identify.unknowns import MEASURED, SUPERELEVATION, VELOCITY, of_log, prior_of
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.noise import MOVING, noise_of
-from tse.log.rows import DRIVES, Log, Reading
+from tse.log.noise import MIN_MOVING_SPEED, estimate_noise
+from tse.log.rows import DRIVES, CheckedLog, Reading
 from tse.roads.road import Road
 from tse.roads.road_match import on_road
 
@@ -62,7 +62,7 @@ def run(
     return _result(vehicle, problem, result, read, proofs, notes)
 
 
-def on_known(road: Road | None, logs: Sequence[Log], vehicle: Vehicle) -> list[Log]:
+def on_known(road: Road | None, logs: Sequence[CheckedLog], vehicle: Vehicle) -> list[CheckedLog]:
     """Return logs with the bank and grade of a road. UserError: one is on another."""
     if road is None:
         return list(logs)
@@ -71,7 +71,7 @@ def on_known(road: Road | None, logs: Sequence[Log], vehicle: Vehicle) -> list[L
 
 
 def of_logs(
-    logs: Sequence[Log],
+    logs: Sequence[CheckedLog],
     vehicle: Vehicle,
     say: Say = lambda _: None,
     least: float = 0.0,
@@ -87,7 +87,7 @@ def of_logs(
     return _result(vehicle, problem, result, logs, [], notes)
 
 
-def _problem(logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say) -> Problem:
+def _problem(logs: Sequence[CheckedLog], vehicle: Vehicle, jobs: int, notes: list[str], say: Say) -> Problem:
     """Return what is fitted."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
@@ -111,7 +111,7 @@ def _result(
     vehicle: Vehicle,
     problem: Problem,
     result: Fit,
-    logs: Sequence[Log],
+    logs: Sequence[CheckedLog],
     proofs: list[Proof],
     notes: list[str],
 ) -> Result:
@@ -139,7 +139,7 @@ def _result(
     return found
 
 
-def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) -> list[Prepared | None]:
+def _prepare(logs: Sequence[CheckedLog], config: Config, notes: list[str], say: Say) -> list[Prepared | None]:
     """Return each log ready to be simulated; None: it cannot be."""
     ready: list[Prepared | None] = []
     for log in logs:
@@ -201,7 +201,7 @@ def _proof(problem: Problem, i: int, held_out: bool, before: dict, after: dict) 
 # ---- sensors
 
 
-def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
+def _sensors(problem: Problem, result: Fit, logs: Sequence[CheckedLog]) -> dict[str, float]:
     """Return noise of the channels as settings say it: white noise of a row (row_noise), and
     by how much what is left on level roads walks."""
     found = row_noise(logs, problem.config)
@@ -218,15 +218,18 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
 
-def row_noise(logs: Sequence[Log], config: Config) -> dict[str, float]:
+def row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
     """Return the settings of the white noise of a row, of the log with most of it, by second
     differences (noise.py)."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):
-            moving = np.abs(log.data["wheel_speed_rear"].to_numpy(float)) * config.wheel_radius_rear > MOVING
+            moving = (
+                np.abs(log.data["wheel_speed_rear"].to_numpy(float)) * config.wheel_radius_rear
+                > MIN_MOVING_SPEED
+            )
         for c in MEASURED:
-            noise = noise_of(log, c, moving)
+            noise = estimate_noise(log, c, moving)
             if noise is not None:
                 found[f"{c}_sd"] = max(found.get(f"{c}_sd", 0.0), noise.sd)
     return {k: float(np.clip(x, config.fields[k].low, config.fields[k].high)) for k, x in found.items()}

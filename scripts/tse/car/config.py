@@ -11,7 +11,7 @@ from tse.car.vehicle import Vehicle, filter_values
 from tse.library.core import CONFIG, Config, SettingError, library
 from tse.library.errors import UserError
 from tse.library.files import read_toml
-from tse.log.rows import ROAD, TORQUES, VELOCITIES, Log
+from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, CheckedLog
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
@@ -50,7 +50,7 @@ def read_filter_file(path: Path) -> dict[str, float]:
 
 def make_config(
     vehicle: Vehicle,
-    log: Log | None,
+    log: CheckedLog | None,
     filter_file: Path | None = None,
     options: Mapping[str, Any] | None = None,
     form: str = "default",
@@ -98,10 +98,14 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
     """Return the settings about optional channels, rows of src/tables/sensors.toml, by the channels."""
     names = [f.name for f in library().fields(CONFIG)]
     first, last = names.index("ins_velocity_sd"), names.index("velocity_scale_sd")
-    return {VELOCITIES: names[first : last + 1], TORQUES: ["wheel_torque_least"], ROAD: ["road_sd"]}
+    return {
+        VELOCITY_COLUMNS: names[first : last + 1],
+        TORQUE_COLUMNS: ["wheel_torque_least"],
+        ROAD_COLUMNS: ["road_sd"],
+    }
 
 
-def _check_optional(config: Config, log: Log | None, asked: Collection[str]) -> None:
+def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
     """Raise UserError where an optional channel, or a setting about one, would be without
     effect. `asked`: what this run asks for. A vehicle file is of all logs of its car, with an
     INS or without."""
@@ -136,7 +140,7 @@ def not_in_filter(config: Config, vehicle: Vehicle) -> list[str]:
     return [*(f"effects.{i}" for i in on), *(["formula"] if vehicle.formula is not None else [])]
 
 
-def wheels_are_one(log: Log) -> bool:
+def wheels_are_one(log: CheckedLog) -> bool:
     """Return whether the wheel speeds of both axles have the same ratio in all rows that move: one signal, logged twice."""
     front, rear = (log.data[f"wheel_speed_{axle}"].to_numpy(float) for axle in ("front", "rear"))
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from tse.library.core import CONFIG, library
-from tse.library.errors import UserError, meant
-from tse.library.files import atomic, read_toml
-from tse.log.units import registry
+from tse.library.errors import UserError, suggest_names
+from tse.library.files import read_toml, write_atomically
+from tse.log.units import load_units
 
 # The limits of src/model/formula.h. Slots, formula_a .., are as many as the table has NUMBER operations.
 MOST_OPERATIONS = 33
@@ -215,7 +215,7 @@ def read_formula(path: Path) -> Formula:
 
 def write_formula(path: Path, formula: Formula) -> None:
     """Write the file that read_formula() reads. UserError: it cannot be written."""
-    with atomic(Path(path)) as file:
+    with write_atomically(Path(path)) as file:
         file.write(toml_text(formula))
 
 
@@ -430,7 +430,9 @@ class _Compiler:
             if name in WRITTEN and name in self.table:
                 raise self.wrong(node, f"is not allowed: {name} is written as {WRITTEN[name]}")
             if name not in _callable():
-                raise self.wrong(node.func, f"is not an operation{meant(name, _callable())}; {_allowed()}")
+                raise self.wrong(
+                    node.func, f"is not an operation{suggest_names(name, _callable())}; {_allowed()}"
+                )
             takes = self.table[name].takes
             if node.keywords or len(node.args) != takes:
                 operands = ", ".join("xyz"[:takes])
@@ -461,7 +463,7 @@ class _Compiler:
         own = f"numbers of the file: {', '.join(self.units) or 'none'}"
         raise self.wrong(
             node,
-            f"is neither a signal nor a number of the file{meant(node.id, known)}; signals: {', '.join(_signals())}; {own}",
+            f"is neither a signal nor a number of the file{suggest_names(node.id, known)}; signals: {', '.join(_signals())}; {own}",
         )
 
     def power(self, node: ast.BinOp, level: int) -> Any:
@@ -518,7 +520,7 @@ def _dimension(unit: str) -> Any:
         raise FormulaError(f"{unit[:MOST_UNIT]!r} is not a unit; {UNIT_STYLE}; after each / stands one name")
     expression = re.sub(r"(?<=[A-Za-z])(?=[1-9])", "**", unit or "1").replace(" ", "*")
     try:
-        quantity = (1.0 * registry().parse_expression(expression)) * registry().dimensionless
+        quantity = (1.0 * load_units().parse_expression(expression)) * load_units().dimensionless
         base = quantity.to_base_units()
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
         raise FormulaError(f"{unit!r} is not a unit that is known; {UNIT_STYLE}") from None
@@ -579,7 +581,7 @@ def _indent(text: str) -> int:
 def _hint(name: str, known: Iterable[str]) -> str:
     """What could be meant; else all that is known."""
     known = list(known)
-    return meant(name, known, other=f"; allowed: {', '.join(known) or 'none'}")
+    return suggest_names(name, known, other=f"; allowed: {', '.join(known) or 'none'}")
 
 
 def _check_range(what: str, setting: str, value: float) -> None:

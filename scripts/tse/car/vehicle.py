@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from tse.car.formula import Formula, read_formula
-from tse.library.core import ALL, CONFIG, NOMINAL, Config, Effect, SettingError, library
-from tse.library.errors import UserError, meant
+from tse.library.core import ALL_SETTINGS_HINT, CONFIG, NOMINAL, Config, EffectRow, SettingError, library
+from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml
-from tse.log.noise import kinematic_misfit, noise_of
-from tse.log.rows import MEASURES, Log
+from tse.log.noise import compute_misfit, estimate_noise
+from tse.log.rows import MEASURES, CheckedLog
 
 GRAVITY = 9.81
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
@@ -350,7 +350,7 @@ def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
     where = {name: f"[{name}]" if name else "at the top, before the first [table]" for name in known}
     if there := [where[name] for name, keys in known.items() if key in keys]:
         return f" here, but {' and '.join(there)}"
-    if near := meant(key, known[table]):
+    if near := suggest_names(key, known[table]):
         return near
     if key in Config().fields:
         return ": a setting of the filter goes into its own file, --config FILTER.toml"
@@ -446,13 +446,15 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
     catalogue = library().effects
     for effect, parameters in effects.items():
         if effect not in catalogue:
-            raise UserError(f"{path}: there is no effect '{effect}'{meant(effect, catalogue, other=ALL)}")
+            raise UserError(
+                f"{path}: there is no effect '{effect}'{suggest_names(effect, catalogue, other=ALL_SETTINGS_HINT)}"
+            )
         if not isinstance(parameters, dict):
             raise UserError(f"{path}: effects.{effect} must be a table: [effects.{effect}]")
         settings = {p.name: p.setting for p in catalogue[effect].parameters}
         for key, value in parameters.items():
             if key not in settings:
-                hint = meant(key, settings, 1, f" (allowed: {', '.join(settings)})")
+                hint = suggest_names(key, settings, 1, f" (allowed: {', '.join(settings)})")
                 unknown.append(f"key effects.{effect}.{key} is not known{hint}")
                 continue
             _set(check, settings[key], value, f"{path}: key effects.{effect}.{key}")
@@ -460,7 +462,7 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
     return unknown
 
 
-def is_set(config: Config, effect: Effect) -> bool:
+def is_set(config: Config, effect: EffectRow) -> bool:
     """Return whether an effect is other than by default: exact kinematics off, the others on."""
     return any(getattr(config, p.setting) != p.default for p in effect.strengths)
 
@@ -522,7 +524,7 @@ def _fill_uncertainty(vehicle: Vehicle) -> None:
         vehicle.filled.append(f"[uncertainty] {text} (rule: a car that nobody has calibrated; 0 is exact)")
 
 
-def fill_sensors(vehicle: Vehicle, log: Log) -> None:
+def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
     """Sensor noise and bias that the vehicle file leaves out, from the log; the rules are in noise.py."""
     average_sensors(vehicle, log)
     v = vehicle.values
@@ -530,7 +532,7 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
     silent = any(f"{channel}_sd" not in v for channel in MEASURES)
-    misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear) if silent else {}
+    misfits = compute_misfit(log, config.wheel_radius_front, config.wheel_radius_rear) if silent else {}
     _fill_wheel_noise(vehicle, config, log, moving)
     for channel in MEASURES:
         key = f"{channel}_sd"
@@ -539,7 +541,7 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
             continue
         if log.data[channel].isna().all():
             continue  # not in the log: it is not asked
-        noise, misfit = noise_of(log, channel, moving), misfits.get(channel)
+        noise, misfit = estimate_noise(log, channel, moving), misfits.get(channel)
         if noise is None:
             vehicle.filled.append(f"{key} = {f.default:.3g} {f.unit} (default: the log is too short to tell)")
             continue
@@ -562,8 +564,8 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
             )
 
 
-def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: Log, moving: np.ndarray) -> None:
-    found = {a: noise_of(log, f"wheel_speed_{a}", moving) for a in ("front", "rear")}
+def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving: np.ndarray) -> None:
+    found = {a: estimate_noise(log, f"wheel_speed_{a}", moving) for a in ("front", "rear")}
     found = {axle: noise for axle, noise in found.items() if noise is not None}
     if found:
         axle = max(found, key=lambda a: found[a].sd)
@@ -576,7 +578,7 @@ def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: Log, moving: np.nda
         )
 
 
-def average_sensors(vehicle: Vehicle, log: Log) -> None:
+def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
     """Make the noise of one sample, as the file states it, that of a mean of several, where the log has means."""
     fields = Config().fields
     for key in ("wheel_noise_sd", *(f"{channel}_sd" for channel in MEASURES)):

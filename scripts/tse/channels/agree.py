@@ -22,7 +22,7 @@ from tse.channels.log import read_log
 from tse.channels.raster import resample
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import TORQUES, Log, Reading, liveliest
+from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
 # sd of the logarithm of each figure in logs whose units are right. accel_y: roll and bank
 # of the road (0.91 .. 1.10 for the cars of tests/cars and the real logs). accel_x: pitch
@@ -144,12 +144,12 @@ class Figures:
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
-def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading) -> list[Log]:
+def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: Reading) -> list[CheckedLog]:
     """Return the logs whose channels agree; a car is calibrated only from these.
 
     Parameters
     ----------
-    logs : sequence of Path or Log
+    logs : sequence of Path or CheckedLog
         Logs, or the files to read.
     notes : list of str
         Extended by the warnings of each log, and by the reason for each log left out.
@@ -161,14 +161,14 @@ def read_agreeing(logs: Sequence[Path | Log], notes: list[str], reading: Reading
     UserError
         No log can be used. The error is that of the first.
     """
-    found: list[Log] = []
+    found: list[CheckedLog] = []
     refused: list[UserError] = []
     car = reading.car or default_vehicle()
     for given in logs:
-        path = given.path if isinstance(given, Log) else given
+        path = given.path if isinstance(given, CheckedLog) else given
         try:
-            log = given if isinstance(given, Log) else read_log(given, reading=reading)
-            against = check_car(liveliest(log, MAX_CHECKED_ROWS), car, Config.exact(car.values))
+            log = given if isinstance(given, CheckedLog) else read_log(given, reading=reading)
+            against = check_car(select_liveliest(log, MAX_CHECKED_ROWS), car, Config.exact(car.values))
             if surely := select_certain(against):
                 raise UserError(f"{path}: nothing is learnt from it: {'; '.join(surely)}")
             notes += [f"{path}: {text}" for text in against]
@@ -189,14 +189,14 @@ def select_certain(warnings: Sequence[str]) -> list[str]:
     return [text for text in warnings if PERHAPS not in text]
 
 
-def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:
+def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
     """Return the warnings of check_units() for a log of this car."""
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
-def late_across(log: Log, config: Config) -> list[str]:
+def late_across(log: CheckedLog, config: Config) -> list[str]:
     """Return a warning if accel_y comes much later or earlier than the yaw rate, else [].
 
     Expected: accel_y = v r + the change of the lateral velocity, after the latency that
@@ -225,7 +225,7 @@ def late_across(log: Log, config: Config) -> list[str]:
 
 
 def check_units(
-    log: Log,
+    log: CheckedLog,
     wheelbase: float,
     radius_front: float,
     radius_rear: float,
@@ -237,7 +237,7 @@ def check_units(
 
     Parameters
     ----------
-    log : Log
+    log : CheckedLog
         The log.
     wheelbase : float
         m.
@@ -313,7 +313,7 @@ def check_units(
 
 
 def _holds_throughout(
-    log: Log,
+    log: CheckedLog,
     d: Mapping[str, np.ndarray],
     v: np.ndarray,
     wheelbase: float,
@@ -374,7 +374,9 @@ def _cost_free_factor(figures: Figures) -> float:
     return FREE_FACTOR_PRICE + min(costs, default=np.inf)
 
 
-def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
+def find_false_stops(
+    log: CheckedLog, radius_front: float, radius_rear: float, hold_speed: float
+) -> list[str]:
     """Return a warning if both wheel speeds are 0 while the car drives.
 
     The wheels then stop from one row to the next, and turn again as suddenly. Brakes and
@@ -402,7 +404,7 @@ def find_false_stops(log: Log, radius_front: float, radius_rear: float, hold_spe
     ]
 
 
-def _check_velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
+def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) -> list[str]:
     """Return warnings if a measured velocity contradicts wheels, yaw rate or accel_y.
 
     Longitudinal velocity: equal to the speed of the wheels within MAX_SPEED_RATIO, as
@@ -472,7 +474,7 @@ def _check_pedals(
             if share > 0.5:
                 words = words.format(100 * share)
                 found.append(f"check the units: brake is {words}: it is 1 while the car brakes, else 0")
-    axles = [c for c in TORQUES if c in d]
+    axles = [c for c in TORQUE_COLUMNS if c in d]
     if axles and mass and "accel_x" in d:
         force = sum(d[c] / radius[c.rpartition("_")[2]] for c in axles) / mass
         both = len(axles) == 2
@@ -487,12 +489,12 @@ def _check_pedals(
     return found
 
 
-def _smooth_channels(log: Log) -> dict[str, np.ndarray]:
+def _smooth_channels(log: CheckedLog) -> dict[str, np.ndarray]:
     """Return the channels and GNSS on the raster of physics.py, low-passed."""
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.COMPARISON_RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
-        c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUES) if c in log.extra
+        c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUE_COLUMNS) if c in log.extra
     }
     rate = 1.0 / max(log.sample_time or 0.01, 1e-3)
     found = {}
@@ -583,7 +585,7 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
     ]
 
 
-def _check_time(log: Log, radius: float) -> list[str]:
+def _check_time(log: CheckedLog, radius: float) -> list[str]:
     """Return a warning if the time of a slow log does not fit: it may be a row count.
 
     The integral of accel_x over time is the change of the speed."""
@@ -618,7 +620,7 @@ def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
 
 
 def _compute_figures(
-    log: Log,
+    log: CheckedLog,
     d: Mapping[str, np.ndarray],
     v: np.ndarray,
     wheelbase: float,

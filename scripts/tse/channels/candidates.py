@@ -9,7 +9,7 @@ from tse.channels.look import MIN_NAME_SCORE, ROLE_KINDS, Guess, Look
 from tse.channels.physics import fit
 from tse.channels.vocabulary import ROLE_WORDS, find_place, is_another_thing, score_name
 from tse.channels.wheels import MIN_WHEEL_RATE, find_quaternions, is_rolling
-from tse.log.units import kind
+from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording
 
 MAX_CANDIDATES = 3  # of one channel
@@ -65,7 +65,7 @@ def find_nearest_candidates(
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
     """Return the score of a signal by name and unit; 0: not a candidate."""
-    of_kind = kind(c.unit) in ROLE_KINDS[role] and kind(c.unit) != ""
+    of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
         if place and not place.startswith(axle):
@@ -111,7 +111,7 @@ def _explain_rejection(
         others = f"{look.time[0]:.1f} .. {look.time[-1]:.1f} s"
         return f"its times ({begin:.1f} .. {end:.1f} s) are not those of the other signals ({others})"
     unit = look.find_unit(c.name)
-    if kind(unit) not in ("", *ROLE_KINDS[role]):
+    if unit_kind(unit) not in ("", *ROLE_KINDS[role]):
         return f"its unit {unit} is not that of {WANTED_KIND[role]}"
     if role == "wheel":
         if not is_rolling(x):

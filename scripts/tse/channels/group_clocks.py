@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.channels.vocabulary import find_place, score_name
-from tse.readers.recording import Channel, Recording, listed
+from tse.readers.recording import Channel, Recording, list_names
 
 # formats whose signals share one clock
 ONE_CLOCK = ("BLF", "ASC", "TRC", "CAN log", "CSV", "VBOX", "Parquet", "Feather")
@@ -42,7 +42,7 @@ class ClockGroup:
     def describe(self) -> str:
         """Return its number and its first signals, in words."""
         more = ", ..." if len(self.channels) > 3 else ""
-        return f"group {self.number} ({listed(c.short for c in self.channels[:3])}{more})"
+        return f"group {self.number} ({list_names(c.short for c in self.channels[:3])}{more})"
 
 
 def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, dict[str, float]]:

@@ -11,8 +11,8 @@ from tse.channels.physics import MOVING_SPEED, average
 from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, UnitScale, is_same_unit, measure_slopes
 from tse.channels.vocabulary import AXLES, find_place, score_name
 from tse.channels.wheels import compute_speed, is_car_speed
-from tse.log.units import factor, kind
-from tse.readers.table import unit_at_end
+from tse.log.units import unit_factor, unit_kind
+from tse.readers.table import find_unit_suffix
 
 BY_SIZE = "by its size"
 # rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
@@ -118,7 +118,7 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
     c = look.channels[name]
     if c.unit and is_same_unit(c.unit, unit, role):
         return "by the log"
-    end = unit_at_end(c.short)
+    end = find_unit_suffix(c.short)
     return "by the end of the name" if end and is_same_unit(end, unit, role) else BY_SIZE
 
 
@@ -228,8 +228,8 @@ def _guess_steering(
 ) -> Guess:
     """Return the guess of the steering angle, with ratio by its slope over r/v."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
-    unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
-    unit = unit if kind(unit) == "angle" else ""
+    unit = look.channels[name].unit or find_unit_suffix(look.channels[name].short)
+    unit = unit if unit_kind(unit) == "angle" else ""
     given = car.steering_ratio if car is not None else None
     found = physics.fit_steering(look.x[name], v, r) if v is not None and r is not None else None
     guess = Guess(
@@ -263,7 +263,7 @@ def _guess_steering(
         _set_steering_ratio(guess, ratio, spread, given, warnings)
     if guess.sign < 0:
         guess.figures.append("positive to the right in the log")
-    offset = found.offset * float(factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
+    offset = found.offset * float(unit_factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
     if abs(offset) > 0.003:
         guess.figures.append(f"{found.offset:.3g} {guess.unit} when driving straight")
     return guess
@@ -289,7 +289,7 @@ def _choose_steering_unit(
     unit by the log, "" if unknown. The unit is that for which the ratio is nearest to 1
     (angle of the road wheels) or to the ratio of the vehicle file."""
     units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
-    options = [(u, raw * float(factor(u, "rad") or 1.0)) for u in units]
+    options = [(u, raw * float(unit_factor(u, "rad") or 1.0)) for u in units]
     ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
     off, guess.unit, ratio = min(
         (min(abs(np.log(q)) / spread, abs(np.log(q / (given or RATIO_PRIOR))) / ratio_spread), u, q)
@@ -299,7 +299,7 @@ def _choose_steering_unit(
     guess.unit_from = _describe_origin(look, name, guess.unit, "steer_angle")
     if unit and off > 3.0:  # the unit of the log contradicts the size by more than 3 sd
         other = "rad" if is_same_unit(unit, "deg", "steer_angle") else "deg"
-        q = raw * float(factor(other, "rad") or 1.0)
+        q = raw * float(unit_factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
             warnings.append(
                 f"the log gives {unit} for {name!r}, but its size is that of {other}: {other} is proposed"
@@ -350,7 +350,7 @@ def _guess_wheels(
             figures.append(f"{axle} over the other axle: {float(np.nanmedian((a / b)[fast])):.3f}")
     if "speed" in scale.figures:
         figures.append(f"the log's own speed over theirs: {scale.figures['speed']:.3f}")
-    if factor(unit, "m/s") is None and "accel_y" in scale.figures:
+    if unit_factor(unit, "m/s") is None and "accel_y" in scale.figures:
         figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}")
     if len(mine) == 2 and "track" in scale.figures:
         figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")

@@ -21,40 +21,40 @@ from tse.channels.signals import MAX_RATE, MIN_RATE, SignalsFile, SignalSource, 
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
-    FEW_OUTSIDE,
+    MAX_OUTSIDE,
     MEASURES,
-    OPTIONAL,
+    OPTIONAL_COLUMNS,
     SIDES,
-    Log,
+    CheckedLog,
     Reading,
-    Slower,
-    beside_of,
-    checked,
-    columns,
-    lacking,
-    straightened,
+    SlowChannel,
+    check_log,
+    find_absent_channels,
+    find_signals_file,
+    list_columns,
+    straighten_log_time,
 )
-from tse.readers.read_text import parsing
+from tse.readers.read_text import translate_parser_errors
 from tse.readers.readers import read_recording
 from tse.readers.recording import (
-    PIECE,
-    ROW,
+    CHUNK_ROWS,
+    MIN_ROW_BYTES,
     Recording,
-    cells_of,
-    check_columns,
     check_rows,
-    in_room,
-    in_time,
-    listed,
+    check_table_width,
+    limit_memory,
+    limit_time,
+    list_names,
+    split_cells,
 )
-from tse.readers.table import PACKED, Column, is_packed, of_packed, seconds
+from tse.readers.table import PACKED_NOTE, Column, convert_to_seconds, is_packed, unpack_times
 
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
 
-def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
+def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> CheckedLog:
     """Read and check a log.
 
     Parameters
@@ -72,7 +72,7 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
         With file, row, column and the allowed values.
     """
     path, reading = Path(path), reading or Reading()
-    with in_room(path), in_time(path):
+    with limit_memory(path), limit_time(path):
         log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
     if reading.car is not None:
         log = adapt_to_car(log, reading.car)
@@ -81,7 +81,7 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
     return log
 
 
-def adapt_to_car(log: Log, car: Vehicle) -> Log:
+def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
     """Return the log with a substituted wheel speed scaled to the radii of this car."""
     if log.stand_in is None:
         return log
@@ -102,10 +102,10 @@ def _is_plain(path: Path, reading: Reading) -> bool:
             head = file.read(65536)
     except (OSError, UnicodeDecodeError):
         return False
-    lines = [cells_of(path, x) for x in head.splitlines()[:2]] if "\0" not in head else []
+    lines = [split_cells(path, x) for x in head.splitlines()[:2]] if "\0" not in head else []
     names = [c.strip() for c in lines[0]] if lines else []
-    wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
-    beside = beside_of(path)
+    wanted = {*list_columns(), *(c for pair in SIDES.values() for c in pair)}
+    beside = find_signals_file(path)
     if beside is not None and any(
         f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n
     ):
@@ -119,16 +119,16 @@ def _is_plain(path: Path, reading: Reading) -> bool:
     return "time" in names and len(wanted & {n.lower() for n in names}) > 3
 
 
-def _read_plain(path: Path, spare: Collection[str]) -> Log:
+def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
     """Read and check a CSV with commas and the library's names."""
     head, whole = _read_head(path)
-    header = [c.strip() for c in (cells_of(path, head[0]) if head else [])]
-    check_columns(path, header)
-    wanted = columns()
+    header = [c.strip() for c in (split_cells(path, head[0]) if head else [])]
+    check_table_width(path, header)
+    wanted = list_columns()
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
     }
-    absent = lacking(header, sides, spare)
+    absent = find_absent_channels(header, sides, spare)
     needed = [c for name in wanted if name not in absent for c in sides.get(name, (name,))]
     missing = [c for c in needed if c not in header]
     if missing:
@@ -146,15 +146,15 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
         notes.append(f"column {', '.join(skipped)} is not numeric: not used")
     time = table.pop("time")
     if is_packed(time):
-        notes.append(PACKED)
-        time = of_packed(time)
-    time, keep = straightened(path, time, line, notes)
+        notes.append(PACKED_NOTE)
+        time = unpack_times(time)
+    time, keep = straighten_log_time(path, time, line, notes)
     if not keep.all():
         table, line = {c: x[keep] for c, x in table.items()}, line[keep]
-    return checked(path, time, table, line, notes, spare)
+    return check_log(path, time, table, line, notes, spare)
 
 
-def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
+def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> CheckedLog:
     """Check columns in memory: a data frame, or arrays by name.
 
     Parameters
@@ -188,8 +188,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
     }
-    absent = lacking(header, sides, MEASURES)
-    needed = [c for wanted in columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
+    absent = find_absent_channels(header, sides, MEASURES)
+    needed = [c for wanted in list_columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
     if missing := [c for c in needed if c not in header]:
         also = (
             "; left and right wheel may stand in place of an axle, both"
@@ -224,8 +224,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
     row = np.arange(rows[0])
-    time, keep = straightened(Path(name), table.pop("time"), row, notes, "row")
-    return checked(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+    time, keep = straighten_log_time(Path(name), table.pop("time"), row, notes, "row")
+    return check_log(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
 
 
 def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
@@ -237,14 +237,14 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
         The column is not numeric.
     """
     kind = getattr(getattr(values, "dtype", None), "kind", "O")
-    if kind == "c" or (kind == "b" and column not in OPTIONAL):
+    if kind == "c" or (kind == "b" and column not in OPTIONAL_COLUMNS):
         raise TypeError("complex or Boolean values where a measurement is needed")
     if column == "time" and kind not in "fiub":
         series = (
             values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
         )
         if isinstance(next(iter(series), None), str | datetime | timedelta):
-            return seconds(Path(name), Column(column, series.infer_objects()), [])
+            return convert_to_seconds(Path(name), Column(column, series.infer_objects()), [])
     elif kind in "mM":
         # as numbers they would be nanoseconds
         raise TypeError("times where a measurement is needed")
@@ -257,7 +257,7 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
 
 def _is_spare(column: str) -> bool:
     """Return whether a column is read, though the estimator does not need it."""
-    return column.startswith("ref_") or column in OPTIONAL
+    return column.startswith("ref_") or column in OPTIONAL_COLUMNS
 
 
 def _read_head(path: Path) -> tuple[list[str], int | None]:
@@ -354,14 +354,14 @@ def _read_numbers(
         "skipinitialspace": True,
         "encoding": "utf-8-sig",
         "nrows": whole,
-        "chunksize": PIECE,  # all rows at once need twice the memory
+        "chunksize": CHUNK_ROWS,  # all rows at once need twice the memory
     }
-    with parsing(path), pd.read_csv(path, **options) as pieces:
+    with translate_parser_errors(path), pd.read_csv(path, **options) as pieces:
         parts, rows = [], 0
         for piece in pieces:
             parts.append(piece[piece[needed].notna().any(axis=1)])
             rows += len(parts[-1])
-            check_rows(path, "it", rows, ROW)
+            check_rows(path, "it", rows, MIN_ROW_BYTES)
         table = pd.concat(parts)
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
@@ -377,7 +377,7 @@ def _read_numbers(
             continue
         if bad.any():
             count, at, wrong = int(bad.sum()), line[bad.argmax()], str(cells.iloc[int(bad.argmax())])
-            if count > FEW_OUTSIDE * len(table):
+            if count > MAX_OUTSIDE * len(table):
                 hint = "; decimals are written with a point" if "," in wrong else ""
                 raise UserError(
                     f"{path}: line {at}, column {name}: {wrong[:40]!r} is not a number; allowed: "
@@ -391,7 +391,7 @@ def _read_numbers(
 
 def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
     """Refuse a CSV whose first row is longer than the header: pandas only warns."""
-    row = cells_of(path, first[0]) if first else []
+    row = split_cells(path, first[0]) if first else []
     cells = len(row)
     if cells <= len(header):
         return
@@ -429,7 +429,7 @@ def _describe_range(name: str) -> str:
 # ---- any log: reader, mapping, raster, check
 
 
-def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
+def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog:
     """Read and check a log of any format.
 
     Raises
@@ -461,7 +461,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     rows = resample_channels(found, reading.rate or signals.rate, path)
     notes += rows.notes
     line = np.arange(1, len(rows.time) + 1)
-    log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row")
+    log = check_log(path, rows.time, dict(rows.value), line, notes, spare, place="row")
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
@@ -502,26 +502,28 @@ def map_own_names(recording: Recording) -> SignalsFile | None:
     return SignalsFile(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
 
 
-def _join_slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:
+def _join_slower(
+    native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float
+) -> dict[str, SlowChannel]:
     """Return the entries of slower channels; of an axle the mean of its wheels."""
-    found = {n: Slower(t, x, rate / own) for n, (t, x, own) in native.items()}
+    found = {n: SlowChannel(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
             left, right = (found.pop(s) for s in pair)
             mean = 0.5 * (left.value + np.interp(left.time, right.time, right.value))
-            found[axle] = Slower(left.time, mean, left.rows)
-    return {n: s for n, s in found.items() if n in {*columns(), *MEASURES} and n not in OPTIONAL}
+            found[axle] = SlowChannel(left.time, mean, left.rows)
+    return {n: s for n, s in found.items() if n in {*list_columns(), *MEASURES} and n not in OPTIONAL_COLUMNS}
 
 
 def _describe_unnamed(path: Path, recording: Recording) -> str:
     """Return the message that a log needs a signals.toml."""
     own = [n for n in list_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
-    has = f"; of tse's names it has {listed(own)}, not {listed(missing)}" if own else ""
+    has = f"; of tse's names it has {list_names(own)}, not {list_names(missing)}" if own else ""
     name = shlex.quote(path.name)
     return (
         f"{path}: a file must say which of its {len(recording.channels)} signals are which "
-        f"({listed(c.name for c in recording)}){has}\n"
+        f"({list_names(c.name for c in recording)}){has}\n"
         f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, "
         "it is used"
     )

@@ -16,9 +16,9 @@ from tse.channels.mapping import Clocks, Series
 from tse.channels.physics import COMPARISON_RATE, smooth
 from tse.channels.raster import find_rate, resample, select_entries
 from tse.channels.vocabulary import join_words
-from tse.log.units import is_strange, kind
+from tse.log.units import is_unknown_unit, unit_kind
 from tse.readers.recording import Channel, Recording
-from tse.readers.table import unit_at_end
+from tse.readers.table import find_unit_suffix
 
 ROLE_KINDS = {
     "yaw_rate": ("rate",),
@@ -194,7 +194,9 @@ class Look:
         if name not in self._unit:
             c = self.channels[name]
             self._unit[name] = (
-                c.unit if kind(c.unit) not in ("",) and not is_strange(c.unit) else unit_at_end(c.short)
+                c.unit
+                if unit_kind(c.unit) not in ("",) and not is_unknown_unit(c.unit)
+                else find_unit_suffix(c.short)
             )
         return self._unit[name]
 

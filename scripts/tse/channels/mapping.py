@@ -12,9 +12,9 @@ import numpy as np
 from tse.channels.counters import find_modulo
 from tse.channels.signals import Counter, Flag, SignalsFile, SignalSource, find_unit
 from tse.library.errors import UserError
-from tse.log.clock import straight
+from tse.log.clock import straighten_time
 from tse.log.rows import SIDES
-from tse.log.units import factor
+from tse.log.units import unit_factor
 from tse.readers.recording import Channel, Recording
 
 USUAL_MODULO = 16  # of a counter of 4 bits
@@ -43,7 +43,7 @@ class Clocks:
     def straighten(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
         """Return the increasing times of a channel, and the values at these times."""
         if id(channel.time) not in self._done:
-            time, keep, said = straight(channel.time)
+            time, keep, said = straighten_time(channel.time)
             self._done[id(channel.time)] = channel.time, time, keep
             self.notes += [x for x in said if x not in self.notes]
         _, time, keep = self._done[id(channel.time)]
@@ -165,10 +165,10 @@ def _find_factor(
     radius = signal.radius
     if radius is None and car is not None and "wheel_speed" in part:
         radius = car.values.get("wheel_radius_front" if "front" in part else "wheel_radius_rear")
-    per = factor(unit, wanted, radius)
+    per = unit_factor(unit, wanted, radius)
     if per is None:
         where = "" if signal.unit is not None else f" (of {channel.name!r} in the log)"
-        if "wheel_speed" in part and factor(unit, wanted, 1.0) is not None:
+        if "wheel_speed" in part and unit_factor(unit, wanted, 1.0) is not None:
             raise UserError(
                 f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or "
                 "radius = 0.31 beside the unit"

@@ -16,9 +16,9 @@ from tse.channels.raster import find_rate, select_entries
 from tse.channels.scales import find_units
 from tse.channels.velocities import find_velocities
 from tse.channels.wheels import compute_speed, find_pedals, find_roles, find_sides, find_speed, find_wheels
-from tse.log.clock import straight
-from tse.log.units import is_strange
-from tse.readers.recording import Channel, How, Recording, listed
+from tse.log.clock import straighten_time
+from tse.log.units import is_unknown_unit
+from tse.readers.recording import Channel, ReadOptions, Recording, list_names
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def list_signals(recording: Recording, proposal: Proposal) -> list[Line]:
 def _describe_signal(c: Channel, used: str) -> Line:
     """Return the line of a signal. `used`: the channel for which it is proposed."""
     there = np.isfinite(c.value)
-    time, keep, _ = straight(c.time)
+    time, keep, _ = straighten_time(c.time)
     rate = find_rate(select_entries(Series(c.name, time, c.value[keep]))[0]) if there.sum() > 2 else 0.0
     low, high = (
         (float(np.min(c.value[there])), float(np.max(c.value[there]))) if there.any() else (np.nan, np.nan)
@@ -68,7 +68,7 @@ def format_headline(g: Guess) -> str:
 
 
 def format_signals(
-    recording: Recording, proposal: Proposal, how: How | None = None, folder: Path = Path()
+    recording: Recording, proposal: Proposal, how: ReadOptions | None = None, folder: Path = Path()
 ) -> str:
     """Return the proposal as signals.toml, with the evidence as comments.
 
@@ -78,7 +78,7 @@ def format_signals(
         "Check and edit."
     ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
-    said = {k: v for k, v in vars(how or How()).items() if v and k != "wanted"}
+    said = {k: v for k, v in vars(how or ReadOptions()).items() if v and k != "wanted"}
     if "databases" in said:
         said["databases"] = [_make_relative(p, folder) for p in said["databases"]]
     lines += (
@@ -120,10 +120,10 @@ def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[s
     found: dict[tuple[str, str], list[str]] = {}
     for g in guesses:
         for n in g.name:
-            if is_strange(unit := recording.channels[n].unit):
+            if is_unknown_unit(unit := recording.channels[n].unit):
                 found.setdefault((unit, g.unit), []).append(n)
     return [
-        f"the unit {unit!r} of {listed(names)} is not known: {own} is proposed, by size; look whether it is "
+        f"the unit {unit!r} of {list_names(names)} is not known: {own} is proposed, by size; look whether it is "
         "right"
         for (unit, own), names in found.items()
     ]

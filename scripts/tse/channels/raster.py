@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from tse.channels.mapping import Series
-from tse.log.noise import fresh
-from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITIES
-from tse.readers.recording import PIECE, ROW, check_rows
+from tse.log.noise import find_new_values
+from tse.log.rows import DRIVES, MEASURES, SIDES, VELOCITY_COLUMNS
+from tse.readers.recording import CHUNK_ROWS, MIN_ROW_BYTES, check_rows
 
 # Hz: max rate of rows that nobody has chosen. The filter is tuned for it, and faster rows
 # of a bus mostly hold their values.
@@ -53,7 +53,7 @@ def select_entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
     time, value = (s.time, s.value) if there.all() else (s.time[there], s.value[there])
     if s.hold or len(time) < 3:
         return time, value
-    new = fresh(value)
+    new = find_new_values(value)
     time, value = (time, value) if new.all() else (time[new], value[new])
     step = np.diff(time)
     if len(step) and (step < BURST_STEP * np.median(step)).any():
@@ -94,7 +94,7 @@ def resample_channels(
     plain = _keep_table(found, rate)
     if plain is not None:
         if path is not None:
-            check_rows(path, "it", len(plain.time), ROW)
+            check_rows(path, "it", len(plain.time), MIN_ROW_BYTES)
         return plain
     own, rates = {}, {}
     for name, s in found.items():
@@ -107,14 +107,14 @@ def resample_channels(
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
-        if name in VELOCITIES:  # each measurement is used once: no interpolation, no hold
+        if name in VELOCITY_COLUMNS:  # each measurement is used once: no interpolation, no hold
             rows.value[name] = _place_entries(t, x, time)
         else:
             held = s.hold or name == "brake"  # a switch
             rows.value[name] = hold(t, x, time) if held else resample(t, x, time, rate)
         if name in core:
             keep |= np.isfinite(rows.value[name])
-        if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITIES:
+        if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITY_COLUMNS:
             rows.native[name] = t, x, rates[name]
     if not keep.all():
         rows.time = time[keep]
@@ -169,7 +169,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
             part, value = _filter_low_pass(part, value, usual, rate)
             if len(part) > 3 and 1.0 / usual > DENSE_RATIO * rate:
                 between = _interpolate_cubic
-        count = max(1, round(PIECE * min(1.0, rate * usual)))  # rows of so many entries
+        count = max(1, round(CHUNK_ROWS * min(1.0, rate * usual)))  # rows of so many entries
         for begin in range(rows.start, rows.stop, count):
             piece = slice(begin, min(begin + count, rows.stop))
             out[piece] = between(part, value, np.clip(time[piece], part[0], part[-1]))
@@ -233,14 +233,14 @@ def _filter_low_pass(
     # both ends are extended by point reflection: a straight line stays straight
     before, after = 2 * value[0] - value[half:0:-1], 2 * value[-1] - value[-2 : -half - 2 : -1]
     longer, found = np.concatenate([before, value, after]), np.empty(n)
-    for begin in range(0, n, PIECE):
-        part = longer[begin : begin + PIECE + 2 * half]
+    for begin in range(0, n, CHUNK_ROWS):
+        part = longer[begin : begin + CHUNK_ROWS + 2 * half]
         # wrap-around falls in rows left out below
         size = 1 << (len(part) - 1).bit_length()
         if len(of_kernel) != size // 2 + 1:
             of_kernel = np.fft.rfft(kernel, size)
         both = np.fft.rfft(part, size) * of_kernel
-        found[begin : begin + PIECE] = np.fft.irfft(both, size)[2 * half : len(part)]
+        found[begin : begin + CHUNK_ROWS] = np.fft.irfft(both, size)[2 * half : len(part)]
     return even, found
 
 
@@ -284,7 +284,7 @@ def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows |
     own = find_rate(first.time)
     if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * MAX_DEFAULT_RATE and rate is None):
         return None
-    full = [s for n, s in found.items() if n not in VELOCITIES]
+    full = [s for n, s in found.items() if n not in VELOCITY_COLUMNS]
     sparse = [s for s in full if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < MIN_FILLED]
     if any(
         np.median(np.diff(np.flatnonzero(np.isfinite(s.value)))) > 1
@@ -316,7 +316,7 @@ def _make_times(
     start = start_on_beat({n: own[n][0] for n in core}, rates, rate, first)
     count = max(1, int(np.floor((last - start) * rate + 1e-6)) + 1)
     if path is not None:
-        check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, ROW)
+        check_rows(path, f"from its first to its last value at {rate:g} Hz it", count, MIN_ROW_BYTES)
     return start + np.arange(count) / rate
 
 

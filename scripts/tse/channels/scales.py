@@ -17,9 +17,9 @@ from tse.channels.look import MIN_NAME_SCORE, MIN_PROOF_CORR, ROLE_KINDS, Look
 from tse.channels.physics import USUAL_TRACK, USUAL_TRACK_SD, fit, smooth
 from tse.channels.vocabulary import join_words, score_name
 from tse.channels.wheels import compute_speed, find_named_speed, find_turn, is_car_speed
-from tse.log.units import factor, kind
-from tse.readers.recording import RECEIVER
-from tse.readers.table import unit_at_end
+from tse.log.units import unit_factor, unit_kind
+from tse.readers.recording import RECEIVER_TEXT
+from tse.readers.table import find_unit_suffix
 
 UNIT_OPTIONS = {
     "wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"),
@@ -94,7 +94,11 @@ def find_units(
         return UnitScale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
-        if was and kind(was) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"]) and not is_same_unit(u, was, role):
+        if (
+            was
+            and unit_kind(was) in ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
+            and not is_same_unit(u, was, role)
+        ):
             warnings.append(
                 f"the log gives {was} for {names[role]!r}, but its size is that of {u}: {u} is proposed"
             )
@@ -106,14 +110,14 @@ def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[
 
     `is_speed`: the signal is the speed of the car in place of the wheels."""
     kinds = ROLE_KINDS.get(role, ROLE_KINDS["wheel"])
-    said, end = look.channels[name].unit, unit_at_end(look.channels[name].short)
-    said = said if kind(said) in kinds else ""
+    said, end = look.channels[name].unit, find_unit_suffix(look.channels[name].short)
+    said = said if unit_kind(said) in kinds else ""
     choices = list(UNIT_OPTIONS[role])
     if role == "wheel" and is_speed:
-        choices = [u for u in choices if factor(u, "m/s") is not None]
-    if said and factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
+        choices = [u for u in choices if unit_factor(u, "m/s") is not None]
+    if said and unit_factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
         choices = [said] + [u for u in choices if not is_same_unit(u, said, role)]
-    elif said == "" and end and kind(end) in kinds:
+    elif said == "" and end and unit_kind(end) in kinds:
         choices = [end] + [u for u in choices if not is_same_unit(u, end, role)]
     cost = OTHER_UNIT_COST
     if said:
@@ -126,16 +130,16 @@ def _list_units(look: Look, role: str, name: str, is_speed: bool) -> list[tuple[
 def is_same_unit(a: str, b: str, role: str) -> bool:
     """Return whether two units of a role are equal, however they are spelt."""
     wanted = "rad/s" if role in ("wheel", "yaw_rate") else "rad" if role == "steer_angle" else "m/s2"
-    x, y = factor(a, wanted, 1.0), factor(b, wanted, 1.0)
+    x, y = unit_factor(a, wanted, 1.0), unit_factor(b, wanted, 1.0)
     # rad/s and m/s of a wheel are different kinds, though both are converted to rad/s
-    return x is not None and y is not None and abs(x / y - 1) < 1e-3 and kind(a) == kind(b)
+    return x is not None and y is not None and abs(x / y - 1) < 1e-3 and unit_kind(a) == unit_kind(b)
 
 
 def _convert_unit(role: str, unit: str, car: Any | None) -> float:
     """Return the factor from a unit to SI; of wheels to m/s."""
     if role == "wheel":
-        return float(factor(unit, "m/s") or (factor(unit, "rad/s") or 1.0) * _get_radius(car))
-    return float(factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
+        return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _get_radius(car))
+    return float(unit_factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
 
 
 def measure_slopes(
@@ -182,8 +186,8 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     left. < 0: to the right. 0: there is no course."""
     named = [
         n for n in look.raw
-        if score_name("heading", n) >= MIN_NAME_SCORE and kind(look.find_unit(n)) in ("", "angle")
-        and (look.channels[n].text == RECEIVER or re.search(r"gps|gnss", join_words(n)))
+        if score_name("heading", n) >= MIN_NAME_SCORE and unit_kind(look.find_unit(n)) in ("", "angle")
+        and (look.channels[n].text == RECEIVER_TEXT or re.search(r"gps|gnss", join_words(n)))
     ]  # fmt: skip
     if not named:
         return 0.0
@@ -206,13 +210,13 @@ def _find_ground_speed(look: Look, wheels: Mapping[str, str]) -> np.ndarray | No
     named = [
         n
         for n in look.x
-        if kind(look.channels[n].unit) == "speed"
+        if unit_kind(look.channels[n].unit) == "speed"
         and score_name("speed", n) >= MIN_NAME_SCORE
         and n not in wheels.values()
     ]
     named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", join_words(n))), score_name("speed", n)))
     if named:
-        return look.x[named[-1]] * float(factor(look.channels[named[-1]].unit, "m/s") or 1.0)
+        return look.x[named[-1]] * float(unit_factor(look.channels[named[-1]].unit, "m/s") or 1.0)
     at = {
         role: max(((score_name(role, n), n) for n in look.x), default=(0.0, ""))
         for role in ("latitude", "longitude")
@@ -229,7 +233,7 @@ def _compute_cost(
 ) -> tuple[float, dict[str, float]]:
     """Return the deviation of units from physics, in squared sd, and the figures."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
-    rolling = unit.get("wheel", "") and factor(unit["wheel"], "m/s") is None
+    rolling = unit.get("wheel", "") and unit_factor(unit["wheel"], "m/s") is None
     loose = USUAL_RADIUS_SD if rolling and car is None else 0.02 if rolling else 0.0
     figures = {}
     cost = 0.0

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from tse.library.core import library
-from tse.library.errors import UserError, meant
+from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml
-from tse.log.rows import OPTIONAL, SIDES, beside_of
-from tse.log.units import factor, quantity
-from tse.readers.recording import How
+from tse.log.rows import OPTIONAL_COLUMNS, SIDES, find_signals_file
+from tse.log.units import parse_unit, unit_factor
+from tse.readers.recording import ReadOptions
 
 MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz of the rows
 MAX_LATENCY = 1.0  # s
 MAX_CLOCK = 4e9  # s: an epoch
-LOG_KEYS = {f.name for f in fields(How)} - {"wanted"} | {"rate"}
+LOG_KEYS = {f.name for f in fields(ReadOptions)} - {"wanted"} | {"rate"}
 SIGNAL_KEYS = (
     *("name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency"),
     *("clock", "valid", "counter", "hold", "above", "unsure"),
@@ -83,7 +83,7 @@ class SignalsFile:
 
     path: Path | None
     signals: Mapping[str, SignalSource]
-    how: How = field(default_factory=How)
+    how: ReadOptions = field(default_factory=ReadOptions)
     rate: float | None = None
 
     def wants(self, name: str) -> bool:
@@ -99,7 +99,9 @@ class SignalsFile:
         )
 
 
-def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tuple[SignalsFile | None, How]:
+def find_signals(
+    log: Path, file: Path | None, databases: Sequence[Path]
+) -> tuple[SignalsFile | None, ReadOptions]:
     """Return the signals.toml of a log, and the settings for reading it.
 
     Parameters
@@ -111,22 +113,26 @@ def find_signals(log: Path, file: Path | None, databases: Sequence[Path]) -> tup
     databases : sequence of Path
         Databases of the bus; they precede those that [log] names.
     """
-    file = file or beside_of(log)
+    file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
-    how = signals.how if signals is not None else How()
+    how = signals.how if signals is not None else ReadOptions()
     return signals, replace(how, databases=(*databases, *how.databases))
 
 
 def list_channels() -> list[str]:
     """Return the channels that a file may have, without ref_*."""
-    return [*(f.name for f in library().channels), *(s for pair in SIDES.values() for s in pair), *OPTIONAL]
+    return [
+        *(f.name for f in library().channels),
+        *(s for pair in SIDES.values() for s in pair),
+        *OPTIONAL_COLUMNS,
+    ]
 
 
 def find_unit(channel: str) -> str:
     """Return the SI unit of a channel."""
     axle = next((a for a, pair in SIDES.items() if channel in pair), channel)
-    if axle in OPTIONAL:
-        return OPTIONAL[axle][0]
+    if axle in OPTIONAL_COLUMNS:
+        return OPTIONAL_COLUMNS[axle][0]
     return next((f.unit for f in library().channels if f.name == axle), "")
 
 
@@ -153,7 +159,7 @@ def read_signals(path: Path) -> SignalsFile:
         raise refuse(
             next(iter(data)),
             "",
-            f"is not known{meant(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and "
+            f"is not known{suggest_names(next(iter(data)), ('log', 'signals'), 1)}; tables are [log] and "
             "[signals.CHANNEL]",
         )
     if not isinstance(log, dict) or not isinstance(signals, dict):
@@ -172,7 +178,7 @@ def read_signals(path: Path) -> SignalsFile:
             raise refuse(
                 at,
                 "",
-                f"there is no such channel{meant(channel, known, 1)}; channels: {', '.join(known)}, "
+                f"there is no such channel{suggest_names(channel, known, 1)}; channels: {', '.join(known)}, "
                 "ref_ANYTHING",
             )
         if not isinstance(table, dict):
@@ -197,12 +203,14 @@ def read_signals(path: Path) -> SignalsFile:
     return SignalsFile(path, found, how, rate)
 
 
-def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float | None]:
+def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
     """Return the settings of [log], and the rate of the rows, Hz."""
     for key, value in log.items():
         if key not in LOG_KEYS:
             raise refuse(
-                "log", key, f"is not known{meant(key, LOG_KEYS, 1)}; keys: {', '.join(sorted(LOG_KEYS))}"
+                "log",
+                key,
+                f"is not known{suggest_names(key, LOG_KEYS, 1)}; keys: {', '.join(sorted(LOG_KEYS))}",
             )
         if key in ("time", "time_unit", "separator", "decimal", "encoding") and not isinstance(value, str):
             raise refuse("log", key, f"{value!r} is no text in quotes")
@@ -210,7 +218,7 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float
         _check_number("log", "rate", log["rate"], MIN_RATE, MAX_RATE, "Hz", refuse) if "rate" in log else None
     )
     step = _check_number("log", "step", log["step"], 1e-4, 1.0, "s", refuse) if "step" in log else None
-    if "time_unit" in log and factor(log["time_unit"], "s") is None:
+    if "time_unit" in log and unit_factor(log["time_unit"], "s") is None:
         raise refuse("log", "time_unit", f"{log['time_unit']!r} is no unit of time; s, ms, us, ns are")
     if log.get("decimal", ".") not in (".", ","):
         raise refuse("log", "decimal", f'{log["decimal"]!r} is not allowed; "." and "," are')
@@ -221,7 +229,7 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[How, float
     databases = [databases] if isinstance(databases, str) else databases
     if not isinstance(databases, list) or not all(isinstance(d, str) for d in databases):
         raise refuse("log", "databases", 'must be a list of files: ["car.dbc"]')
-    how = How(
+    how = ReadOptions(
         databases=tuple((path.parent / d) for d in databases),
         time=log.get("time"),
         time_unit=log.get("time_unit"),
@@ -238,7 +246,9 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
     """Return the signal of a channel from its table. `at`: name of the table."""
     for key in table:
         if key not in SIGNAL_KEYS:
-            raise refuse(at, key, f"is not known{meant(key, SIGNAL_KEYS, 1)}; keys: {', '.join(SIGNAL_KEYS)}")
+            raise refuse(
+                at, key, f"is not known{suggest_names(key, SIGNAL_KEYS, 1)}; keys: {', '.join(SIGNAL_KEYS)}"
+            )
     names = _check_names(channel, at, table.get("name"), refuse)
     values: dict[str, Any] = {"channel": channel, "name": names}
     for key, (low, high, unit) in NUMBER_RANGES.items():
@@ -309,14 +319,14 @@ def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ..
 def _check_unit(channel: str, at: str, table: dict[str, Any], refuse: Any) -> str:
     """Return the unit of a signal, which must be convertible to that of the channel."""
     unit, usual = table["unit"], _list_units(channel)
-    if not isinstance(unit, str) or quantity(unit) is None:
+    if not isinstance(unit, str) or parse_unit(unit) is None:
         raise refuse(
             at, "unit", f"{unit!r} is no unit that is known; for {channel} {usual} are, for instance"
         )
     if channel.startswith("ref_") or "above" in table:
         return unit
     wanted = find_unit(channel)
-    if factor(unit, wanted, 1.0) is None:
+    if unit_factor(unit, wanted, 1.0) is None:
         raise refuse(at, "unit", f"{unit!r} cannot be turned into {wanted}; {usual} can, for instance")
     return unit
 

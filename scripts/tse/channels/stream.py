@@ -29,11 +29,11 @@ from tse.channels.raster import (
 )
 from tse.channels.signals import SignalsFile, SignalSource
 from tse.library.core import library
-from tse.library.errors import UserError, meant
-from tse.log.noise import fresh
-from tse.log.rows import DRIVES, MEASURES, OPTIONAL, SIDES, VELOCITIES
-from tse.readers.bus_text import Frame
-from tse.readers.read_can import key_of, messages_of, states_of, values_of, without_codes
+from tse.library.errors import UserError, suggest_names
+from tse.log.noise import find_new_values
+from tse.log.rows import DRIVES, MEASURES, OPTIONAL_COLUMNS, SIDES, VELOCITY_COLUMNS
+from tse.readers.bus_text import CanFrame
+from tse.readers.read_can import decode_signals, drop_codes, make_key, read_messages, read_states
 from tse.readers.recording import Channel, Recording
 
 # s and entries of a signal that are kept: enough for counter, held values and spline
@@ -103,7 +103,7 @@ class Stream:
         self.notes: list[str] = []
         self._car, self._all = car, signals
         self._rate = rate or signals.rate
-        self._messages = messages_of(databases, self.notes)
+        self._messages = read_messages(databases, self.notes)
         self._kept: dict[str, _Signal] = {}
         self._of_key: dict[int, list[_Signal]] = {}
         for key, message in self._messages.items():
@@ -148,7 +148,7 @@ class Stream:
                     files = ", ".join(p.name for p in databases)
                     raise UserError(
                         f"{source}: [signals.{s.channel}]: there is no {name!r} in {files}"
-                        f"{meant(name, there)}"
+                        f"{suggest_names(name, there)}"
                     )
                 whole[name] = name if name in self._kept else alike[0]
         self._all = replace(
@@ -190,7 +190,7 @@ class Stream:
 
     def list_columns(self) -> list[str]:
         """Return the columns of the rows, without time."""
-        optional = [c for c in OPTIONAL if c in self._all.signals]
+        optional = [c for c in OPTIONAL_COLUMNS if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
 
     def find_message(self, channel: str) -> str:
@@ -201,7 +201,7 @@ class Stream:
         )
         return str(self._kept[name].message.name) if name else ""
 
-    def add(self, frames: Sequence[Frame]) -> list[str]:
+    def add(self, frames: Sequence[CanFrame]) -> list[str]:
         """Add frames in the order of arrival; return warnings about their clock."""
         said = []
         groups: dict[int, tuple[list[float], list[bytes]]] = {}
@@ -214,7 +214,7 @@ class Stream:
                 self._shift += self._last - time
                 time = self._last
             self._last = max(time, self._last)
-            key = int(key_of(f.identifier, f.extended))
+            key = int(make_key(f.identifier, f.extended))
             if key not in self._messages:
                 self.unknown[f.identifier] = self.unknown.get(f.identifier, 0) + 1
                 continue
@@ -232,9 +232,9 @@ class Stream:
     def _decode(self, kept: list[_Signal], times: list[float], data: list[bytes]) -> None:
         """Append the values of the frames of one message to its signals."""
         of = {k.signal.name: k for k in kept}
-        for s, have, value in values_of(kept[0].message, [k.signal for k in kept], data):
+        for s, have, value in decode_signals(kept[0].message, [k.signal for k in kept], data):
             k = of[s.name]
-            value = without_codes(s.name, s, value, states_of(s), [])
+            value = drop_codes(s.name, s, value, read_states(s), [])
             for i, x in zip(have.tolist(), value.tolist(), strict=True):
                 if not k.time or times[i] > k.time[-1]:
                     k.time.append(times[i])
@@ -322,7 +322,7 @@ class Stream:
         even: dict[int, list[str]] = {}
         for n, s in heard.found.items():
             t, x = heard.own[n]
-            if n in VELOCITIES:
+            if n in VELOCITY_COLUMNS:
                 value[n] = self._place_measurements(n, t, x, time)
             elif s.hold or n == "brake":
                 value[n] = hold(t, x, time)
@@ -447,7 +447,7 @@ class Stream:
                 value[axle] = self._average_axle(axle, *(value.get(s, nothing) for s in pair), yaw)
         for c in self.list_columns():
             x = value.get(c, nothing)
-            columns[c] = _mask_outside(x, *OPTIONAL[c][1:3]) if c in OPTIONAL else x
+            columns[c] = _mask_outside(x, *OPTIONAL_COLUMNS[c][1:3]) if c in OPTIONAL_COLUMNS else x
         if self._stand_in:
             other = next(axle for axle in SIDES if axle != self._stand_in)
             front, rear = (self._car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
@@ -477,7 +477,7 @@ class Stream:
 def find_mean_rate(s: Series) -> float:
     """Return the mean rate of new values, Hz."""
     span = float(s.time[-1] - s.time[0]) if len(s.time) > 1 else 0.0
-    return (int(fresh(s.value).sum()) - 1) / span if span > 0 else 0.0
+    return (int(find_new_values(s.value).sum()) - 1) / span if span > 0 else 0.0
 
 
 def _list_names(s: SignalSource) -> list[str]:

@@ -9,7 +9,7 @@ from tse.channels import physics
 from tse.channels.look import Guess, Look
 from tse.channels.physics import MOVING_SPEED
 from tse.channels.vocabulary import join_words
-from tse.log.units import factor, kind
+from tse.log.units import unit_factor, unit_kind
 
 VELOCITY_NAMES = {
     "ins_vel_x": re.compile(
@@ -68,7 +68,7 @@ def _is_called(look: Look, name: str, pattern: re.Pattern[str]) -> bool:
     return (
         bool(pattern.search(text))
         and not NO_VELOCITY_NAME.search(text)
-        and kind(look.find_unit(name)) == "speed"
+        and unit_kind(look.find_unit(name)) == "speed"
     )
 
 
@@ -77,7 +77,7 @@ def _guess_velocity(
 ) -> Guess | None:
     """Return the guess of a velocity; None: it contradicts the speed, or has no sign."""
     unit = look.find_unit(name)
-    x = look.x[name] * float(factor(unit, "m/s") or 1.0)
+    x = look.x[name] * float(unit_factor(unit, "m/s") or 1.0)
     moving = np.isfinite(x) & (v > MOVING_SPEED)
     if moving.sum() < physics.MIN_ROWS:
         return None
@@ -120,7 +120,7 @@ def _find_sign(
     if not {"accel_y", "yaw_rate"} <= known.keys():
         return 0.0
     y, r = (
-        look.x[(g := known[c]).name[0]] * g.sign * float(factor(g.unit, u) or 1.0)
+        look.x[(g := known[c]).name[0]] * g.sign * float(unit_factor(g.unit, u) or 1.0)
         for c, u in (("accel_y", "m/s2"), ("yaw_rate", "rad/s"))
     )
     table = np.column_stack([physics.differentiate(x), y, np.ones(len(x))])

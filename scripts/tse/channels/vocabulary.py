@@ -9,7 +9,7 @@ import functools
 import re
 
 from tse.readers.recording import last_part
-from tse.readers.table import words
+from tse.readers.table import split_words
 
 # By role: patterns over the words of a name, joined by blanks, each with its score. The
 # best one counts.
@@ -173,7 +173,7 @@ NO_WHEEL_WORDS = re.compile(
 @functools.lru_cache(maxsize=4096)
 def join_words(name: str) -> str:
     """Return the words of a whole name, with topic and message, joined by blanks."""
-    return " ".join(words(name))
+    return " ".join(split_words(name))
 
 
 @functools.lru_cache(maxsize=65536)

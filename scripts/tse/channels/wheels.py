@@ -21,7 +21,7 @@ from tse.channels.vocabulary import (
     join_words,
     score_name,
 )
-from tse.log.units import kind
+from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording, last_part
 
 # Hz: min rate of a wheel speed. A GNSS receiver with 1 Hz misses braking.
@@ -36,11 +36,11 @@ def find_wheels(look: Look) -> dict[str, str]:
         if (
             not place
             or worth <= 0
-            or kind(look.find_unit(name)) not in ("", *ROLE_KINDS["wheel"])
+            or unit_kind(look.find_unit(name)) not in ("", *ROLE_KINDS["wheel"])
             or not is_rolling(look.x[name])
         ):
             continue
-        worth += kind(look.find_unit(name)) in ROLE_KINDS["wheel"]
+        worth += unit_kind(look.find_unit(name)) in ROLE_KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
         for key in (
             f"{len(join_words(name).split())} {look.find_unit(name)} {_strip_place(name)}",
@@ -106,7 +106,7 @@ def _find_nameless_wheels(look: Look) -> dict[str, str]:
         n
         for n in look.x
         if is_rolling(look.x[n])
-        and kind(look.find_unit(n)) in ("", *ROLE_KINDS["wheel"])
+        and unit_kind(look.find_unit(n)) in ("", *ROLE_KINDS["wheel"])
         and not NO_WHEEL_WORDS.search(join_words(n))
     ]
     for first in rolling:
@@ -162,9 +162,9 @@ def find_named_speed(look: Look, slowest: float = 0.0) -> str:
 
     `slowest`: min rate, Hz."""
     named = sorted(
-        (score_name("speed", look.clean_name(n)) + (kind(look.find_unit(n)) == "speed"), n)
+        (score_name("speed", look.clean_name(n)) + (unit_kind(look.find_unit(n)) == "speed"), n)
         for n in look.x
-        if look.rate[n] >= slowest and kind(look.find_unit(n)) in ("", "speed") and is_rolling(look.x[n])
+        if look.rate[n] >= slowest and unit_kind(look.find_unit(n)) in ("", "speed") and is_rolling(look.x[n])
     )
     return named[-1][1] if named and named[-1][0] >= MIN_NAME_SCORE else ""
 
@@ -288,7 +288,7 @@ def find_quaternions(look: Look) -> set[str]:
 
 def _score_by_name(look: Look, role: str, name: str) -> float:
     """Return the score of a signal for a role by name, unit and rate."""
-    unit = kind(look.find_unit(name))
+    unit = unit_kind(look.find_unit(name))
     of_kind = 1.0 if unit in ROLE_KINDS[role] else (0.0 if unit == "" else -3.0)
     of_kind -= 3.0 * is_another_thing(role, look.clean_name(name))
     return score_name(role, look.clean_name(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
@@ -447,7 +447,7 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
         named = (
             TORQUE_NAME.search(name) and AXLE_NAME[axle].search(name) and not OTHER_TORQUE_NAME.search(name)
         )
-        if named and kind(c.unit) == "torque":
+        if named and unit_kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "by the log")
             guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")
             guess.unsure.append("the signal, by its name alone")

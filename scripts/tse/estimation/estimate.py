@@ -29,13 +29,13 @@ from tse.library.core import (
     STIFFNESS,
     Config,
     Field,
-    Filter,
     LearntError,
+    NativeFilter,
     library,
 )
 from tse.library.errors import UserError
-from tse.library.files import atomic, is_parquet
-from tse.log.rows import MEASURES, Log
+from tse.library.files import is_parquet, write_atomically
+from tse.log.rows import MEASURES, CheckedLog
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -53,7 +53,7 @@ class Learnt:
     age: float  # s
     given: bool  # the age; else it is that of the file
 
-    def load(self, filter_: Filter) -> None:
+    def load(self, filter_: NativeFilter) -> None:
         """Let the filter start from it; the library says what is wrong with it."""
         try:
             filter_.load_learnt(self.data, self.age)
@@ -80,7 +80,7 @@ def read_learnt(path: Path, age_days: float | None = None) -> Learnt:
 
 
 def write_learnt(path: Path, data: bytes) -> None:
-    with atomic(path, "wb") as file:
+    with write_atomically(path, "wb") as file:
         file.write(data)
 
 
@@ -250,7 +250,11 @@ def est_columns() -> list[str]:
 
 
 def estimate(
-    log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None, contradicted: bool = False
+    log: CheckedLog,
+    config: Config,
+    progress: bool = False,
+    learnt: Learnt | None = None,
+    contradicted: bool = False,
 ) -> Estimate:
     """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept.
     `contradicted`: its channels contradict each other, so no row is valid: what would be is implausible."""
@@ -263,7 +267,7 @@ def estimate(
 
 def estimate_to(
     path: Path | None,
-    log: Log,
+    log: CheckedLog,
     config: Config,
     progress: bool = False,
     learnt: Learnt | None = None,
@@ -298,10 +302,10 @@ def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], objec
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
-        with atomic(path, "wb") as file, _Parquet(file, single(head)) as rows:
+        with write_atomically(path, "wb") as file, _Parquet(file, single(head)) as rows:
             yield lambda block: rows.add(single(block))
     else:
-        with atomic(path, "wb") as file:
+        with write_atomically(path, "wb") as file:
             file.write(csv_header(head))
             yield lambda block: file.write(csv_rows(single(block)))
 
@@ -345,7 +349,7 @@ class _Parquet:
 
 
 def _run(
-    log: Log,
+    log: CheckedLog,
     config: Config,
     take: Callable[[Block], None],
     progress: bool,
@@ -353,7 +357,7 @@ def _run(
     contradicted: bool,
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
     """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.uncertainty_sd()."""
-    filter_ = Filter(config)
+    filter_ = NativeFilter(config)
     if learnt is not None:
         learnt.load(filter_)
     done = 0
@@ -439,7 +443,7 @@ def write_estimates(table: pd.DataFrame, path: Path) -> None:
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
     """CSV with the shortest digits that give the same bits back."""
-    with atomic(path, "wb") as file:
+    with write_atomically(path, "wb") as file:
         file.write(csv_header(table))
         for start in range(0, len(table), BLOCK):
             file.write(csv_rows(table.iloc[start : start + BLOCK]))

@@ -20,8 +20,8 @@ from scipy.optimize import minimize_scalar
 from tse.identify.unknowns import MOST_LATENCY, VELOCITY
 from tse.library.core import Config, Replay
 from tse.library.errors import UserError
-from tse.log.noise import channel_noise, filled, fresh, noise_of
-from tse.log.rows import DRIVES, MEASURES, Log
+from tse.log.noise import estimate_channel_noise, estimate_noise, fill_gaps, find_new_values
+from tse.log.rows import DRIVES, MEASURES, CheckedLog
 
 CHANNELS = MEASURES
 SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
@@ -108,13 +108,15 @@ class Prepared:
         return out
 
 
-def prepare(log: Log, config: Config) -> Prepared:
+def prepare(log: CheckedLog, config: Config) -> Prepared:
     """Smooth the inputs, find the stretches, measure the noise."""
     if log.sample_time is None or log.sample_time > 0.1:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {
-        name: np.where(fresh(x), x, np.nan) for name in MEASURES for x in (log.data[name].to_numpy(float),)
+        name: np.where(find_new_values(x), x, np.nan)
+        for name in MEASURES
+        for x in (log.data[name].to_numpy(float),)
     }
     measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
     moving = (
@@ -128,7 +130,11 @@ def prepare(log: Log, config: Config) -> Prepared:
         good &= ~_hole(log.time, x)
     noise, quiet = {}, {}
     for name, x in measured.items():
-        found = noise_of(log, name, moving) if name in log.slower else channel_noise(name, x, moving)
+        found = (
+            estimate_noise(log, name, moving)
+            if name in log.slower
+            else estimate_channel_noise(name, x, moving)
+        )
         noise[name] = found.sd if found else _plain_noise(x)
         if found and found.unraised < found.sd:
             quiet[name] = found.unraised / found.sd
@@ -137,7 +143,7 @@ def prepare(log: Log, config: Config) -> Prepared:
     distance = np.append(0.0, np.cumsum(np.maximum(v[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
     for name in (n for n in VELOCITY if n in log.extra):
         x = log.extra[name].to_numpy(float)
-        measured[name] = np.where(fresh(x), x, np.nan)
+        measured[name] = np.where(find_new_values(x), x, np.nan)
         noise[name] = _plain_noise(measured[name])
     absent = [name for name in MEASURES if name not in measured]
     notes = (
@@ -191,7 +197,7 @@ def speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
     )
 
 
-def prepare_all(logs: Sequence[Log], config: Config) -> list[Prepared]:
+def prepare_all(logs: Sequence[CheckedLog], config: Config) -> list[Prepared]:
     """Every log, with the latencies of the vehicle file taken out."""
     return [in_time(prepare(log, config), config) for log in logs]
 
@@ -210,25 +216,25 @@ def in_time(log: Prepared, config: Config) -> Prepared:
     return replace(log, inputs=inputs, late={c: by for c, by in late.items() if c in log.measured})
 
 
-def _smoothed(log: Log, name: str, x: np.ndarray) -> np.ndarray:
+def _smoothed(log: CheckedLog, name: str, x: np.ndarray) -> np.ndarray:
     """A channel on the rows of a log. Of one that was interpolated its own entries are smoothed: rows between them are what their
     neighbours say, and a cross-validation over rows would find that nothing is noise."""
     if name not in log.slower:
         return smoothed(log.time, x)
     own = log.slower[name]
     spline = smoothing(own.time, own.value)
-    return filled(x) if spline is None else spline(np.clip(log.time, own.time[0], own.time[-1]))
+    return fill_gaps(x) if spline is None else spline(np.clip(log.time, own.time[0], own.time[-1]))
 
 
 def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The smoothing spline through the values that are there; through all of them, if they have no noise."""
     spline = smoothing(time, x)
-    return filled(x) if spline is None else spline(time)
+    return fill_gaps(x) if spline is None else spline(time)
 
 
 def smoothing(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
     """The smoothing spline through the values that are there; None: they are too few, or have no noise."""
-    good = np.isfinite(x) & fresh(x)
+    good = np.isfinite(x) & find_new_values(x)
     y = x[good]
     if len(y) < 8 or np.std(np.diff(y, 3)) <= 1e-9 * max(1.0, float(np.max(np.abs(y)))):
         return None
@@ -240,7 +246,7 @@ def _age(time: np.ndarray, x: np.ndarray) -> float:
     there = np.isfinite(x)
     if not there.any():
         return 0.0
-    new = np.maximum.accumulate(np.where(fresh(x), np.arange(len(x)), 0))
+    new = np.maximum.accumulate(np.where(find_new_values(x), np.arange(len(x)), 0))
     return float(np.mean((time - time[new])[there]))
 
 
@@ -373,7 +379,7 @@ def curves(log: Prepared, config: Config) -> np.ndarray:
     if not np.isfinite(rate).any():
         return np.zeros(len(rate))
     metres = np.arange(0.0, log.distance[-1] + 1.0)
-    curvature = np.interp(metres, log.distance, filled(rate) / v)
+    curvature = np.interp(metres, log.distance, fill_gaps(rate) / v)
     return v**2 * np.interp(log.distance, metres, gaussian_filter1d(curvature, CURVE_LENGTH))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from tse.identify.knots import PROFILES, Knots
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import Log
+from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 from tse.roads.road_match import common, road_of, track_of
 
@@ -44,7 +44,7 @@ class Laps:
         return Knots.of(self.distance, self.of, kinds)
 
 
-def laps(logs: Sequence[Log], config: Config) -> Laps:
+def laps(logs: Sequence[CheckedLog], config: Config) -> Laps:
     """Find which logs share a road, each compared with the roads of those before it.
 
     Cost: half a second for a lap of 4 km beside another."""

@@ -54,7 +54,7 @@ from tse.identify.unknowns import (
     of_log,
 )
 from tse.library.core import NOMINAL, Config
-from tse.log.noise import smooth
+from tse.log.noise import compute_moving_average
 
 # prior sd, of finite differences: of stiffness, to which the response is least linear, and of the others
 STEPS = {True: 0.0005, False: 0.005}
@@ -398,7 +398,7 @@ class Problem:
     def piece(self, g: int, residual: np.ndarray) -> Piece:
         """Return residuals of a group with the size of their channel."""
         level = self.compared(g, self._measured[g])
-        square = smooth(level**2, max(1, round(ACTIVE_TIME / BLOCK)))
+        square = compute_moving_average(level**2, max(1, round(ACTIVE_TIME / BLOCK)))
         return Piece(self.time[g], np.sqrt(square[self._together[g]].mean(axis=1)), residual)
 
     def lasting(self, residuals: list[np.ndarray]) -> dict[str, Lasting]:

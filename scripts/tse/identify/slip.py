@@ -21,8 +21,8 @@ from tse.identify.fit import Fit
 from tse.identify.problem import Problem
 from tse.identify.unknowns import LATENCY, prior_of
 from tse.library.core import Config
-from tse.log.noise import noise_of
-from tse.log.rows import TORQUES, Log
+from tse.log.noise import estimate_noise
+from tse.log.rows import TORQUE_COLUMNS, CheckedLog
 
 STIFFNESS = "cx_front"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
@@ -56,7 +56,7 @@ GIVE = 0.005  # 1: rolling radius that a tyre loses by its static load (src/mode
 SPIN = 0.014  # 1: mass of two wheels at their radius over that of the car: 2.4 kg m2, 0.33 m, 1600 kg
 
 
-def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> Fit:
+def slips(problem: Problem, fit: Fit, logs: Sequence[CheckedLog], vehicle: Vehicle) -> Fit:
     """Return the fit with the longitudinal stiffness of the regression, and what it shows
     of wheel latencies and radii.
 
@@ -110,7 +110,7 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
 
 
 def longitudinal(
-    config: Config, values: Mapping[Any, float], logs: Sequence[Log], vehicle: Vehicle
+    config: Config, values: Mapping[Any, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> tuple[float, float]:
     """Return ln of the longitudinal stiffness over the vehicle file's and its sd, as a
     calibration on these logs has them.
@@ -195,7 +195,7 @@ class _Found:
 
 
 def _regression(
-    config: Config, at: Mapping[str, float], logs: Sequence[Log], vehicle: Vehicle
+    config: Config, at: Mapping[str, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> _Found | None:
     """Return what all logs show together; None: nothing. at: numbers of the car."""
     if vehicle.driven_axle != "front" and config.rear_longitudinal_follows_front != 1.0:
@@ -306,12 +306,12 @@ class _Samples:
     block: np.ndarray
 
 
-def _samples(car: _Car, log: Log) -> _Samples | None:
+def _samples(car: _Car, log: CheckedLog) -> _Samples | None:
     """Return the straight rows of a log without brakes; None: no row says which axle
     pulls how much.
 
     Slip is of the front axle over the rear one, unless the rear axle is driven."""
-    brake, torque = log.extra.get("brake"), [log.extra.get(name) for name in TORQUES]
+    brake, torque = log.extra.get("brake"), [log.extra.get(name) for name in TORQUE_COLUMNS]
     if car.driven == "both" and (brake is None or any(t is None for t in torque)):
         return None
     count = max(1, round(SMOOTH / (log.sample_time or 0.01)))
@@ -359,7 +359,7 @@ def _samples(car: _Car, log: Log) -> _Samples | None:
     if not use.any():
         return None
     columns = np.column_stack([takes, later, lag, drag, bend + radii])[use]
-    white = noise_of(log, "accel_x", v > SLOW)
+    white = estimate_noise(log, "accel_x", v > SLOW)
     of_mean = white.unraised**2 / count if white is not None else 0.0
     noise = np.full(len(columns), of_mean * (car.mass / (car.scale * car.stiffness[first])) ** 2)
     return _Samples(columns, noise, seen[use], np.minimum(v[use], 15.0), np.floor(log.time[use] / BLOCK))

@@ -1,4 +1,4 @@
-"""Write files completely or not at all, seal what a later run goes on from, read TOML with errors that name the file."""
+"""Write files completely or not at all, seal results of a user, read TOML."""
 
 import contextlib
 import errno
@@ -23,33 +23,37 @@ from tse.library.errors import NoFile, UserError
 fcntl: Any
 try:
     import fcntl
-except ImportError:  # Windows has none
+except ImportError:  # Windows
     fcntl = None
 
-# What a disk, a quota, a limit of the shell or a device says when it takes no more: the user's to mend, not ours.
-NO_ROOM = {
+# Errors of a disk, a quota, a limit of the shell or a device, which the user can mend
+WRITE_ERRORS = {
     getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)
 }
 
 
-def no_room(error: BaseException) -> str:
-    """Why nothing could be written, in words; empty if the error is another."""
-    return error.strerror or str(error) if isinstance(error, OSError) and error.errno in NO_ROOM else ""
+def explain_write_error(error: BaseException) -> str:
+    """Return the reason of a failed write, in words; "" for errors of another kind."""
+    if isinstance(error, OSError) and error.errno in WRITE_ERRORS:
+        return error.strerror or str(error)
+    return ""
 
 
-def real(path: Path) -> Path:
-    """Where a path leads, as Path.resolve(), but also for links that lead in a circle: opening it says so."""
+def resolve_path(path: Path) -> Path:
+    """Return the path with its links resolved.
+
+    Unlike Path.resolve() it accepts a circle of links, which fails when it is opened."""
     return Path(os.path.realpath(path))
 
 
 def check_directory(out: Path) -> None:
-    """Refuse early a directory for results that is a file."""
+    """Refuse a directory for results that exists as a file."""
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
 
 
 def make_directory(out: Path) -> None:
-    """Make a directory for results, with those above it; one that is there stays."""
+    """Make a directory for results, with its parents, unless it exists."""
     check_directory(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -58,81 +62,84 @@ def make_directory(out: Path) -> None:
 
 
 @contextmanager
-def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
-    """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was. A link is
-    replaced itself, not what it leads to, which may be somebody else's; who may read and write it stays."""
+def write_atomically(path: Path, mode: str = "w") -> Iterator[IO]:
+    """Yield a file that replaces `path` when the block ends without an error.
+
+    Otherwise `path` is unchanged. A link is replaced itself: its target may belong to
+    somebody else. The permissions of `path` are kept."""
     path = Path(path)
     try:
-        with _anew(path, mode) as file:
+        with _write_new(path, mode) as file:
             yield file
     except OSError as error:
-        reason = no_room(error)
-        if error.errno is None and not isinstance(
-            error, ValueError
-        ):  # packages that write pictures keep no number of it
+        reason = explain_write_error(error)
+        # packages that write pictures lose the error number
+        if error.errno is None and not isinstance(error, ValueError):
             reason = str(error)
         if reason:
             raise UserError(f"{path}: cannot be written: {reason}; nothing of it is kept") from error
         raise
 
 
-PART = ".part"  # the end of the name of a file that is being written
-BEGUN = 60.0  # s old that such a file is, at least, to be taken for one that a process left behind
+PART_SUFFIX = ".part"  # end of the name of an unfinished file
+MIN_PART_AGE = 60.0  # s; an older unfinished file was left behind by another process
 
 
-def _hold(handle: int) -> bool:
-    """Let nobody else hold this open file; False: somebody does. A process that is killed lets go."""
-    if fcntl is None:  # Windows removes no file that is open
+def _lock_handle(handle: int) -> bool:
+    """Lock an open file. Return False if another process holds the lock.
+
+    The system releases the lock of a killed process."""
+    if fcntl is None:  # Windows does not remove open files
         return True
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)  # a file system that knows no locks
+        # other errors: the file system has no locks
+        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
     return True
 
 
 @functools.lru_cache(maxsize=4096)
-def _parts(folder: Path) -> tuple[str, ...]:
-    """Files that were being written in a folder when this process first looked there."""
+def _list_parts(folder: Path) -> tuple[str, ...]:
+    """Return the unfinished files of a folder, as of the first call for it."""
     try:
-        return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART))
+        return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART_SUFFIX))
     except OSError:
         return ()
 
 
-def _clear_parts(path: Path) -> None:
-    """Remove what a process that was killed has left of this file."""
-    own = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}{re.escape(PART)}")
-    for left in (path.parent / n for n in _parts(path.parent) if own.fullmatch(n)):
+def _remove_stale_parts(path: Path) -> None:
+    """Remove unfinished files of this path that a killed process left behind."""
+    own = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}{re.escape(PART_SUFFIX)}")
+    for left in (path.parent / n for n in _list_parts(path.parent) if own.fullmatch(n)):
         with contextlib.suppress(OSError):
-            if not left.is_symlink() and time.time() - left.stat().st_mtime > BEGUN:
+            if not left.is_symlink() and time.time() - left.stat().st_mtime > MIN_PART_AGE:
                 with open(left, "rb") as file:
-                    held = _hold(file.fileno())
+                    held = _lock_handle(file.fileno())
                 if held:
                     left.unlink()
 
 
 @contextmanager
-def _anew(path: Path, mode: str) -> Iterator[IO]:
-    if path.exists() and not path.is_file():  # a pipe or device: nothing to rename over
-        with open(path, mode, encoding=None if "b" in mode else "utf-8") as file:
+def _write_new(path: Path, mode: str) -> Iterator[IO]:
+    """Yield a file beside `path` and rename it to `path` at the end."""
+    text = None if "b" in mode else "utf-8"
+    if path.exists() and not path.is_file():  # a pipe or device cannot be replaced
+        with open(path, mode, encoding=text) as file:
             yield file
         return
-    _clear_parts(path)
+    _remove_stale_parts(path)
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART, dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror}") from None
     try:
-        with os.fdopen(
-            handle, mode, encoding=None if "b" in mode else "utf-8", newline=None if "b" in mode else ""
-        ) as f:
-            _hold(f.fileno())
+        with os.fdopen(handle, mode, encoding=text, newline=None if text is None else "") as f:
+            _lock_handle(f.fileno())
             yield f
+            # content before name: otherwise a power cut can leave an empty file
             f.flush()
-            os.fsync(
-                f.fileno()
-            )  # before the new name: else a power cut can leave the name without the content
+            os.fsync(f.fileno())
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(name, path.stat().st_mode & 0o7777 if path.exists() else 0o666 & ~umask)
@@ -144,7 +151,9 @@ def _anew(path: Path, mode: str) -> Iterator[IO]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """The new name itself. Not every system or file system can; the content is safe then, and the name follows."""
+    """Write the entries of a folder to the disk, where the system can.
+
+    Elsewhere the content is safe, and the new name reaches the disk later."""
     if sys.platform == "win32":
         return
     try:
@@ -160,9 +169,11 @@ def _sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
-    """One process at a time is in the block that a lock file guards; others wait. A process that is killed lets go, too."""
-    from filelock import FileLock  # a filter for rows that come one at a time needs numpy alone
+def lock_file(path: Path) -> Iterator[None]:
+    """Let one process at a time run the block that this lock file guards.
+
+    Others wait. The system releases the lock of a killed process."""
+    from filelock import FileLock  # here: row-by-row estimation needs numpy only
 
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -171,7 +182,7 @@ def alone(path: Path) -> Iterator[None]:
 
 
 def check_writable(*paths: Path | None) -> None:
-    """Refuse early, before any long work, what cannot be written; None is not asked for."""
+    """Refuse, before any long work, files that cannot be written; None is skipped."""
     for path in (p for p in paths if p is not None):
         if path.is_dir():
             raise UserError(f"{path}: is a directory, a file name is needed")
@@ -182,20 +193,22 @@ def check_writable(*paths: Path | None) -> None:
 
 
 def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | None]) -> None:
-    """No output may overwrite an input or another output, under whatever name: links are looked through, hard ones, too."""
-    seen = {key: what for what, p in inputs.items() if p is not None for key in _identities(Path(p))}
+    """Refuse an output that is the same file as an input or another output.
+
+    Symbolic and hard links are followed. Keys are names for the message."""
+    seen = {key: what for what, p in inputs.items() if p is not None for key in _identify(Path(p))}
     for what, path in outputs.items():
         if path is None:
             continue
-        keys = _identities(Path(path))
+        keys = _identify(Path(path))
         if same := next((seen[key] for key in keys if key in seen), None):
             raise UserError(f"{path}: {what} is the same file as {same}")
         seen.update(dict.fromkeys(keys, what))
 
 
-def _identities(path: Path) -> list[object]:
-    """Under what a file is known: its path, and where it is there its place on the disk."""
-    keys: list[object] = [real(path)]
+def _identify(path: Path) -> list[object]:
+    """Return keys of a file: its resolved path; its device and inode, if it exists."""
+    keys: list[object] = [resolve_path(path)]
     try:
         found = path.stat()
     except OSError:
@@ -204,59 +217,64 @@ def _identities(path: Path) -> list[object]:
 
 
 def is_parquet(path: Path | None) -> bool:
-    """Is a table of that name Parquet? Else it is CSV."""
+    """Return whether the suffix is that of Parquet; other tables are CSV."""
     return path is not None and path.suffix.lower() in (".parquet", ".pq")
 
 
-# ---- What a run leaves for the next one of the same user is sealed: a digest with a secret that stays in the user's own
-# folder. So a result folder from a stranger, whatever keys and checksums are in it, is never gone on from.
+# ---- Sealed files: data from which a later run of the same user continues. The seal
+# is a digest keyed by a secret in the user's own folder. A result folder of a stranger
+# has no valid seal, so no run continues from it.
 
-BYTES = 32  # of the secret
+SECRET_BYTES = 32
 
 
-def seal(content: Any) -> str:
-    """The digest of what JSON can say."""
-    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), key=secret()).hexdigest()
+def compute_seal(content: Any) -> str:
+    """Return the keyed digest of JSON data."""
+    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), key=load_secret()).hexdigest()
 
 
 def write_sealed(path: Path, content: Any) -> None:
-    """Keep what JSON can say: numbers and words, nothing that could run."""
-    with atomic(path) as file:
-        json.dump({"content": content, "seal": seal(content)}, file)
+    """Write JSON data with its seal. JSON holds no code that could run."""
+    with write_atomically(path) as file:
+        json.dump({"content": content, "seal": compute_seal(content)}, file)
 
 
 def read_sealed(path: Path) -> Any:
-    """Return what was kept; None where there is nothing, or what is there is of somebody else, or broken."""
+    """Return the data of a sealed file; None without a valid seal of this user."""
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         content = kept["content"]
-        return content if hmac.compare_digest(str(kept["seal"]).encode(), seal(content).encode()) else None
+        seal = compute_seal(content)
+        return content if hmac.compare_digest(str(kept["seal"]).encode(), seal.encode()) else None
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return None
 
 
 @functools.cache
-def secret() -> bytes:
-    """Made once for each user. Where no folder can hold it each process has its own, and goes on from nothing."""
+def load_secret() -> bytes:
+    """Return the user's secret; make it at the first call.
+
+    Without a folder that can hold it, the secret is that of the process, and later runs
+    start from nothing."""
     home = (
         os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".local" / "state"
     )
     path = Path(home) / "tselab" / "seal.key"
-    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: there is no home
+    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: no home directory
         path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists():
-            handle, name = tempfile.mkstemp(dir=path.parent)  # for nobody else to read
+            handle, name = tempfile.mkstemp(dir=path.parent)  # readable by its owner only
             with os.fdopen(handle, "wb") as file:
-                file.write(secrets.token_bytes(BYTES))
+                file.write(secrets.token_bytes(SECRET_BYTES))
             try:
-                os.link(name, path)  # the first of several processes; whole, or not there
+                os.link(name, path)  # one of several processes succeeds, with a whole file
             except FileExistsError:
                 pass
             finally:
                 os.unlink(name)
-        if len(found := path.read_bytes()) == BYTES:
+        if len(found := path.read_bytes()) == SECRET_BYTES:
             return found
-    return secrets.token_bytes(BYTES)
+    return secrets.token_bytes(SECRET_BYTES)
 
 
 # ---- TOML
@@ -266,31 +284,29 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-loads = tomllib.loads
+parse_toml = tomllib.loads
 
-MOST_INTEGER = 1 << 63  # what TOML asks of a reader; Python's integers go on, and are no settings then
-
-
-LARGEST_TOML = 16 << 20  # bytes; a signals.toml of 10 000 channels has 1 MB
-DEEPEST = 64  # tables in tables
+INTEGER_LIMIT = 1 << 63  # integers of TOML have 64 bits, those of Python any number
+MAX_TOML_BYTES = 16 << 20  # a signals.toml of 10 000 channels has 1 MB
+MAX_TOML_DEPTH = 64  # nested tables
 
 
 def check_regular(path: Path, most: int, what: str) -> None:
-    """Refuse, before it is read, what is no regular file, or far too large for what it should be.
+    """Refuse a path that is no regular file or is too large, before it is read.
 
     Parameters
     ----------
     path : Path
-        What is to be read. One that is not there passes: who opens it says so.
+        The file. A missing file passes: opening it raises the error.
     most : int
-        Bytes that it may have.
+        Maximum size, bytes.
     what : str
-        What is needed there, for the message: "a TOML file".
+        Name of the needed content for the message: "a TOML file".
 
     Raises
     ------
     UserError
-        It is a device or a pipe, or has more bytes.
+        It is a device or a pipe, or larger than `most`.
     """
     try:
         found = Path(path).stat()
@@ -305,8 +321,19 @@ def check_regular(path: Path, most: int, what: str) -> None:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return what a TOML file says. UserError: it is none, is no regular file, or is nested too deeply."""
-    check_regular(path, LARGEST_TOML, "a TOML file")
+    """Return the tables of a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, is not valid TOML, is no regular file, or is nested too deeply.
+    """
+    check_regular(path, MAX_TOML_BYTES, "a TOML file")
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
@@ -315,8 +342,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: is a directory, a TOML file is needed") from None
     except UnicodeDecodeError:
         raise UserError(f"{path}: is not a text file in UTF-8; a TOML file is needed") from None
-    except ValueError as error:  # TOMLDecodeError is one; so are Python's limits on digits and dates
-        raise UserError(f"{path}: is not valid TOML: {error}{_table_hint(Path(path))}") from None
+    except ValueError as error:  # TOMLDecodeError, and Python's limits on digits and dates
+        raise UserError(f"{path}: is not valid TOML: {error}{_hint_at_table(Path(path))}") from None
     except RecursionError:
         raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
     except OSError as error:
@@ -325,26 +352,25 @@ def read_toml(path: Path) -> dict[str, Any]:
     return data
 
 
-def _table_hint(path: Path) -> str:
-    """What to say of a file whose first line names columns."""
+def _hint_at_table(path: Path) -> str:
+    """Return a hint if the first line of a file looks like the names of columns."""
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         line = file.readline(65536)
     cells = max(line.count(c) for c in ",;\t") + 1
-    return (
-        f"\n  it is a table of {cells} columns: a log in the place of a TOML file?"
-        if cells > 3 and "=" not in line
-        else ""
-    )
+    if cells > 3 and "=" not in line:
+        return f"\n  it is a table of {cells} columns: a log in the place of a TOML file?"
+    return ""
 
 
 def _check_values(path: Path, value: Any, key: str, depth: int) -> None:
-    if isinstance(value, int) and not -MOST_INTEGER <= value < MOST_INTEGER:
+    """Refuse too large integers and too deep tables. `key`: path of `value`."""
+    if isinstance(value, int) and not -INTEGER_LIMIT <= value < INTEGER_LIMIT:
         raise UserError(f"{path}: is not valid TOML: key {key[:200]}: an integer has at most 64 bits")
-    if depth > DEEPEST:
+    if depth > MAX_TOML_DEPTH:
         raise UserError(
-            f"{path}: is not valid TOML: key {key[:40]} ...: tables are nested more than {DEEPEST} deep"
+            f"{path}: is not valid TOML: key {key[:40]} ...: tables are nested more than "
+            f"{MAX_TOML_DEPTH} deep"
         )
-    for name, part in (
-        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    ):
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for name, part in parts:
         _check_values(path, part, f"{key}.{name}" if key else str(name), depth + 1)

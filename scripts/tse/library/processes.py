@@ -1,9 +1,9 @@
-"""Work in other processes, of this machine or of a Dask cluster: the same interface, the same numbers.
+"""Run tasks in processes of this machine or of a Dask cluster, with the same results.
 
-    for task, result in each(do, tasks, jobs, scheduler):     # as they are done
-        result()                                              # what do(task) returned, or raised
+    for task, result in run_in_processes(do, tasks, jobs, scheduler):  # as they finish
+        result()  # returns the value of do(task), or raises its error
 
-`do` is a plain function of a module, a task what pickle takes."""
+`do` is a function of a module; pickle must be able to send the tasks."""
 
 from __future__ import annotations
 
@@ -26,21 +26,23 @@ from typing import Any, TypeAlias
 
 from tse.library.errors import UserError
 
-CONNECT = 10  # s, for an answer of a scheduler
-WORKERS = 3  # s, for the first worker: those that start with the scheduler come a moment later
-Do: TypeAlias = Callable[[Any], Any]
-Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task, and what gives or raises its result
+CONNECT_TIMEOUT = 10  # s; wait for the answer of a scheduler
+WORKERS_TIMEOUT = 3  # s; wait for the first worker: workers start a moment after the scheduler
+Work: TypeAlias = Callable[[Any], Any]
+Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task; a call that returns or raises its result
 
 
 class Died(RuntimeError):
-    """The process that worked on a task is gone."""
+    """The process of a task has died."""
 
     def __init__(self, more: str = ""):
         super().__init__("the process that worked on it died, probably for want of memory" + more)
 
 
 class Workers:
-    """Takes tasks (submit), and gives them back as they are done (next). Left with an error, it waits for nothing."""
+    """Accepts tasks (submit) and returns finished ones (next).
+
+    On an error, leaving the `with` block does not wait for running tasks."""
 
     submit: Callable[[Any], None]
     next: Callable[[], Finished]
@@ -49,24 +51,45 @@ class Workers:
         return self
 
     def __exit__(self, kind: Any, *error: object) -> None:
-        """Nothing is to be ended."""
+        """End nothing; subclasses end their processes."""
 
 
-def each(do: Do, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None) -> Iterator[Finished]:
-    """Yield each task when it is done: of this process one after the other, of several in the order of their ends."""
+def run_in_processes(
+    do: Work, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None
+) -> Iterator[Finished]:
+    """Yield each task when it has finished.
+
+    Parameters
+    ----------
+    do : callable
+        The work: a function of a module with one argument.
+    tasks : sequence
+        Its arguments.
+    jobs : int
+        Number of processes; 1: this process, in the order of the tasks.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers replace the processes.
+
+    Yields
+    ------
+    task
+        One of the tasks.
+    result : callable
+        Returns the result of the task, or raises its error.
+    """
     if tasks:
-        few = Here(do) if jobs == 1 else Local(do, min(jobs, len(tasks)))
-        with few if scheduler is None else Cluster(do, scheduler) as workers:
+        few = InProcess(do) if jobs == 1 else LocalPool(do, min(jobs, len(tasks)))
+        with few if scheduler is None else DaskCluster(do, scheduler) as workers:
             for task in tasks:
                 workers.submit(task)
             for _ in tasks:
                 yield workers.next()
 
 
-class Here(Workers):
-    """This process: a task is done when its result is asked for."""
+class InProcess(Workers):
+    """This process: each task runs when its result is called."""
 
-    def __init__(self, do: Do):
+    def __init__(self, do: Work):
         self._do = do
         self._tasks: deque[Any] = deque()
 
@@ -78,16 +101,15 @@ class Here(Workers):
         return task, functools.partial(self._do, task)
 
 
-class Local(Workers):
+class LocalPool(Workers):
     """Processes of this machine."""
 
-    def __init__(self, do: Do, jobs: int):
+    def __init__(self, do: Work, jobs: int):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        self._suspects: deque[Any] = (
-            deque()
-        )  # were worked on when a process died: each alone, to see which it was
+        # tasks that ran when a process died; each runs again in a process of its own
+        self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 
     @staticmethod
@@ -96,7 +118,7 @@ class Local(Workers):
         return ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
 
     def submit(self, task: Any) -> None:
-        with without_interrupts():  # it may start a process
+        with ignore_interrupts():  # submit() may start a process
             try:
                 future = self._pool.submit(self._do, task)
             except BrokenProcessPool:
@@ -107,9 +129,8 @@ class Local(Workers):
 
     def next(self) -> Finished:
         while not self._suspects:
-            future = (
-                self._done.get()
-            )  # not wait(): Ctrl-C within that leaves futures locked, and the pool never ends
+            # get(), because Ctrl-C within wait() locks futures, and the pool never ends
+            future = self._done.get()
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
                 return task, future.result
@@ -120,9 +141,9 @@ class Local(Workers):
             self._pool = self._start(self._jobs)
         task = self._suspects.popleft()
         with self._start(1) as alone:
-            with without_interrupts():
+            with ignore_interrupts():
                 future = alone.submit(self._do, task)
-            return task, _dead if isinstance(future.exception(), BrokenProcessPool) else future.result
+            return task, _raise_died if isinstance(future.exception(), BrokenProcessPool) else future.result
 
     def __exit__(self, kind: Any, *error: object) -> None:
         if kind is not None:
@@ -131,34 +152,37 @@ class Local(Workers):
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _dead(more: str = "") -> Any:
+def _raise_died(more: str = "") -> Any:
+    """Raise Died. Called in the place of the result of a task whose process has died."""
     raise Died(more)
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent is killed would wait for work for ever."""
+    """End this worker when its parent ends; otherwise it would wait for work forever."""
     parent = multiprocessing.parent_process()
 
-    def watch() -> None:
+    def end_after_parent() -> None:
         if parent is not None:
             connection.wait([parent.sentinel])
             os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+    threading.Thread(target=end_after_parent, daemon=True).start()
 
 
-class Cluster(Workers):
-    """A Dask cluster, whose workers see files under the same paths. A worker that dies costs its task once more, elsewhere.
-    `check`: looks at the cluster before the first task."""
+class DaskCluster(Workers):
+    """A Dask cluster, whose workers reach files under the same paths as this process.
+
+    The scheduler repeats the task of a dead worker on another one. `check` is called with
+    client and address before the first task."""
 
     def __init__(
-        self, do: Do, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
+        self, do: Work, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
     ):
-        self._do, self._client = do, dask(scheduler)
+        self._do, self._client = do, connect_to_dask(scheduler)
         check(self._client, scheduler)
         import distributed
 
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a worker that died, which is borne
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a dead worker is expected
         self._finished: Any = distributed.as_completed([], loop=self._client.loop)
         self._tasks: dict[str, Any] = {}
         self._futures: dict[str, Any] = {}
@@ -176,35 +200,38 @@ class Cluster(Workers):
         task, _ = self._tasks.pop(future.key), self._futures.pop(future.key)
         if isinstance(future.exception(), distributed.KilledWorker):
             deaths = int(dask.config.get("distributed.scheduler.allowed-failures")) + 1
-            return task, functools.partial(_dead, f" (it has ended {deaths} workers of the cluster)")
+            return task, functools.partial(_raise_died, f" (it has ended {deaths} workers of the cluster)")
         return task, future.result
 
     def __exit__(self, kind: Any, *error: object) -> None:
-        with contextlib.suppress(Exception):  # a cluster that is gone has nothing to cancel
+        with contextlib.suppress(Exception):  # the cluster may have ended
             self._client.cancel(list(self._futures.values()))
         self._client.close()
 
 
-def dask(scheduler: str) -> Any:
-    """A client of the cluster at this address."""
+def connect_to_dask(scheduler: str) -> Any:
+    """Return a client of the Dask cluster at this address."""
     try:
         import distributed
     except ImportError:
         raise UserError("option --scheduler needs Dask: pip install 'tse[cluster]'") from None
     try:
-        if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
-            socket.create_connection(distributed.comm.get_address_host_port(scheduler), CONNECT).close()
-        return distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
+        if not scheduler.startswith("inproc://"):  # a client without a scheduler logs many lines
+            socket.create_connection(
+                distributed.comm.get_address_host_port(scheduler), CONNECT_TIMEOUT
+            ).close()
+        return distributed.Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None
 
 
 def check_workers(client: Any, scheduler: str) -> None:
-    """There are workers, and they compute what this process would: else the run would wait for ever, or give other numbers."""
+    """Refuse a cluster without workers, or with other code than this process.
 
-    def theirs() -> tuple[
-        str, str
-    ]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in
+    Without workers the run would wait forever; other code gives other results."""
+
+    # an inner function is sent as code: a worker may have no tselab to import it from
+    def read_version() -> tuple[str, str]:
         import hashlib
         from pathlib import Path
 
@@ -217,25 +244,24 @@ def check_workers(client: Any, scheduler: str) -> None:
             code.update(path.read_bytes())
         return library.__version__, code.hexdigest()
 
-    end = time.monotonic() + WORKERS
-    while not (found := client.run(theirs)):
+    end = time.monotonic() + WORKERS_TIMEOUT
+    while not (found := client.run(read_version)):
         if time.monotonic() > end:
             raise UserError(f"option --scheduler: the Dask cluster at {scheduler} has no workers")
         time.sleep(0.2)
-    mine = theirs()
+    mine = read_version()
     for worker, (version, code) in sorted(found.items()):
         if (version, code) != mine:
-            what = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}.get(
-                version, f"tselab {version}"
-            )
+            other = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}
             raise UserError(
-                f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has {what}, this is tselab {mine[0]}"
+                f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has "
+                f"{other.get(version, f'tselab {version}')}, this is tselab {mine[0]}"
             )
 
 
 @contextlib.contextmanager
-def killed_as_interrupted() -> Iterator[None]:
-    """A plain kill ends as Ctrl-C does: the workers go, too."""
+def treat_kill_as_interrupt() -> Iterator[None]:
+    """Let a plain kill (SIGTERM) end the block as Ctrl-C does, workers included."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -251,9 +277,10 @@ def killed_as_interrupted() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def without_interrupts() -> Iterator[None]:
-    """Ctrl-C goes to all processes of a terminal; what it means is decided by the first. Processes that are started in
-    here take no notice of it."""
+def ignore_interrupts() -> Iterator[None]:
+    """Let processes that are started in the block ignore Ctrl-C.
+
+    A terminal sends Ctrl-C to all its processes; only the first one reacts."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,1 +1,1 @@
-"""Rows of a log: channels, checks, clocks, units, and the noise of sensors."""
+"""A checked log: its channels, clock and units, and the noise of its sensors."""

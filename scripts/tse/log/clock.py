@@ -1,28 +1,50 @@
-"""Clocks of logs: duplicates, late entries, jumps. Nothing is refused: what can be put right is, and said."""
+"""Repair the clocks of logs: duplicates, late entries, jumps. Each repair is noted."""
 
 import numpy as np
 
-LATE_ROWS, LATE_TIME = (
-    8,
-    0.5,
-)  # an entry that is out of order belongs before so many, and so many seconds, at most: a buffer's
-LONGEST_GAP = 3600.0  # s: the library's limit; a clock that jumps further was set
-BRIDGED = 60.0  # s: what is left of such a jump: longer than any state of a car lasts
+DAY = 86400.0  # s
+# An entry that is out of order by less was delayed in a buffer; otherwise the clock was
+# set.
+MAX_LATE_ROWS = 8
+MAX_LATE_TIME = 0.5  # s
+MAX_TIME_GAP = 3600.0  # s; limit of the library. A longer jump means that the clock was set.
+BRIDGED_GAP = 60.0  # s; gap in the place of such a jump. Longer than any transient of a car.
 
 
-def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """A time that increases: the times that are kept, which entries those are, and what was done.
+def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return an increasing time.
 
-    An entry without a time is dropped. Of entries that share a time the last is kept, unless that would be most of them: then the
-    clock is too coarse, and they are spread over its ticks. Single entries that come late are put where they belong by dropping
-    them. A clock that goes back and on from there was set or has wrapped: the rest follows one usual step later. A jump ahead
-    by more than LONGEST_GAP becomes a gap of BRIDGED. `together`: entries may share a time, as messages of a bus do.
+    Parameters
+    ----------
+    time : ndarray, (entries,)
+        Times in the order of the file, s. NaN: missing.
+    together : bool
+        Entries may share a time, as messages of a bus do.
+
+    Returns
+    -------
+    ndarray, (kept entries,)
+        The new times, s.
+    ndarray of bool, (entries,)
+        The kept entries.
+    list of str
+        Notes about the repairs.
+
+    Notes
+    -----
+    - Entries without a time are dropped.
+    - Of entries with the same time the last one is kept. If more than 20 % share a time,
+      the clock is too coarse: all are kept and spread over its ticks.
+    - Single late entries are dropped.
+    - A clock that falls and continues from there was set or has wrapped: the following
+      entries continue one usual step later.
+    - A jump ahead by more than MAX_TIME_GAP becomes a gap of BRIDGED_GAP.
     """
     notes: list[str] = []
     keep = np.isfinite(time)
-    if len(time) > 1 and keep.all():  # as nearly all are: no copies
+    if len(time) > 1 and keep.all():  # the usual case, without copies
         step = np.diff(time)
-        if (step.min() > 0 or (together and step.min() == 0)) and step.max() <= LONGEST_GAP:
+        if (step.min() > 0 or (together and step.min() == 0)) and step.max() <= MAX_TIME_GAP:
             return time, keep, notes
     if not keep.all():
         notes.append(f"{(~keep).sum()} entries without a time are left out")
@@ -31,16 +53,16 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
     if len(t) < 2:
         return t, keep, notes
     step = np.diff(t)
-    if ((step > 0) | (together & (step == 0))).all() and step.max() <= LONGEST_GAP:
+    if ((step > 0) | (together & (step == 0))).all() and step.max() <= MAX_TIME_GAP:
         return t, keep, notes
     ahead = step[step > 0]
     usual = float(np.median(ahead)) if len(ahead) else 0.01
-    t, late, sets = _unwind(t, usual)
+    t, late, sets = _unwind_clock(t, usual)
     if sets:
         first = sets[0]
         notes.append(
-            f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} (first by {first[1]:.3g} s at {first[0]:.3f} s): "
-            "what follows is bridged, one usual step later"
+            f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} "
+            f"(first by {first[1]:.3g} s at {first[0]:.3f} s): what follows is bridged, one usual step later"
         )
     if late.any():
         notes.append(f"{late.sum()} entries are out of order: left out")
@@ -48,34 +70,54 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
     same = np.append(np.diff(t) == 0, False)
     if same.any() and not together:
         if same.mean() > 0.2:
-            t = _spread(t)
+            t = _spread_over_ticks(t)
             notes.append(
-                f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): they are spread over its ticks"
+                f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): "
+                "they are spread over its ticks"
             )
         else:
             notes.append(
-                f"{same.sum()} entries have the time of the next one (first at {t[same.argmax()]:.3f} s): left out"
+                f"{same.sum()} entries have the time of the next one "
+                f"(first at {t[same.argmax()]:.3f} s): left out"
             )
             at, t = at[~same], t[~same]
     jump = np.diff(t)
-    far = jump > LONGEST_GAP
+    far = jump > MAX_TIME_GAP
     if far.any():
         i = int(far.argmax())
         notes.append(
-            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, a gap of {BRIDGED:g} s is left"
+            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, "
+            f"a gap of {BRIDGED_GAP:g} s is left"
         )
-        t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED, 0.0)))
+        t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED_GAP, 0.0)))
     kept = np.zeros(len(time), bool)
     kept[at] = True
     return t, kept, notes
 
 
-def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
-    """Times that never fall, entries that are late, and where the clock was set back: when, by how much."""
+def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
+    """Remove falls from a time, s.
+
+    Parameters
+    ----------
+    t : ndarray, (entries,)
+        Finite times, s.
+    usual : float
+        Usual step, s.
+
+    Returns
+    -------
+    ndarray, (entries,)
+        Times that never fall, except at late entries.
+    ndarray of bool, (entries,)
+        Late entries.
+    list of (float, float)
+        Time and size of each fall of the clock, s.
+    """
     late, added = np.zeros(len(t), bool), np.zeros(len(t))
     sets: list[tuple[float, float]] = []
     falls = np.append(np.flatnonzero(np.diff(t) < 0) + 1, len(t))
-    highest, shift = float(t[0]), 0.0  # what is added from here on
+    highest, shift = float(t[0]), 0.0  # highest time so far; correction from here on
     i = 0
     while i < len(t):
         if t[i] + shift >= highest:
@@ -83,8 +125,8 @@ def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[t
             highest = float(t[i - 1]) + shift
             continue
         back = highest - float(t[i]) - shift
-        again = np.flatnonzero(t[i + 1 : i + 1 + LATE_ROWS] + shift > highest)
-        if back <= LATE_TIME and len(again) and again[0] < LATE_ROWS // 2:
+        again = np.flatnonzero(t[i + 1 : i + 1 + MAX_LATE_ROWS] + shift > highest)
+        if back <= MAX_LATE_TIME and len(again) and again[0] < MAX_LATE_ROWS // 2:
             late[i] = True
         else:
             sets.append((highest, back))
@@ -95,8 +137,8 @@ def _unwind(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[t
     return t + np.cumsum(added), late, sets
 
 
-def _spread(t: np.ndarray) -> np.ndarray:
-    """Entries that share a tick, spread evenly up to the next one."""
+def _spread_over_ticks(t: np.ndarray) -> np.ndarray:
+    """Spread entries with the same time evenly up to the next time."""
     ticks, first, count = np.unique(t, return_index=True, return_counts=True)
     following = np.append(ticks[1:], ticks[-1] + (np.median(np.diff(ticks)) if len(ticks) > 1 else 0.01))
     length = np.minimum(following - ticks, 2 * np.median(following - ticks))

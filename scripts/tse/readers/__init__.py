@@ -1,1 +1,1 @@
-"""Readers of log formats. readers.py chooses among read_*.py; each returns a Recording (recording.py)."""
+"""Readers of log formats: readers.py chooses a read_*.py, which returns a Recording."""

@@ -1,5 +1,7 @@
-"""Frames of a CAN bus as many tools write them into text: what python-can reads is handed to it line by line, put into its form;
-what it does not read is read here."""
+"""Frames of a CAN bus in text, as many tools write them.
+
+Formats of python-can are handed to it line by line, repaired. Other formats are read
+here."""
 
 import base64
 import binascii
@@ -14,19 +16,20 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
+from tse.log.clock import DAY
+from tse.readers.databases import IDENTIFIER_MASK
 
-LOOKED_AT = 1 << 16  # bytes from which a kind is recognised
-LONGEST_LINE = 1 << 14  # characters of a line of a log
-FIRST = 2000  # lines from which stamps and identifiers are understood
-MOST_ODD = 3  # odd lines that a note names
-ERROR_FRAME, IDENTIFIER = 0x20000000, 0x1FFFFFFF
-DAY = 86400.0  # s
+DETECTION_BYTES = 1 << 16  # read to detect the kind of a text
+MAX_LINE_LENGTH = 1 << 14  # characters
+DETECTION_LINES = 2000  # used to find the unit of the times and the base of the identifiers
+MAX_LISTED_LINES = 3  # odd lines in one note
+ERROR_FRAME = 0x20000000  # bit of an identifier of candump
 
 
-class Frame(NamedTuple):
-    """One frame. `time`, s, as its log has it; `bus`: its name there."""
+class CanFrame(NamedTuple):
+    """One frame; time and bus as in the log."""
 
-    time: float
+    time: float  # s
     identifier: int
     extended: bool
     bus: str
@@ -34,30 +37,31 @@ class Frame(NamedTuple):
 
 
 class Lines:
-    """The lines of a text, and which of them are odd. UTF-8 where it is that, else cp1252."""
+    """The lines of a text in UTF-8, UTF-16 or cp1252, with the numbers of odd lines."""
 
     def __init__(self, path: Path):
         self._path = path
-        self.number = 0  # of the line that was read last
+        self.number = 0  # number of the last line
         self.odd: list[int] = []
-        self.errors = 0  # error frames
+        self.errors = 0  # number of error frames
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
-        with open(self._path, encoding=_encoding(self._path), errors="replace") as file:
-            for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
+        with open(self._path, encoding=_detect_encoding(self._path), errors="replace") as file:
+            for number, line in enumerate(iter(lambda: file.readline(MAX_LINE_LENGTH), ""), 1):
                 self.number = number
                 yield number, line
 
     def note(self) -> str:
-        """What is said of odd lines."""
-        first = ", ".join(str(n) for n in self.odd[:MOST_ODD])
-        more = f" and {len(self.odd) - MOST_ODD} more" if len(self.odd) > MOST_ODD else ""
+        """Return a note about odd lines."""
+        first = ", ".join(str(n) for n in self.odd[:MAX_LISTED_LINES])
+        more = f" and {len(self.odd) - MAX_LISTED_LINES} more" if len(self.odd) > MAX_LISTED_LINES else ""
         return f"{len(self.odd)} lines are no frames of their format and are left out: line {first}{more}"
 
 
-def _encoding(path: Path) -> str:
+def _detect_encoding(path: Path) -> str:
+    """Return utf-16, utf-8-sig or cp1252 by the beginning of a text."""
     with open(path, "rb") as file:
-        start = file.read(LOOKED_AT)
+        start = file.read(DETECTION_BYTES)
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     try:
@@ -67,75 +71,71 @@ def _encoding(path: Path) -> str:
     return "utf-8-sig"
 
 
-# ---- Which tool wrote it
+# ---- Detection of the tool that wrote the text
 
-STAMP = r"\(\s*[-+]?[\d.:/ -]+\)"
-CANDUMP = re.compile(rf"\s*{STAMP}\s+\S+\s+[0-9A-Fa-f]{{3,8}}#", re.ASCII)
-CONSOLE = re.compile(
-    rf"\s*(?:{STAMP}\s+)?[A-Za-z]\S*\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{{3,8}}\s+\[\d{{1,2}}\](?:\s|$)",
+STAMP_PATTERN = r"\(\s*[-+]?[\d.:/ -]+\)"
+CANDUMP_START = re.compile(rf"\s*{STAMP_PATTERN}\s+\S+\s+[0-9A-Fa-f]{{3,8}}#", re.ASCII)
+CONSOLE_START = re.compile(
+    rf"\s*(?:{STAMP_PATTERN}\s+)?[A-Za-z]\S*\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?"
+    r"[0-9A-Fa-f]{3,8}\s+\[\d{1,2}\](?:\s|$)",
     re.ASCII,
 )
-ASC = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
-TRC = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
-BUSMASTER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
-HEADER = {  # columns of a table with a frame per row, by their titles without blanks, units and signs
-    "time": r"time|timestamp|timestamps|timestampepoch|timeoffset|timestampus|timestampms|zeit|zeitstempel|ts|timeabs|timerel",
+ASC_HEADER = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
+TRC_HEADER = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
+BUSMASTER_HEADER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
+TITLE_PATTERNS = {  # titles of a table with a frame per row, simplified
+    "time": r"time|timestamp|timestamps|timestampepoch|timeoffset|timestampus|timestampms|zeit|zeitstempel|ts"
+    r"|timeabs|timerel",
     "identifier": r"id|arbitrationid|canid|identifier|addr|address|messageid|msgid|frameid|idhex",
     "data": r"data|databytes|databyte|payload|d0|d1|byte0|byte1|data0|data1|b0|b1|datahex|datafield|bytes",
 }
-EACH = re.compile(r"(?:d|b|byte|data|databyte)(\d)\Z")
+BYTE_TITLE = re.compile(r"(?:d|b|byte|data|databyte)(\d)\Z")
 
 
-def kind_of(head: bytes, suffix: str) -> str:
-    """Return which tool's frames a text has.
+def detect_bus_text(head: bytes, suffix: str) -> str:
+    """Return the format of the frames in a text.
 
     Parameters
     ----------
     head : bytes
-        Its beginning.
+        Beginning of the file.
     suffix : str
-        Of its name, in lower case.
+        Suffix of its name, in lower case.
 
     Returns
     -------
     str
-        candump, asc, trc, busmaster, table; "" where it has no frames of a bus.
+        candump, asc, trc, busmaster or table; "" for a text without frames.
     """
     if b"\0" in head[:256] and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return ""
-    text = head.decode(
-        "utf-16" if head.startswith((b"\xff\xfe", b"\xfe\xff")) else "latin-1", errors="replace"
-    ).lstrip("\ufeffï»¿")
+    encoding = "utf-16" if head.startswith((b"\xff\xfe", b"\xfe\xff")) else "latin-1"
+    text = head.decode(encoding, errors="replace").lstrip("\ufeffï»¿")
     lines = [x for x in text.splitlines() if x.strip()][:60]
-    if any(CANDUMP.match(x) or CONSOLE.match(x) for x in lines[:5]):
+    if any(CANDUMP_START.match(x) or CONSOLE_START.match(x) for x in lines[:5]):
         return "candump"
-    if any(BUSMASTER.match(x) for x in lines[:20]):
+    if any(BUSMASTER_HEADER.match(x) for x in lines[:20]):
         return "busmaster"
-    if suffix == ".trc" or any(TRC.match(x) for x in lines[:20]):
+    if suffix == ".trc" or any(TRC_HEADER.match(x) for x in lines[:20]):
         return "trc"
-    if suffix == ".asc" or any(ASC.match(x) for x in lines[:20]):
+    if suffix == ".asc" or any(ASC_HEADER.match(x) for x in lines[:20]):
         return "asc"
-    return "table" if any(_columns(x) for x in lines[:40]) else ""
+    return "table" if any(_find_columns(x) for x in lines[:40]) else ""
 
 
-def frames_of(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
-    """Return the frames of a text.
+def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[CanFrame]:
+    """Return the frames of a text in the order of the file.
 
     Parameters
     ----------
     path : Path
-        The file.
+        The file, for messages.
     kind : str
-        As kind_of() says.
+        candump, busmaster or table, as detect_bus_text() returns it.
     lines : Lines
-        Its lines; odd ones are kept there.
+        Its lines. Receives the numbers of odd lines.
     knows : callable
-        Says whether a database has an identifier.
-
-    Returns
-    -------
-    iterator of Frame
-        In the order of the file.
+        Returns whether a database has an identifier.
 
     Raises
     ------
@@ -143,55 +143,60 @@ def frames_of(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool])
         The frames have no times.
     """
     if kind == "candump":
-        return _candump(path, lines)
-    return _busmaster(lines) if kind == "busmaster" else _table(path, lines, knows)
+        return _read_candump(path, lines)
+    return _read_busmaster(lines) if kind == "busmaster" else _read_table(lines, knows)
 
 
-# ---- candump: of its log, and of what it writes to the console
+# ---- candump: its log file, and its output on the console
 
-LOGGED = re.compile(
-    r"\s*\(([^)]*)\)\s+(\S+)\s+([0-9A-Fa-f]{3,8})#(?:#([0-9A-Fa-f]))?(R[0-9A-Fa-f]?|[0-9A-Fa-f.]*)(?:_[0-9A-Fa-f])?(?:\s+[RTrt])?\s*\Z",
+CANDUMP_LINE = re.compile(
+    r"\s*\(([^)]*)\)\s+(\S+)\s+([0-9A-Fa-f]{3,8})#(?:#([0-9A-Fa-f]))?"
+    r"(R[0-9A-Fa-f]?|[0-9A-Fa-f.]*)(?:_[0-9A-Fa-f])?(?:\s+[RTrt])?\s*\Z",
     re.ASCII,
 )
-SHOWN = re.compile(
-    r"\s*(?:\(([^)]*)\)\s+)?(\S+)\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?([0-9A-Fa-f]{3,8})\s+\[(\d{1,2})\]\s*(.*)",
+CONSOLE_LINE = re.compile(
+    r"\s*(?:\(([^)]*)\)\s+)?(\S+)\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?"
+    r"([0-9A-Fa-f]{3,8})\s+\[(\d{1,2})\]\s*(.*)",
     re.ASCII | re.DOTALL,
 )
 
 
-def _candump(path: Path, lines: Lines) -> Iterator[Frame]:
-    found = (f for number, line in lines if (f := _of_candump(number, line, lines)) is not None)
-    first = list(itertools.islice(found, FIRST))
+def _read_candump(path: Path, lines: Lines) -> Iterator[CanFrame]:
+    """Yield the frames of candump.
+
+    Times that are differences (candump -td) are summed up."""
+    found = (f for number, line in lines if (f := _parse_candump_line(number, line, lines)) is not None)
+    first = list(itertools.islice(found, DETECTION_LINES))
     if first and all(f[0] == "" for f in first):
         raise UserError(
             f"{path}: its frames have no times: record with candump -l, or candump -ta, which write them"
         )
-    stamps = np.array([_stamp(f[0]) for f in first])
+    stamps = np.array([_parse_stamp(f[0]) for f in first])
     differences = (
         len(stamps) > 10 and float(np.nanmean(np.diff(stamps) < 0)) > 0.1 and float(np.nanmax(stamps)) < 100.0
     )
     total = 0.0
     for part in (first, found):
         for stamp, bus, identifier, data in part:
-            time = _stamp(stamp)
+            time = _parse_stamp(stamp)
             total += time if differences and np.isfinite(time) else 0.0
-            number = int(identifier, 16)
-            if number & ERROR_FRAME and len(identifier) > 3:
+            number, is_long = int(identifier, 16), len(identifier) > 3
+            if number & ERROR_FRAME and is_long:
                 lines.errors += 1
                 continue
-            yield Frame(total if differences else time, number & IDENTIFIER, len(identifier) > 3, bus, data)
+            yield CanFrame(total if differences else time, number & IDENTIFIER_MASK, is_long, bus, data)
 
 
-def _of_candump(number: int, line: str, lines: Lines) -> tuple[str, str, str, bytes] | None:
-    """Return stamp, bus, identifier and data of a line; None: it is no frame, or one without data."""
+def _parse_candump_line(number: int, line: str, lines: Lines) -> tuple[str, str, str, bytes] | None:
+    """Return stamp, bus, identifier and data of a line; None if it has no data."""
     if not line.strip():
         return None
-    if logged := LOGGED.match(line):
+    if logged := CANDUMP_LINE.match(line):
         stamp, bus, identifier, _, text = logged.groups()
         if text.startswith("R"):
             return None
         text = text.replace(".", "")
-    elif shown := SHOWN.match(line):
+    elif shown := CONSOLE_LINE.match(line):
         stamp, bus, identifier, length, text = shown.groups()
         if text.startswith("remote"):
             return None
@@ -207,8 +212,8 @@ def _of_candump(number: int, line: str, lines: Lines) -> tuple[str, str, str, by
         return None
 
 
-def _stamp(text: str) -> float:
-    """Return a time as candump writes it, s: a number, or a date. NaN: it is neither."""
+def _parse_stamp(text: str) -> float:
+    """Return a time of candump, s, from a number or a date; NaN for other texts."""
     try:
         return float(text)
     except ValueError:
@@ -221,24 +226,26 @@ def _stamp(text: str) -> float:
 
 # ---- BUSMASTER
 
-LINE = re.compile(
-    r"\s*(\d+):(\d+):(\d+):(\d+)\s+(?:Rx|Tx)\s+(\S+)\s+(?:0[xX])?([0-9A-Fa-f]+)\s+(\w+)\s+(\d+)((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
+BUSMASTER_LINE = re.compile(
+    r"\s*(\d+):(\d+):(\d+):(\d+)\s+(?:Rx|Tx)\s+(\S+)\s+(?:0[xX])?([0-9A-Fa-f]+)\s+(\w+)\s+(\d+)"
+    r"((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
     re.ASCII | re.IGNORECASE,
 )
+# modes of the times; True: differences
+BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}
 
 
-def _busmaster(lines: Lines) -> Iterator[Frame]:
+def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
+    """Yield the frames of a log of BUSMASTER. Times of day continue after midnight."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
         if text.startswith("***"):
             word = text.strip("*").strip().upper()
             base = {"HEX": 16, "DEC": 10}.get(word, base)
-            relative = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}.get(
-                word, relative
-            )
+            relative = BUSMASTER_MODES.get(word, relative)
             continue
-        found = LINE.match(line)
+        found = BUSMASTER_LINE.match(line)
         if found is None:
             if text:
                 lines.odd.append(number)
@@ -255,9 +262,8 @@ def _busmaster(lines: Lines) -> Iterator[Frame]:
             continue
         try:
             cells = bytes(int(c, base) for c in data.split()[: int(length)])
-            yield Frame(
-                time + days, int(identifier, base) & IDENTIFIER, kind.lower().startswith("x"), bus, cells
-            )
+            is_long = kind.lower().startswith("x")
+            yield CanFrame(time + days, int(identifier, base) & IDENTIFIER_MASK, is_long, bus, cells)
         except ValueError:
             lines.odd.append(number)
 
@@ -265,99 +271,130 @@ def _busmaster(lines: Lines) -> Iterator[Frame]:
 # ---- Tables with a frame per row
 
 
-def _plain(title: str) -> str:
-    """Return a title without what stands in brackets, blanks and signs: "Time Stamp (ms)" is timestamp."""
+def _simplify_title(title: str) -> str:
+    """Return a title without brackets, blanks, signs: "Time Stamp (ms)" is timestamp."""
     return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*?[\])]", "", title.strip().strip("\"'").lower()))
 
 
-def _columns(line: str) -> dict[str, int]:
-    """Return the places of time, identifier and data in a line of titles; {} where it is none."""
-    if len(line) > LONGEST_LINE:
+def _find_columns(line: str) -> dict[str, int]:
+    """Return the columns of time, identifier and data; {} for a line without titles."""
+    if len(line) > MAX_LINE_LENGTH:
         return {}
-    names = [_plain(n) for n in _cells(line)]
+    names = [_simplify_title(n) for n in _split_titles(line)]
     found = {
         what: next((i for i, n in enumerate(names) if re.fullmatch(pattern, n)), -1)
-        for what, pattern in HEADER.items()
+        for what, pattern in TITLE_PATTERNS.items()
     }
     return found if len(names) >= 3 and min(found.values()) >= 0 else {}
 
 
-def _separator(line: str) -> str:
+def _find_separator(line: str) -> str:
+    """Return the separator of a line of titles."""
     return max(",;\t", key=line.count)
 
 
-def _cells(line: str) -> list[str]:
-    return next(csv.reader([line.lstrip(";").rstrip("\r\n")], delimiter=_separator(line)), [])
+def _split_titles(line: str) -> list[str]:
+    """Return the titles in a line."""
+    return next(csv.reader([line.lstrip(";").rstrip("\r\n")], delimiter=_find_separator(line)), [])
 
 
 HEXADECIMAL = re.compile(r"(0x)?[0-9a-f]*\Z", re.IGNORECASE)
 
 
-def _table(path: Path, lines: Lines, knows: Callable[[int], bool]) -> Iterator[Frame]:
-    """Frames of a CSV: time, identifier, bytes in one column (hexadecimal, or python-can's base 64) or in one each.
+class _FrameTable:
+    """The layout of a CSV with a frame per row.
 
-    Identifiers are hexadecimal, unless more of them are in the databases as decimal ones. Times are in s, or as the title
-    says; whole numbers are us, as SavvyCAN's, or what their size and distance says."""
-    source = iter(lines)
-    title = next(((number, line) for number, line in source if _columns(line)), None)
-    if title is None:
-        return
-    at, separator = _columns(title[1]), _separator(title[1])
-    names = [_plain(n) for n in _cells(title[1])]
-    heads = [n.lower() for n in _cells(title[1])]
-    each = [i for i, n in enumerate(names) if EACH.match(n)] if EACH.match(names[at["data"]]) else []
-    length = next((i for i, n in enumerate(names) if n in ("datalength", "len", "length")), -1)
-    length = length if length >= 0 else next((i for i, n in enumerate(names) if n == "dlc"), -1)
-    extended = next(
-        (i for i, n in enumerate(names) if n in ("extended", "isextendedid", "ide", "isextended")), -1
-    )
-    bus = next((i for i, n in enumerate(names) if n in ("bus", "channel", "buschannel", "can", "port")), -1)
-    remote = next((i for i, n in enumerate(names) if n in ("rtr", "isremoteframe", "remote")), -1)
-    cut = (part for part in ((n, _row(line, separator)) for n, line in source) if part[1])
-    begin = list(itertools.islice(cut, FIRST))
-    good = [row for _, row in begin if len(row) > max(at.values())]
-    decimal = _is_decimal({row[at["identifier"]] for row in good}, knows)
-    per = _tick(heads[at["time"]], [row[at["time"]] for row in good])
-    coded = not each and not all(HEXADECIMAL.match(_squeezed(row[at["data"]])) for row in good)
+    Data are bytes in one column (hexadecimal, or base 64 of python-can) or a column per
+    byte. Identifiers are hexadecimal, unless the databases have more of them as decimal
+    numbers. Times are in s, or in the unit of their title; _make_time_parser() guesses
+    the unit of whole numbers."""
 
-    def frame(row: list[str]) -> Frame | None:
-        if remote >= 0 and row[remote].strip().lower() in ("1", "true"):
+    def __init__(self, titles: str):
+        self.separator = _find_separator(titles)
+        self._columns = _find_columns(titles)
+        self._heads = [n.lower() for n in _split_titles(titles)]
+        self._names = names = [_simplify_title(n) for n in self._heads]
+        per_byte = bool(BYTE_TITLE.match(names[self._columns["data"]]))
+        self._bytes = [i for i, n in enumerate(names) if per_byte and BYTE_TITLE.match(n)]
+        self._length = self._find("datalength", "len", "length")
+        if self._length < 0:
+            self._length = self._find("dlc")
+        self._extended = self._find("extended", "isextendedid", "ide", "isextended")
+        self._bus = self._find("bus", "channel", "buschannel", "can", "port")
+        self._remote = self._find("rtr", "isremoteframe", "remote")
+
+    def _find(self, *titles: str) -> int:
+        """Return the first column with one of these titles, or -1."""
+        return next((i for i, n in enumerate(self._names) if n in titles), -1)
+
+    def learn(self, rows: list[list[str]], knows: Callable[[int], bool]) -> None:
+        """Find base of the identifiers, unit of the times and coding of the data."""
+        at = self._columns
+        good = [row for row in rows if len(row) > max(at.values())]
+        self._base = 10 if _is_decimal({row[at["identifier"]] for row in good}, knows) else 16
+        times = [row[at["time"]] for row in good]
+        self._seconds = _make_time_parser(self._heads[at["time"]], times)
+        data = (_strip_hex(row[at["data"]]) for row in good)
+        self._is_base64 = not self._bytes and not all(HEXADECIMAL.match(x) for x in data)
+
+    def parse(self, row: list[str]) -> CanFrame | None:
+        """Return the frame of a row; None for one without data.
+
+        Raises
+        ------
+        ValueError, IndexError, binascii.Error
+            The row is odd.
+        """
+        if self._remote >= 0 and row[self._remote].strip().lower() in ("1", "true"):
             return None
-        identifier = row[at["identifier"]].strip()
-        is_long = identifier[-1:].lower() == "x" or (
-            extended >= 0 and row[extended].strip().lower() in ("true", "1", "x")
-        )
-        number = int(identifier.rstrip("xXhH") or "x", 10 if decimal else 16)
-        if each:
-            count = int(row[length]) if length >= 0 and row[length].strip().isdigit() else len(each)
-            cells = [row[i].strip() for i in each if i < len(row)]
-            cells += (
-                [c.strip() for c in row[each[-1] + 1 :]] if count > len(each) else []
-            )  # titles end before the bytes do
-            data = bytes(int(c, 16) for c in cells[:count] if c)
-        else:
-            text = _squeezed(row[at["data"]])
-            data = (
-                base64.b64decode(row[at["data"]], validate=True)
-                if coded
-                else bytes.fromhex(text.removeprefix("0x"))
-            )
-        return Frame(
-            per(row[at["time"]]), number & IDENTIFIER, is_long, row[bus].strip() if bus >= 0 else "0", data
-        )
+        identifier = row[self._columns["identifier"]].strip()
+        is_long = identifier[-1:].lower() == "x"
+        if self._extended >= 0:
+            is_long = is_long or row[self._extended].strip().lower() in ("true", "1", "x")
+        number = int(identifier.rstrip("xXhH") or "x", self._base)
+        data = self._parse_data(row)
+        time = self._seconds(row[self._columns["time"]])
+        bus = row[self._bus].strip() if self._bus >= 0 else "0"
+        return CanFrame(time, number & IDENTIFIER_MASK, is_long, bus, data)
 
-    for part in (begin, cut):
-        for number, row in part:
-            try:
-                made = frame(row)
-            except (ValueError, IndexError, binascii.Error):
-                lines.odd.append(number)
-                continue
-            if made is not None:
-                yield made
+    def _parse_data(self, row: list[str]) -> bytes:
+        """Return the bytes of a row."""
+        if not self._bytes:
+            text = row[self._columns["data"]]
+            if self._is_base64:
+                return base64.b64decode(text, validate=True)
+            return bytes.fromhex(_strip_hex(text).removeprefix("0x"))
+        count = len(self._bytes)
+        if self._length >= 0 and row[self._length].strip().isdigit():
+            count = int(row[self._length])
+        cells = [row[i].strip() for i in self._bytes if i < len(row)]
+        if count > len(self._bytes):  # more bytes than titles
+            cells += [c.strip() for c in row[self._bytes[-1] + 1 :]]
+        return bytes(int(c, 16) for c in cells[:count] if c)
 
 
-def _row(line: str, separator: str) -> list[str]:
+def _read_table(lines: Lines, knows: Callable[[int], bool]) -> Iterator[CanFrame]:
+    """Yield the frames of a CSV."""
+    source = iter(lines)
+    titles = next((line for _, line in source if _find_columns(line)), None)
+    if titles is None:
+        return
+    table = _FrameTable(titles)
+    rows = (part for part in ((n, _split_row(line, table.separator)) for n, line in source) if part[1])
+    first = list(itertools.islice(rows, DETECTION_LINES))
+    table.learn([row for _, row in first], knows)
+    for number, row in itertools.chain(first, rows):
+        try:
+            frame = table.parse(row)
+        except (ValueError, IndexError, binascii.Error):
+            lines.odd.append(number)
+            continue
+        if frame is not None:
+            yield frame
+
+
+def _split_row(line: str, separator: str) -> list[str]:
+    """Return the cells of a row; [] for an empty line or a comment."""
     if not line.strip() or line.startswith(("#", "//")):
         return []
     if '"' in line:
@@ -365,57 +402,61 @@ def _row(line: str, separator: str) -> list[str]:
     return line.rstrip("\r\n").split(separator)
 
 
-def _squeezed(text: str) -> str:
+def _strip_hex(text: str) -> str:
+    """Return hexadecimal digits without separators, quotes and 0x before single bytes."""
     return re.sub(r"[\s:_-]|0[xX](?=[0-9A-Fa-f]{1,2}\b)", "", text.strip().strip("\"'")).replace("0X", "0x")
 
 
 TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:[.,]\d+)?)", re.ASCII)
 
 
-def _tick(title: str, stamps: list[str]) -> Callable[[str], float]:
-    """Return what makes seconds of a stamp."""
+def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
+    """Return a function that converts a stamp to seconds."""
     unit = re.search(r"[\[(]\s*(ms|us|µs|ns|s)\s*[\])]", title) or re.search(
         r"(?<![a-z])(ms|us|ns)$|_(ms|us|ns)$", title.strip()
     )
-    scale = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}.get(
-        next((g for g in unit.groups() if g), "s") if unit else "", 1.0
-    )
+    name = next((g for g in unit.groups() if g), "s") if unit else ""
+    scale = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}.get(name, 1.0)
     texts = [s.strip().strip("\"'") for s in stamps]
     if texts and sum(bool(re.search(r"\d:\d\d", t)) for t in texts) > 0.5 * len(texts):
         before, days = -DAY, 0.0
 
-        def of_clock(text: str) -> float:
+        def parse_clock(text: str) -> float:
+            """Return seconds since the first midnight."""
             nonlocal before, days
             found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
             if found is None:
-                return _stamp(text.strip().strip("\"'").replace(",", "."))
+                return _parse_stamp(text.strip().strip("\"'").replace(",", "."))
             time = 3600.0 * int(found[1] or 0) + 60.0 * int(found[2]) + float(found[3].replace(",", "."))
             days += DAY * (time < before - 0.5 * DAY)
             before = time
             return time + days
 
-        return of_clock
+        return parse_clock
     whole = bool(texts) and all(re.fullmatch(r"\d+", t) for t in texts)
     if whole and not unit:
-        number = np.array([float(t) for t in texts])
-        step = np.diff(number)
-        usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
-        # by an epoch, or how far frames are apart: one takes 0.05 ms at least, and some come each ms
-        scale = (
-            1e-9
-            if number[0] > 1e17 or (number[0] < 1e14 and usual > 1e5)
-            else 1e-6
-            if number[0] > 1e14 or usual > 20
-            else 1e-3
-        )
+        scale = _guess_tick(np.array([float(t) for t in texts]))
 
-    def of_number(text: str) -> float:
+    def parse_number(text: str) -> float:
         return scale * float(text.strip().strip("\"'").replace(",", "."))
 
-    return of_number
+    return parse_number
+
+
+def _guess_tick(stamps: np.ndarray) -> float:
+    """Return the unit of whole numbers, s.
+
+    Their epoch shows it, or the steps between frames: a frame takes at least 0.05 ms, and
+    some come each ms."""
+    step = np.diff(stamps)
+    usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
+    if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):
+        return 1e-9
+    return 1e-6 if stamps[0] > 1e14 or usual > 20 else 1e-3
 
 
 def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
+    """Return whether the databases have more of the identifiers as decimal numbers."""
     ids = {i.strip() for i in ids}
     if not ids or not all(i.isdigit() for i in ids) or any(i.startswith("0") and len(i) > 1 for i in ids):
         return False
@@ -423,32 +464,34 @@ def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
     return as_decimal > as_hexadecimal
 
 
-# ---- ASC and TRC for python-can, whose readers stop at the first line that is none
+# ---- ASC and TRC for python-can, whose readers stop at the first odd line
 
 
-class _Made:
-    """Lines that are made while they are read, for readers of python-can, which ask for a file."""
+class _GeneratedText:
+    """Generated lines in the place of a file, for readers of python-can."""
 
     def __init__(self, made: Iterator[str]):
         self._made = made
 
     def read(self, size: int = -1) -> str:
-        """Only so that python-can takes it for a file."""
+        """Return the rest. python-can takes an object with read() for a file."""
         return "".join(self._made)
 
     def write(self, text: str) -> int:
-        """Never called."""
+        """Refuse to write; python-can does not call it."""
         raise OSError(text)
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Close nothing."""
 
     def __iter__(self) -> Iterator[str]:
         return self._made
 
 
-class AscText(_Made):
-    """The lines of an ASC for python-can's reader: stamps that are relative are summed up, those below 0 counted from the first."""
+class AscText(_GeneratedText):
+    """The lines of an ASC for python-can's reader.
+
+    Relative stamps are summed up, negative stamps are counted from the first."""
 
     EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
 
@@ -457,6 +500,7 @@ class AscText(_Made):
         super().__init__(self._generate())
 
     def _generate(self) -> Iterator[str]:
+        """Yield a header and the lines with events."""
         base, relative, total, ahead, began = "hex", False, 0.0, 0.0, False
         for _, line in self._lines:
             if said := re.match(
@@ -484,14 +528,15 @@ class AscText(_Made):
             yield f"{max(total, 0.0):.9f}{event[2]}"
 
 
-class TrcText(_Made):
-    """The lines of a TRC for python-can's reader, which does not know version 1.2."""
+class TrcText(_GeneratedText):
+    """The lines of a TRC for python-can's reader, version 1.2 as 1.3."""
 
     def __init__(self, lines: Lines):
         super().__init__(self._generate(lines))
 
     @staticmethod
     def _generate(lines: Lines) -> Iterator[str]:
+        """Yield the lines; those of version 1.2 with the additional column of 1.3."""
         between = False
         for _, line in lines:
             if re.match(r"\s*;\$FILEVERSION\s*=\s*1\.2\b", line):

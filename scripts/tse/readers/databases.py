@@ -1,4 +1,4 @@
-"""Databases of a CAN bus by cantools. A DBC whose lines are not all in order is read without the odd ones, which are named."""
+"""Databases of a CAN bus by cantools. Odd lines of a DBC are left out and noted."""
 
 import importlib
 import io
@@ -10,62 +10,68 @@ from pathlib import Path
 from typing import Any
 
 from tse.library.errors import UserError
-from tse.readers.recording import need
+from tse.readers.recording import import_optional
 
-SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
-LARGEST_DATABASE = 512 << 20  # bytes; ARXML of a whole car has 200 MB
-MOST_SAID = 4  # odd lines that one note names
-IDENTIFIER, LONGEST_STANDARD, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
-OF_NO_MESSAGE = 0xC0000000  # under which Vector's tools keep signals of no message
-NAME = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
-BEGINS = re.compile(r"\s*(VERSION|NS_|BS_|BU_|BO_|SG_|SG_MUL_VAL_|SIG_VALTYPE_|VAL_|VAL_TABLE_|CM_|BA_\w*|EV_|EV_DATA_|ENVVAR_\w*|"
-                    r"BO_TX_BU_|SIG_GROUP_|SGTYPE_\w*|SIG_TYPE_\w*|BU_\w+|CAT_\w*|FILTER)\b\s*:?")  # fmt: skip
-MESSAGE = re.compile(r"\s*BO_\s+(\d+)\s+([^\s:]+)\s*:\s*(\d+)\s*(\S*)")
-NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-SIGNAL = re.compile(
-    rf"\s*SG_\s+([^\s:]+)\s*(M|m\d+M?)?\s*:\s*(\d+)\s*\|\s*(\d+)\s*@\s*([01])\s*([-+])\s*\({NUMBER},{NUMBER}\)\s*"
-    rf'(?:\[{NUMBER}\|{NUMBER}\])?\s*(?:"([^"]*)")?\s*(.*)'
+DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
+MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
+MAX_NOTED_LINES = 4  # odd lines in one note
+IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
+ORPHAN_IDENTIFIER = 0xC0000000  # message of Vector's tools that holds signals without a message
+VALID_NAME = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
+KEYWORD = re.compile(
+    r"\s*(VERSION|NS_|BS_|BU_|BO_|SG_|SG_MUL_VAL_|SIG_VALTYPE_|VAL_|VAL_TABLE_|CM_|BA_\w*|EV_|EV_DATA_"
+    r"|ENVVAR_\w*|BO_TX_BU_|SIG_GROUP_|SGTYPE_\w*|SIG_TYPE_\w*|BU_\w+|CAT_\w*|FILTER)\b\s*:?"
 )
-OF_SIGNAL = re.compile(
+MESSAGE_LINE = re.compile(r"\s*BO_\s+(\d+)\s+([^\s:]+)\s*:\s*(\d+)\s*(\S*)")
+NUMBER_PATTERN = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
+SIGNAL_LINE = re.compile(
+    r"\s*SG_\s+([^\s:]+)\s*(M|m\d+M?)?\s*:\s*(\d+)\s*\|\s*(\d+)\s*@\s*([01])\s*([-+])\s*"
+    rf"\({NUMBER_PATTERN},{NUMBER_PATTERN}\)\s*"
+    rf'(?:\[{NUMBER_PATTERN}\|{NUMBER_PATTERN}\])?\s*(?:"([^"]*)")?\s*(.*)'
+)
+SIGNAL_DETAIL_LINE = re.compile(
     r"\s*(VAL_|SIG_VALTYPE_|SG_MUL_VAL_|CM_\s+SG_)\s+(\d+)\s+([^\s:]+)([\s:].*)", re.DOTALL
 )
-LONG_NAME = re.compile(r'\s*BA_(?:DEF_|DEF_DEF_)?\s+(?:SG_\s+|BO_\s+)?"System(?:Signal|Message)LongSymbol"')
-VALUES = re.compile(r'(?:\s*-?\d+\s+"[^"]*")+\s*;?\s*\Z')
-TEXT = re.compile(r'\s*"[^"]*"\s*;?\s*\Z')
+LONG_NAME_LINE = re.compile(
+    r'\s*BA_(?:DEF_|DEF_DEF_)?\s+(?:SG_\s+|BO_\s+)?"System(?:Signal|Message)LongSymbol"'
+)
+VALUES_TEXT = re.compile(r'(?:\s*-?\d+\s+"[^"]*")+\s*;?\s*\Z')
+COMMENT_TEXT = re.compile(r'\s*"[^"]*"\s*;?\s*\Z')
 
 
 @dataclass
 class _Message:
+    """A message of a DBC."""
+
     line: int
     identifier: int
     name: str
     length: int
     sender: str
-    signals: dict[str, str] = field(default_factory=dict)  # the line of each, by its name
-    called: dict[str, str] = field(default_factory=dict)  # its name here, by its name in the file
+    signals: dict[str, str] = field(default_factory=dict)  # line of each signal, by its clean name
+    called: dict[str, str] = field(default_factory=dict)  # clean name, by the name in the file
 
     def text(self, names: Iterable[str]) -> str:
-        return "\n".join(
-            [
-                f"BO_ {self.identifier} {self.name}: {self.length} {self.sender}",
-                *(self.signals[n] for n in names),
-            ]
-        )
+        """Return the message with some of its signals, as a DBC."""
+        head = f"BO_ {self.identifier} {self.name}: {self.length} {self.sender}"
+        return "\n".join([head, *(self.signals[n] for n in names)])
 
 
 @dataclass
-class _Odd:
-    """Lines that are left out or mended, with what is the matter."""
+class _OddLines:
+    """Notes about lines that were left out or changed."""
 
     said: list[tuple[int, str]] = field(default_factory=list)
 
     def add(self, line: int, what: str) -> None:
+        """Note what is wrong with a line."""
         self.said.append((line, what))
 
     def note(self, path: Path) -> str:
+        """Return one note about all lines."""
         self.said.sort()
-        first = "; ".join(f"line {line}: {what}" for line, what in self.said[:MOST_SAID])
-        more = len(self.said) - MOST_SAID
+        first = "; ".join(f"line {line}: {what}" for line, what in self.said[:MAX_NOTED_LINES])
+        more = len(self.said) - MAX_NOTED_LINES
         return f"{path.name}: {first}{f'; and {more} more such lines' if more > 0 else ''}"
 
 
@@ -77,7 +83,7 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     path : Path
         A DBC, ARXML, KCD or SYM file.
     notes : list of str
-        Is extended by what was left out.
+        Receives a note about odd lines.
 
     Returns
     -------
@@ -89,34 +95,33 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     UserError
         Nothing of it can be read.
     """
-    cantools = need("cantools", "can", str(path))
-    logging.getLogger("cantools").setLevel(
-        logging.CRITICAL
-    )  # two messages of one name are no matter: they go by identifier
+    cantools = import_optional("cantools", "can", str(path))
+    # cantools warns of messages of one name; here only their identifiers count
+    logging.getLogger("cantools").setLevel(logging.CRITICAL)
     try:
         size = path.stat().st_size
-        if size > LARGEST_DATABASE:
+        if size > MAX_DATABASE_BYTES:
             raise UserError(
-                f"{path}: has {size >> 20:,} MB; databases of up to {LARGEST_DATABASE >> 20} MB are read"
+                f"{path}: has {size >> 20:,} MB; databases of up to {MAX_DATABASE_BYTES >> 20} MB are read"
             )
         if path.suffix.lower() != ".dbc":
             return list(getattr(cantools.database.load_file(path, strict=False), "messages", []))
-        text = _text(path)
+        text = _read_text(path)
         return list(cantools.database.load_string(text, "dbc", strict=False).messages)
     except (UserError, MemoryError):
         raise
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    except Exception as error:  # its parsers raise what they like
+    except Exception as error:  # parsers raise errors of many kinds
         first = (str(error).splitlines() or [type(error).__name__])[0][:150]
         refused = UserError(f"{path}: is no database of a bus that can be read: {first}")
     if path.suffix.lower() != ".dbc":
-        text = _by_canmatrix(path)
+        text = _convert_by_canmatrix(path)
         notes += [f"{path.name}: cantools does not read it ({first}); canmatrix does"] if text else []
     if not re.search(r"^\s*BO_\s+\d+", text, re.MULTILINE):
         raise refused
-    odd = _Odd()
-    messages = _leniently(cantools, text, odd)
+    odd = _OddLines()
+    messages = _load_leniently(cantools, text, odd)
     if not messages:
         raise refused
     if odd.said:
@@ -124,8 +129,8 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     return messages
 
 
-def _by_canmatrix(path: Path) -> str:
-    """Return a database as a DBC, as canmatrix has it; "" where that is not installed, or does not read it, either."""
+def _convert_by_canmatrix(path: Path) -> str:
+    """Return a database as a DBC, converted by canmatrix; "" if that fails."""
     try:
         formats = importlib.import_module("canmatrix.formats")
         logging.getLogger("canmatrix").setLevel(logging.CRITICAL)
@@ -134,12 +139,12 @@ def _by_canmatrix(path: Path) -> str:
         return made.getvalue().decode("cp1252", errors="replace")
     except MemoryError:
         raise
-    except Exception:  # its parsers, too, raise what they like
+    except Exception:  # parsers raise errors of many kinds
         return ""
 
 
-def _text(path: Path) -> str:
-    """Return a DBC's text: in UTF-8 where it is that, else in cp1252, as Vector's tools write it."""
+def _read_text(path: Path) -> str:
+    """Return the text of a DBC: UTF-8, else cp1252, as Vector's tools write it."""
     raw = path.read_bytes()
     try:
         return raw.decode("utf-8-sig")
@@ -147,9 +152,11 @@ def _text(path: Path) -> str:
         return raw.decode("cp1252", errors="replace")
 
 
-def _leniently(cantools: Any, text: str, odd: _Odd) -> list[Any]:
-    """Return the messages of a DBC with odd lines."""
-    messages, others = _parts(text, odd)
+def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
+    """Return the readable messages of a DBC with odd lines.
+
+    Try all lines, then only messages and signals, then each message, then each signal."""
+    messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
     for more in ([x for _, x in others], []):
         if (found := _load(cantools, [*whole, *more])) is not None:
@@ -157,7 +164,7 @@ def _leniently(cantools: Any, text: str, odd: _Odd) -> list[Any]:
                 odd.add(others[0][0], f"{len(others)} lines of values and comments are left out")
             return found
     kept: list[Any] = []
-    for m in messages:  # one by one: of one that is odd its signals one by one
+    for m in messages:
         found = _load(cantools, [m.text(m.signals)])
         if found is None:
             good = [n for n in m.signals if _load(cantools, [m.text([n])]) is not None]
@@ -169,48 +176,46 @@ def _leniently(cantools: Any, text: str, odd: _Odd) -> list[Any]:
 
 
 def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
-    """Return the messages of a DBC that is made of these lines; None: cantools does not read it."""
+    """Return the messages of a DBC of these lines; None if cantools cannot read it."""
     try:
-        return list(
-            cantools.database.load_string(
-                "\n\n".join(['VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_:', *parts, ""]), "dbc", strict=False
-            ).messages
-        )
-    except Exception:  # whatever its parser stumbles over
+        text = "\n\n".join(['VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_:', *parts, ""])
+        return list(cantools.database.load_string(text, "dbc", strict=False).messages)
+    except Exception:  # parsers raise errors of many kinds
         return None
 
 
-def _parts(text: str, odd: _Odd) -> tuple[list[_Message], list[tuple[int, str]]]:
-    """Return messages with their signals, and lines that belong to a signal that is there, by their place in the file."""
+def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
+    """Return the messages, and the lines about existing signals with their numbers."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
-    for line, part in _statements(text):
-        kind = BEGINS.match(part)
+    for line, part in _split_statements(text):
+        kind = KEYWORD.match(part)
         word = kind[1] if kind else ""
         if word == "BO_":
-            if (message := _message(line, part, odd)) is not None:
+            if (message := _parse_message(line, part, odd)) is not None:
                 messages.append(message)
             elif not messages or messages[-1].length >= 0:
-                messages.append(_Message(line, -1, "", -1, ""))  # takes the signals of what is left out
+                messages.append(_Message(line, -1, "", -1, ""))  # takes the signals of an odd message
         elif word == "SG_":
             _add_signal(messages, line, part, odd)
-        elif word in ("VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "CM_") or LONG_NAME.match(part):
+        elif word in ("VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "CM_") or LONG_NAME_LINE.match(part):
             later.append((line, part))
     messages = [m for m in messages if m.length >= 0]
     by_number: dict[int, _Message] = {}
     for m in messages:
-        by_number.setdefault(m.identifier & IDENTIFIER, m)
-    return messages, [(line, x) for line, part in later if (x := _of_signal(by_number, line, part, odd))]
+        by_number.setdefault(m.identifier & IDENTIFIER_MASK, m)
+    return messages, [(line, x) for line, part in later if (x := _rename_signal(by_number, line, part, odd))]
 
 
-def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield what a DBC says, each with the number of its first line. Texts in quotes may have several lines."""
+def _split_statements(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the statements of a DBC with the numbers of their first lines.
+
+    Texts in quotes may have several lines. A quote that is not closed ends before the
+    next message or signal."""
     now, first, open_ = "", 0, False
     for number, line in enumerate(text.splitlines(), 1):
-        begins = BEGINS.match(line)
-        if begins and (
-            not open_ or begins[1] in ("BO_", "SG_")
-        ):  # a quote that is not closed does not take all that follows
+        begins = KEYWORD.match(line)
+        if begins and (not open_ or begins[1] in ("BO_", "SG_")):
             if now:
                 yield first, now
             now, first, open_ = line, number, False
@@ -222,78 +227,77 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
         yield first, now
 
 
-def _message(line: int, part: str, odd: _Odd) -> _Message | None:
-    found = MESSAGE.match(part)
+def _parse_message(line: int, part: str, odd: _OddLines) -> _Message | None:
+    """Return the message of a statement BO_; None if it is odd."""
+    found = MESSAGE_LINE.match(part)
     if found is None:
         odd.add(line, f"{part.strip()[:40]!r} is no message: left out")
         return None
     identifier, name, length = int(found[1]), found[2], int(found[3])
-    if identifier == OF_NO_MESSAGE:
+    if identifier == ORPHAN_IDENTIFIER:
         return None
     plain = identifier & ~EXTENDED_BIT
-    if plain > IDENTIFIER or length > 64:
-        what = (
-            f"identifier {identifier} has more than 29 bits"
-            if plain > IDENTIFIER
-            else f"a length of {length} bytes"
-        )
+    if plain > IDENTIFIER_MASK or length > 64:
+        what = f"a length of {length} bytes"
+        if plain > IDENTIFIER_MASK:
+            what = f"identifier {identifier} has more than 29 bits"
         odd.add(line, f"message {name[:40]}: {what}: left out")
         return None
-    if plain > LONGEST_STANDARD and identifier == plain:
-        odd.add(
-            line, f"message {name[:40]}: its identifier has more than 11 bits, so it is taken as extended"
-        )
+    if plain > MAX_STANDARD_IDENTIFIER and identifier == plain:
+        what = "its identifier has more than 11 bits, so it is taken as extended"
+        odd.add(line, f"message {name[:40]}: {what}")
         identifier |= EXTENDED_BIT
-    return _Message(
-        line, identifier, _name(line, name, odd), length, found[4] if NAME.match(found[4]) else "Vector__XXX"
-    )
+    sender = found[4] if VALID_NAME.match(found[4]) else "Vector__XXX"
+    return _Message(line, identifier, _clean_name(line, name, odd), length, sender)
 
 
-def _add_signal(messages: list[_Message], line: int, part: str, odd: _Odd) -> None:
-    found = SIGNAL.match(part.replace("\n", " "))
+def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) -> None:
+    """Add the signal of a statement SG_ to the last message."""
+    found = SIGNAL_LINE.match(part.replace("\n", " "))
     if not messages or messages[-1].length < 0:
-        return  # its message is left out, and named
+        return  # the message is odd and noted
     if found is None:
         odd.add(line, f"{part.strip()[:60]!r} is no signal: left out")
         return
     given, mux, start, length, order, sign, scale, offset, low, high, unit, _ = found.groups()
-    name = _name(line, given, odd)
+    name = _clean_name(line, given, odd)
     if not 1 <= int(length) <= 64 or name in messages[-1].signals:
-        odd.add(
-            line,
-            f"signal {name[:40]}: {'is there twice' if name in messages[-1].signals else f'has {length} bits'}: left out",
-        )
+        what = "is there twice" if name in messages[-1].signals else f"has {length} bits"
+        odd.add(line, f"signal {name[:40]}: {what}: left out")
         return
     numbers = [f"{float(x):.17g}" for x in (scale, offset, low or "0", high or "0")]
     messages[-1].called[given] = name
     messages[-1].signals[name] = (
-        f" SG_ {name}{f' {mux}' if mux else ''} : {start}|{length}@{order}{sign} ({numbers[0]},{numbers[1]}) "
+        f" SG_ {name}{f' {mux}' if mux else ''} : {start}|{length}@{order}{sign} "
+        f"({numbers[0]},{numbers[1]}) "
         f'[{numbers[2]}|{numbers[3]}] "{unit or ""}" Vector__XXX'
     )
 
 
-def _name(line: int, name: str, odd: _Odd) -> str:
-    """Return a name as a DBC wants it: letters, digits and _, no digit first."""
-    if NAME.match(name):
+def _clean_name(line: int, name: str, odd: _OddLines) -> str:
+    """Return a valid name of a DBC: letters, digits and _, not beginning with a digit."""
+    if VALID_NAME.match(name):
         return name
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-    plain = plain if NAME.match(plain) else f"_{plain}"
+    plain = plain if VALID_NAME.match(plain) else f"_{plain}"
     odd.add(line, f"the name {name[:40]!r} is read as {plain[:41]}")
     return plain
 
 
-def _of_signal(messages: dict[int, _Message], line: int, part: str, odd: _Odd) -> str:
-    """Return a line of values, kind or comment of a signal, with its names as they are here; "" where it is of none, or odd."""
-    if LONG_NAME.match(part):
+def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
+    """Return a line of values, type or comment with the clean name of its signal.
+
+    An odd line, or one of an unknown signal, gives ""."""
+    if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
-        return part if of is None or int(of[1]) & IDENTIFIER in messages else ""
-    found = OF_SIGNAL.match(part)
+        return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""
+    found = SIGNAL_DETAIL_LINE.match(part)
     if found is None:
         if re.match(r"\s*CM_\s+(SG_\b(?!\s+\d+\s+[^\s\"]+\s+\")|(?!BO_|BU_|EV_|SG_|\"))", part):
             odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment of nothing: left out")
         return ""
     word, number, name, rest = found.groups()
-    message = messages.get(int(number) & IDENTIFIER)
+    message = messages.get(int(number) & IDENTIFIER_MASK)
     if name.startswith('"'):
         odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment of nothing: left out")
         return ""
@@ -301,8 +305,8 @@ def _of_signal(messages: dict[int, _Message], line: int, part: str, odd: _Odd) -
         what = "a comment" if word.startswith("CM_") else "values" if word == "VAL_" else word
         odd.add(line, f"{what} of {name[:40].strip()}, a signal that is not there: left out")
         return ""
-    good = {"VAL_": VALUES, "SIG_VALTYPE_": re.compile(r"\s*:\s*[0-3]\s*;?\s*\Z")}.get(
-        word, TEXT if word.startswith("CM_") else None
+    good = {"VAL_": VALUES_TEXT, "SIG_VALTYPE_": re.compile(r"\s*:\s*[0-3]\s*;?\s*\Z")}.get(
+        word, COMMENT_TEXT if word.startswith("CM_") else None
     )
     if good is not None and not good.match(rest):
         odd.add(line, f"{' '.join(part.split())[:40]!r} is not well-formed: left out")

@@ -1,4 +1,4 @@
-"""Logs of a CAN bus by python-can: BLF, ASC, TRC, candump; their frames by the databases."""
+"""Read logs of a CAN bus by python-can: BLF, ASC, TRC, candump, tables of frames."""
 
 import contextlib
 import logging
@@ -11,39 +11,52 @@ from typing import Any
 import numpy as np
 
 from tse.library.errors import NoFile, UserError
-from tse.log.clock import straight
-from tse.readers.bus_text import LOOKED_AT, AscText, Frame, Lines, TrcText, frames_of, kind_of
-from tse.readers.databases import SUFFIXES, read_database
+from tse.log.clock import straighten_time
+from tse.readers.bus_text import (
+    DETECTION_BYTES,
+    AscText,
+    CanFrame,
+    Lines,
+    TrcText,
+    detect_bus_text,
+    read_frames,
+)
+from tse.readers.databases import DATABASE_SUFFIXES, IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, read_database
 from tse.readers.recording import (
-    FRAME,
-    PIECE,
+    CHUNK_ROWS,
+    MIN_FRAME_BYTES,
     Channel,
     Growing,
-    How,
+    ReadOptions,
     Recording,
     check_rows,
-    listed,
-    need,
-    unused,
+    find_unused_name,
+    import_optional,
+    list_names,
 )
 
-# ---- Frames of a CAN bus into signals: the bits of all frames of a message at once, as its database (DBC, ARXML, KCD, SYM) says.
+# ---- Decoding: the bits of all frames of a message at once, by its database (DBC,
+# ARXML, KCD, SYM).
 
-IDENTIFIER, LONGEST_STANDARD = 0x1FFFFFFF, 0x7FF
-EXTENDED, BUS = 29, 32  # bits of a key, above the identifier: that it is an extended one, and which bus
+# bits of the key of a message, above its identifier: extended identifier, number of the
+# bus
+EXTENDED_SHIFT, BUS_SHIFT = 29, 32
 
 
-def databases_for(path: Path, how: How, required: bool) -> list[Path]:
-    """Those that were named, or all beside the log."""
+def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
+    """Return the databases of the options, or all databases beside the log.
+
+    `required`: raise a UserError if there is none."""
     if how.databases:
         for p in how.databases:
             if not p.is_file():
                 raise NoFile(f"{p}: no such file (database of the bus, for {path.name})")
         return list(how.databases)
-    found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
+    found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASE_SUFFIXES)
     if not found and required:
         raise UserError(
-            f"{path}: holds frames of a bus, and there is no database ({', '.join(SUFFIXES)}) beside it that says what they mean: "
+            f"{path}: holds frames of a bus, and there is no database ({', '.join(DATABASE_SUFFIXES)}) "
+            "beside it that says what they mean: "
             'name it with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
     return found
@@ -51,58 +64,71 @@ def databases_for(path: Path, how: How, required: bool) -> list[Path]:
 
 @dataclass
 class _Kept:
-    """What was found of one message: of every signal its values, and the frames that have it, which several may share."""
+    """Decoded values of one message.
+
+    Signals that are in the same frames share an entry of `frames`, by _make_pattern()."""
 
     message: Any
     signals: list[Any]
-    value: dict[str, Growing] = field(default_factory=dict)
-    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)
+    value: dict[str, Growing] = field(default_factory=dict)  # by the name of the signal
+    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)  # numbers of the frames
 
 
 class Bus:
-    """Frames, some at a time, into signals: their bits all at once, as the databases say. `how`: which signals are needed."""
+    """Decodes frames, some at a time, into the signals that `how` needs."""
 
-    def __init__(self, path: Path, databases: Sequence[Path], how: How):
+    def __init__(self, path: Path, databases: Sequence[Path], how: ReadOptions):
         self._path, self._databases, self._how = path, databases, how
         self.notes: list[str] = []
-        self._messages = messages_of(databases, self.notes)
+        self._messages = read_messages(databases, self.notes)
         self._kept: dict[int, _Kept] = {}
         self._unknown: set[int] = set()
         self._buses: dict[str, int] = {}
         self._count = 0
 
     def knows(self, identifier: int) -> bool:
-        """Is there a message of that identifier?"""
-        return key_of(identifier, False) in self._messages
+        """Return whether a database has the identifier."""
+        return make_key(identifier, False) in self._messages
 
     def add(self, ids: np.ndarray, extended: np.ndarray, buses: Sequence[str], data: Sequence[bytes]) -> None:
-        """The next frames, in the order of the file: identifiers, whether they are extended ones, names of the bus, (frames,)."""
-        ids = (
-            key_of(ids, extended)
-            | np.array([self._buses.setdefault(b, len(self._buses)) for b in buses]) << BUS
-        )
+        """Decode the next frames of the file.
+
+        Parameters
+        ----------
+        ids : ndarray of int, (frames,)
+            Identifiers.
+        extended : ndarray of bool, (frames,)
+            Whether they are extended identifiers.
+        buses : sequence of str, (frames,)
+            Names of the bus.
+        data : sequence of bytes, (frames,)
+            Bytes.
+        """
+        bus = np.array([self._buses.setdefault(b, len(self._buses)) for b in buses])
+        ids = make_key(ids, extended) | bus << BUS_SHIFT
         seen, order = np.unique(ids), np.argsort(ids, kind="stable")
         bounds = [*np.searchsorted(ids[order], seen).tolist(), len(ids)]
         for k, key in enumerate(seen.tolist()):
-            kept = self._kept.get(key) or self._new(key)
+            kept = self._kept.get(key) or self._add_message(key)
             if kept is None:
                 continue
             rows = order[bounds[k] : bounds[k + 1]]
-            for s, have, value in values_of(kept.message, kept.signals, [data[i] for i in rows]):
+            for s, have, value in decode_signals(kept.message, kept.signals, [data[i] for i in rows]):
                 if s.name not in kept.value:
                     kept.value[s.name] = Growing()
-                frames = kept.frames.get(_pattern(s))
+                frames = kept.frames.get(_make_pattern(s))
                 if frames is None:
-                    frames = kept.frames[_pattern(s)] = Growing()
-                if len(frames) == len(kept.value[s.name]):  # the first of those that share them
+                    frames = kept.frames[_make_pattern(s)] = Growing()
+                if len(frames) == len(kept.value[s.name]):  # the first signal with these frames
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)
         self._count += len(ids)
 
-    def _new(self, key: int) -> _Kept | None:
-        message = self._messages.get(key & ((1 << BUS) - 1))
+    def _add_message(self, key: int) -> _Kept | None:
+        """Prepare a message; return None if no database has it."""
+        message = self._messages.get(key & ((1 << BUS_SHIFT) - 1))
         if message is None:
-            self._unknown.add(key & IDENTIFIER)
+            self._unknown.add(key & IDENTIFIER_MASK)
             return None
         wanted = self._how.wanted
         signals = [
@@ -112,56 +138,71 @@ class Bus:
         return self._kept[key]
 
     def channels(self, time: np.ndarray, keep: np.ndarray | None, notes: list[str]) -> dict[str, Channel]:
-        """Signals by message.signal, s and physical units. Values of measurements that the database calls invalid are missing.
+        """Return the signals of all frames, named message.signal, in physical units.
 
-        `time`: of the frames that are kept, in the order of the file; `keep`: which those are, (frames,); None: all, and they are
-        put in order of time."""
+        Parameters
+        ----------
+        time : ndarray, (kept frames,)
+            Times in the order of the file, s.
+        keep : ndarray of bool, (frames,), or None
+            The kept frames. None: all, to be sorted by time.
+        notes : list of str
+            Receives notes about repeated messages, invalid values and unknown
+            identifiers.
+
+        Raises
+        ------
+        UserError
+            No frame is in the databases.
+        """
         notes += self.notes
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
-        bus = list(self._buses)  # the lowest first, whichever sent first in this log
-        for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS]), bus[k >> BUS], k)):
+        bus = list(self._buses)
+        # the lowest bus first, in whatever order the buses begin in this log
+        for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
-            again = ""
+            message = kept.message.name
+            renamed = ""
             clocks: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray | slice]] = {}
             for s in kept.signals:
                 if s.name not in kept.value:
                     continue
-                frames = _pattern(s)
-                if frames not in clocks:
-                    clocks[frames] = self._clock(
-                        kept.frames[frames].array().astype(np.int64), time, keep, place
-                    )
-                    same = next(
-                        (c for c, _ in clocks.values() if np.array_equal(c, clocks[frames][0])),
-                        clocks[frames][0],
-                    )
-                    clocks[frames] = same, clocks[frames][1]
-                at, chosen = clocks[frames]
-                value = kept.value[s.name].array()[chosen]
-                states = states_of(s)
-                value = without_codes(f"{kept.message.name}.{s.name}", s, value, states, notes)
-                plain = f"{kept.message.name}.{s.name}"
-                name = unused(plain, channels)
-                again = name if name != plain else again
-                channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200], states)
-            if again:
-                notes.append(f"message {kept.message.name} is there more than once: signals of {key & IDENTIFIER:#x} on bus "
-                             f"{bus[key >> BUS]} are called as {again}")  # fmt: skip
+                pattern = _make_pattern(s)
+                if pattern not in clocks:
+                    frames = kept.frames[pattern].array().astype(np.int64)
+                    times, chosen = self._select_times(frames, time, keep, place)
+                    # signals with the same times share the array
+                    times = next((t for t, _ in clocks.values() if np.array_equal(t, times)), times)
+                    clocks[pattern] = times, chosen
+                times, chosen = clocks[pattern]
+                states = read_states(s)
+                plain = f"{message}.{s.name}"
+                value = drop_codes(plain, s, kept.value[s.name].array()[chosen], states, notes)
+                name = find_unused_name(plain, channels)
+                renamed = name if name != plain else renamed
+                channels[name] = Channel(name, times, value, s.unit or "", (s.comment or "")[:200], states)
+            if renamed:
+                notes.append(
+                    f"message {message} is there more than once: signals of {key & IDENTIFIER_MASK:#x} "
+                    f"on bus {bus[key >> BUS_SHIFT]} are called as {renamed}"
+                )
         unknown = [f"{i:#x}" for i in sorted(self._unknown)]
         if not channels and not self._how.wanted:
             raise UserError(
-                f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers ({listed(unknown)}) is in "
+                f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers "
+                f"({list_names(unknown)}) is in "
                 f"{', '.join(p.name for p in self._databases)}: it is the database of another bus"
             )
         if unknown and not self._how.wanted:
-            notes.append(f"{len(unknown)} identifiers are in no database: {listed(unknown)}")
+            notes.append(f"{len(unknown)} identifiers are in no database: {list_names(unknown)}")
         return channels
 
-    def _clock(
-        self, frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
+    @staticmethod
+    def _select_times(
+        frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Times of these frames, and which of them have one, in which order."""
+        """Return the times of some frames, s, and the selection: a mask or order."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen
@@ -172,108 +213,111 @@ class Bus:
         return own, slice(None)
 
 
-def messages_of(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
+def read_messages(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
+    """Return the messages of databases by their key; of one key the first."""
     messages: dict[int, Any] = {}
     for p in databases:
         for message in read_database(p, notes):
-            messages.setdefault(key_of(message.frame_id, message.is_extended_frame), message)
+            messages.setdefault(make_key(message.frame_id, message.is_extended_frame), message)
     return messages
 
 
-LEAST_MEASURED = 8  # bits of a signal that measures: one that has fewer is a state
+MIN_MEASUREMENT_BITS = 8  # a signal with fewer bits is a state
+# texts of values that mean "not available"
 NO_VALUE = re.compile(
-    r"\b(sna|snv|inval\w*|not ?(avail\w*|valid|def\w*|present|init\w*)|no ?(value|data|signal)|n/a|init\w*|error|err|fault\w*|"
-    r"failure|fehler\w*|ung(ue|ü)ltig\w*|nicht ?(verf\w*|def\w*)|unbef\w*|undef\w*|unknown|unplausi\w*|implaus\w*|reserv\w*)\b",
+    r"\b(sna|snv|inval\w*|not ?(avail\w*|valid|def\w*|present|init\w*)|no ?(value|data|signal)|n/a|init\w*"
+    r"|error|err|fault\w*|failure|fehler\w*|ung(ue|ü)ltig\w*|nicht ?(verf\w*|def\w*)|unbef\w*|undef\w*"
+    r"|unknown|unplausi\w*|implaus\w*|reserv\w*)\b",
     re.IGNORECASE,
 )
 
 
-def states_of(s: Any) -> dict[float, str]:
-    """Return what single values of a signal mean, by the value in its unit."""
+def read_states(s: Any) -> dict[float, str]:
+    """Return the names of single values of a signal, by the physical value."""
     return {
         float(raw) * float(s.scale) + float(s.offset): str(text) for raw, text in (s.choices or {}).items()
     }
 
 
-def without_codes(
+def drop_codes(
     name: str, s: Any, value: np.ndarray, states: dict[float, str], notes: list[str]
 ) -> np.ndarray:
-    """Return a measurement, NaN where its database says that the number stands for no value."""
+    """Return a measurement without the codes that its database calls not available."""
     codes = {v: t for v, t in states.items() if NO_VALUE.search(t.replace("_", " "))}
-    if s.length < LEAST_MEASURED or not codes:
+    if s.length < MIN_MEASUREMENT_BITS or not codes:
         return value
     near = 0.25 * abs(float(s.scale))
     bad = np.any([np.abs(value - v) <= near for v in codes], axis=0)
     if not bad.any():
         return value
-    said = listed(dict.fromkeys(t for v, t in codes.items() if (np.abs(value - v) <= near).any()))
+    said = list_names(dict.fromkeys(t for v, t in codes.items() if (np.abs(value - v) <= near).any()))
     notes.append(f"{name}: {bad.sum()} values that the database calls {said} are treated as missing")
     return np.where(bad, np.nan, value)
 
 
-def key_of(identifier: Any, extended: Any) -> Any:
-    """Standard and extended identifiers are apart; whatever a log or database calls it, one of more than 11 bits is extended."""
-    identifier = identifier & IDENTIFIER
-    return identifier | (extended | (identifier > LONGEST_STANDARD)) << EXTENDED
+def make_key(identifier: Any, extended: Any) -> Any:
+    """Return the key of a message on the first bus.
+
+    Identifiers of more than 11 bits are extended, whatever log or database state."""
+    identifier = identifier & IDENTIFIER_MASK
+    return identifier | (extended | (identifier > MAX_STANDARD_IDENTIFIER)) << EXTENDED_SHIFT
 
 
-def _pattern(s: Any) -> tuple[object, ...]:
-    """Signals that agree in this are in the same frames."""
-    return _last_bit(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
+def _make_pattern(s: Any) -> tuple[object, ...]:
+    """Return a key that is equal for signals which are in the same frames."""
+    return _find_last_byte(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
 
 
-def values_of(
+def decode_signals(
     message: Any, signals: Sequence[Any], data: Sequence[bytes]
 ) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
-    """Of each signal which frames have it, and its values there."""
+    """Yield each signal with the frames that contain it and its values there."""
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])
     whole = long >= width
-    table = np.frombuffer(b"".join(d[:width].ljust(width, b"\0") for d in data), np.uint8).reshape(
-        len(data), width
-    )
-    bits = np.unpackbits(
-        table, axis=1, bitorder="little"
-    )  # bit 8 b + i: bit i of byte b, counted from its least
+    padded = b"".join(d[:width].ljust(width, b"\0") for d in data)
+    table = np.frombuffer(padded, np.uint8).reshape(len(data), width)
+    # bit 8 b + i: bit i of byte b, the least significant first
+    bits = np.unpackbits(table, axis=1, bitorder="little")
     by_name = {s.name: s for s in message.signals}
     for s in signals:
-        rows = whole | (long * 8 > _last_bit(s))
+        rows = whole | (long * 8 > _find_last_byte(s))
         if s.multiplexer_ids and s.multiplexer_signal in by_name:
-            selector = _number(by_name[s.multiplexer_signal], bits, raw=True)
+            selector = _decode_number(by_name[s.multiplexer_signal], bits, raw=True)
             rows = rows & np.isin(selector, s.multiplexer_ids)
         if not rows.any():
             continue
         with contextlib.suppress(ValueError):
-            yield s, np.flatnonzero(rows), _number(s, bits if rows.all() else bits[rows])
+            yield s, np.flatnonzero(rows), _decode_number(s, bits if rows.all() else bits[rows])
 
 
-def _positions(s: Any) -> np.ndarray:
-    """Bits of a signal, least first, as unpackbits counts them."""
+def _find_bits(s: Any) -> np.ndarray:
+    """Return the columns of np.unpackbits() with a signal, its lowest bit first."""
     if s.byte_order == "little_endian":
         return s.start + np.arange(s.length)
     at, found = s.start, []
-    for _ in range(s.length):  # Motorola: from the highest bit down, then the highest of the next byte
+    for _ in range(s.length):  # Motorola: down from the highest bit, then the highest of the next byte
         found.append(at)
         at = at - 1 if at % 8 else at + 15
     return np.array(found[::-1])
 
 
-def _last_bit(s: Any) -> int:
-    return int(_positions(s).max() // 8 * 8)
+def _find_last_byte(s: Any) -> int:
+    """Return the first bit of the last byte of a signal."""
+    return int(_find_bits(s).max() // 8 * 8)
 
 
-def _number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
-    """Values of one signal, (frames,)."""
-    at = _positions(s)
+def _decode_number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
+    """Return the values of one signal, (frames,). ValueError: frames are too short."""
+    at = _find_bits(s)
     if at.max() >= bits.shape[1] or s.length > 64:
         raise ValueError(s.name)
     part = bits[:, at].astype(np.uint64)
     whole = (part << np.arange(s.length, dtype=np.uint64)).sum(axis=1, dtype=np.uint64)
     if s.is_float:
-        kind = {16: np.float16, 32: np.float32, 64: np.float64}[s.length]
-        number = (
-            whole.astype({16: np.uint16, 32: np.uint32, 64: np.uint64}[s.length]).view(kind).astype(float)
-        )
+        of_bits = {16: (np.uint16, np.float16), 32: (np.uint32, np.float32), 64: (np.uint64, np.float64)}
+        unsigned, real = of_bits[s.length]
+        number = whole.astype(unsigned).view(real).astype(float)
     elif s.is_signed:
         number = whole.astype(np.int64).astype(float)
         if s.length < 64:
@@ -283,8 +327,8 @@ def _number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
     return number if raw else number * float(s.scale) + float(s.offset)
 
 
-TITLES = {"blf": "BLF", "asc": "ASC", "trc": "TRC"}
-KINDS = {
+FORMAT_NAMES = {"blf": "BLF", "asc": "ASC", "trc": "TRC"}
+KIND_NAMES = {
     "asc": "an ASC",
     "trc": "a TRC",
     "candump": "a log of candump",
@@ -293,47 +337,50 @@ KINDS = {
 }
 
 
-def read(path: Path, how: How) -> Recording:
-    """Signals of all messages that the databases know, named message.signal."""
-    can = need("can", "can", str(path))
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read the signals of all messages in the databases, named message.signal."""
+    can = import_optional("can", "can", str(path))
     logging.getLogger("can").setLevel(logging.CRITICAL)
-    databases = databases_for(path, how, required=True)
+    databases = find_databases(path, how, required=True)
     bus, times = Bus(path, databases, how), Growing()
-    frames: list[Frame] = []
+    frames: list[CanFrame] = []
 
     def decode() -> None:
-        check_rows(path, "the bus", len(times) + len(frames), FRAME)
+        check_rows(path, "the bus", len(times) + len(frames), MIN_FRAME_BYTES)
         times.extend(np.array([f.time for f in frames]))
-        bus.add(np.array([f.identifier for f in frames], np.int64), np.array([f.extended for f in frames], bool),
-                [f.bus for f in frames], [f.data for f in frames])  # fmt: skip
+        bus.add(
+            np.array([f.identifier for f in frames], np.int64),
+            np.array([f.extended for f in frames], bool),
+            [f.bus for f in frames],
+            [f.data for f in frames],
+        )
         frames.clear()
 
     notes: list[str] = []
     lines = Lines(path)
     with open(path, "rb") as file:
-        head = file.read(LOOKED_AT)
-    kind = "blf" if head.startswith(b"LOGG") else kind_of(head, path.suffix.lower()) or "candump"
+        head = file.read(DETECTION_BYTES)
+    kind = "blf" if head.startswith(b"LOGG") else detect_bus_text(head, path.suffix.lower()) or "candump"
     try:
-        of_text = kind in ("candump", "table", "busmaster")
-        source = (
-            frames_of(path, kind, lines, bus.knows)
-            if of_text
-            else _of_library(_reader(can, path, kind, lines, notes), lines)
-        )
+        if kind in ("candump", "table", "busmaster"):
+            source = read_frames(path, kind, lines, bus.knows)
+        else:
+            source = _convert_frames(_make_reader(can, path, kind, lines, notes), lines)
         for frame in source:
             frames.append(frame)
-            if len(frames) == PIECE:
+            if len(frames) == CHUNK_ROWS:
                 decode()
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # its parsers stumble over damage in many ways
+    except Exception as error:  # parsers raise errors of many kinds
         if not frames and not len(times):
-            what = KINDS.get(kind, "a BLF")
+            what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
                 f"{path}: is damaged, or not {what} as its maker writes it: {str(error)[:120]}"
             ) from None
         notes.append(
-            f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): what is before is used"
+            f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): "
+            "what is before is used"
         )
     if frames:
         decode()
@@ -343,40 +390,39 @@ def read(path: Path, how: How) -> Recording:
         notes.append(lines.note())
     if lines.errors:
         notes.append(f"{lines.errors} error frames on the bus")
-    clock, keep, said = straight(
-        times.array(), together=True
-    )  # one clock for all messages: before they are separated
+    # one clock for all messages, before they are separated
+    clock, keep, said = straighten_time(times.array(), together=True)
     notes += [f"frames: {s}" for s in said]
     channels = bus.channels(clock, keep, notes)
-    return Recording(path, TITLES.get(kind, "CAN log"), channels, notes)
+    return Recording(path, FORMAT_NAMES.get(kind, "CAN log"), channels, notes)
 
 
-def _of_library(reader: Any, lines: Lines) -> Iterator[Frame]:
-    """Frames of a reader of python-can."""
+def _convert_frames(reader: Any, lines: Lines) -> Iterator[CanFrame]:
+    """Yield the data frames of a reader of python-can; count error frames."""
     for m in reader:
         if m.is_error_frame or m.is_remote_frame:
             lines.errors += m.is_error_frame
             continue
-        yield Frame(m.timestamp, m.arbitration_id, m.is_extended_id, str(m.channel or 0), bytes(m.data))
+        yield CanFrame(m.timestamp, m.arbitration_id, m.is_extended_id, str(m.channel or 0), bytes(m.data))
 
 
-def _reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:
-    """A reader of python-can that leaves out a line which is no frame, and goes on."""
+def _make_reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:
+    """Return a reader of python-can that skips odd lines and notes their numbers."""
     if kind == "blf":
         return can.BLFReader(str(path))
 
-    def lenient(parse: Callable[..., Any]) -> Callable[..., Any]:
-        def parsed(*args: Any) -> Any:
+    def skip_odd(parse: Callable[..., Any]) -> Callable[..., Any]:
+        def try_parse(*args: Any) -> Any:
             try:
                 return parse(*args)
             except (ValueError, IndexError, TypeError):
                 lines.odd.append(lines.number)
                 return None
 
-        return parsed
+        return try_parse
 
     reader = can.ASCReader(AscText(lines, notes)) if kind == "asc" else can.TRCReader(TrcText(lines))
     for name in ("_process_classic_can_frame", "_process_fd_can_frame", "_parse_line"):
         if hasattr(reader, name):
-            setattr(reader, name, lenient(getattr(reader, name)))
+            setattr(reader, name, skip_odd(getattr(reader, name)))
     return reader

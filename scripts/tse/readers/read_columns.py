@@ -1,4 +1,4 @@
-"""Parquet and Feather by pyarrow."""
+"""Read Parquet and Feather by pyarrow."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -8,22 +8,24 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
-from tse.readers.recording import How, Recording, check_rows, need
-from tse.readers.table import Column, recording_of
+from tse.readers.recording import ReadOptions, Recording, check_rows, import_optional
+from tse.readers.table import Column, make_recording
 
 
-def read(path: Path, how: How) -> Recording:
-    """All columns that are numbers or times; a struct's fields by their path."""
-    pa = need("pyarrow", "all", str(path))
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read all columns of numbers or times; fields of a struct by their path."""
+    pa = import_optional("pyarrow", "all", str(path))
     with open(path, "rb") as file:
         parquet = file.read(4) == b"PAR1"
     try:
-        schema, rows, read_column = (_parquet if parquet else _feather)(path)
+        schema, rows, read_column = (_open_parquet if parquet else _open_feather)(path)
         check_rows(path, "the table", rows)
         if not rows:
             raise UserError(f"{path}: has columns but no rows")
-        columns = [_column(pa, field, steps, rows, read_column) for field, steps in _leaves(pa, schema)]
-        found = recording_of(path, "Parquet" if parquet else "Feather", columns, how)
+        columns = [
+            _make_column(pa, field, steps, rows, read_column) for field, steps in _flatten_fields(pa, schema)
+        ]
+        found = make_recording(path, "Parquet" if parquet else "Feather", columns, how)
         pa.default_memory_pool().release_unused()
     except (UserError, MemoryError):
         raise
@@ -34,51 +36,51 @@ def read(path: Path, how: How) -> Recording:
     return found
 
 
-Read = Callable[[int], Any]  # a column of the file by its place
+ReadColumn = Callable[[int], Any]  # returns a column of the file by its number
 
 
-def _parquet(path: Path) -> tuple[Any, int, Read]:
-    """Schema, rows, and who reads a column."""
+def _open_parquet(path: Path) -> tuple[Any, int, ReadColumn]:
+    """Return schema, number of rows, and a function that reads a column."""
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
-    alone = len(set(schema.names)) == len(schema.names) and not any(
-        "." in n for n in schema.names
-    )  # a name says which
+    names = schema.names
+    are_unique = len(set(names)) == len(names) and not any("." in n for n in names)
 
-    def column(place: int) -> Any:
+    def read_column(place: int) -> Any:
         with pq.ParquetFile(path) as file:
-            if alone:
+            if are_unique:
                 return file.read([schema.names[place]], use_threads=False).column(0)
             return file.read(use_threads=False).column(place)
 
-    return schema, rows, column
+    return schema, rows, read_column
 
 
-def _feather(path: Path) -> tuple[Any, int, Read]:
+def _open_feather(path: Path) -> tuple[Any, int, ReadColumn]:
+    """Return schema, number of rows, and a function that reads a column."""
     import pyarrow as pa
     import pyarrow.feather as feather
 
     with open(path, "rb") as file:
         first = file.read(4) == b"FEA1"
-    if first:  # the format of 2016
+    if first:  # version 1 of the format
         table = feather.read_table(path)
         return table.schema, table.num_rows, table.column
     with pa.OSFile(str(path)) as source, pa.ipc.open_file(source) as file:
         schema = file.schema
         rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
 
-    def column(place: int) -> Any:
+    def read_column(place: int) -> Any:
         options = pa.ipc.IpcReadOptions(included_fields=[place], use_threads=False)
         with pa.OSFile(str(path)) as source, pa.ipc.open_file(source, options=options) as file:
             return file.read_all().column(0)
 
-    return schema, rows, column
+    return schema, rows, read_column
 
 
-def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
-    """Fields that are no structs, with their path in names, and as places."""
+def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
+    """Yield the fields without structs, named by their path, with the path as numbers."""
 
     def walk(field: Any, at: tuple[int, ...]) -> Iterator[tuple[Any, tuple[int, ...]]]:
         if not pa.types.is_struct(field.type):
@@ -92,20 +94,20 @@ def _leaves(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
         yield from walk(field, (place,))
 
 
-def _column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: Read) -> Column:
+def _make_column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: ReadColumn) -> Column:
+    """Return a column that is read on demand; `steps`: its path as numbers."""
     meta = {
         k.decode(errors="replace").lower(): v.decode(errors="replace")
         for k, v in (field.metadata or {}).items()
     }
     kind = pa.types
 
-    def values() -> pd.Series:
+    def read_values() -> pd.Series:
         column = read(steps[0])
         for place in steps[1:]:
             column = pa.table([column], ["struct"]).flatten().column(place)
         return (column.cast(field.type.value_type) if kind.is_dictionary(field.type) else column).to_pandas()
 
     dates = kind.is_timestamp(field.type) or kind.is_duration(field.type)
-    return Column(
-        field.name, values, meta.get("unit", meta.get("units", "")), meta.get("description", ""), rows, dates
-    )
+    unit, text = meta.get("unit", meta.get("units", "")), meta.get("description", "")
+    return Column(field.name, read_values, unit, text, rows, dates)

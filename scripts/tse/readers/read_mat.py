@@ -1,4 +1,4 @@
-"""MATLAB files: version 5 by scipy, 7.3 (and plain HDF5) by h5py."""
+"""Read MATLAB files: version 5 by scipy, version 7.3 and other HDF5 by h5py."""
 
 import functools
 import struct
@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 
 from tse.library.errors import UserError
-from tse.log.units import factor, kind
-from tse.readers.recording import Channel, How, Recording, check_rows, listed, need
-from tse.readers.table import TIME_WORDS, Column, recording_of, unit_at_end, with_unit, words
+from tse.log.units import unit_factor, unit_kind
+from tse.readers.recording import Channel, ReadOptions, Recording, check_rows, import_optional, list_names
+from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recording, split_unit, split_words
 
-MOST_AT_ONCE = 1 << 25  # bytes of a file of version 5 that is read as a whole, and not variable by variable
-WIDEST = 16  # columns of a matrix that are channels of their own
-SHORTEST = 2
-COMPRESSED = 15  # miCOMPRESSED: type of an element of a file of version 5 that zlib packed
-LARGEST = 1 << 30  # bytes of its variable: thirty hours of a signal at 1 kHz
+MAX_BYTES_AT_ONCE = 1 << 25  # of version 5; larger files are read variable by variable
+MAX_MATRIX_COLUMNS = 16  # of a matrix whose columns become channels
+MIN_VECTOR_LENGTH = 2
+COMPRESSED_TYPE = 15  # miCOMPRESSED: an element of version 5 that is packed by zlib
+MAX_VARIABLE_BYTES = 1 << 30  # of version 5: a signal of 30 h at 1 kHz
 
 
 @dataclass(frozen=True)
-class Later:
-    """A vector that is read when it is needed."""
+class LazyVector:
+    """A vector that is read on demand."""
 
     rows: int
     read: Callable[[], np.ndarray]
@@ -33,123 +33,136 @@ class Later:
         return self.rows
 
 
-def read(path: Path, how: How) -> Recording:
-    """Vectors and columns of matrices, of structs by their path; times are found beside them."""
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read vectors and columns of matrices, named by their path in structs.
+
+    The time of a vector has the same length and the nearest path."""
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []
     hdf = b"HDF" in head[:8] or head.startswith(b"MATLAB 7.3")
-    leaves = list(_version73(path, opaque) if hdf else _version5(path, opaque))
+    leaves = list(_walk_version73(path, opaque) if hdf else _walk_version5(path, opaque))
     units = {
         name.rpartition(".")[0]: v
         for name, v in leaves
         if isinstance(v, str) and name.rpartition(".")[2].lower() in ("unit", "units")
     }
-    vectors = {name: v for name, v in leaves if isinstance(v, np.ndarray | Later)}
+    vectors = {name: v for name, v in leaves if isinstance(v, np.ndarray | LazyVector)}
     if not vectors:
-        more = f" ({listed(opaque)} are MATLAB objects: save them as structs or a matrix)" if opaque else ""
+        more = ""
+        if opaque:
+            more = f" ({list_names(opaque)} are MATLAB objects: save them as structs or a matrix)"
         raise UserError(f"{path}: has no vectors of numbers{more}")
-    notes = [f"MATLAB objects are not read, save them as structs: {listed(opaque)}"] if opaque else []
+    notes = [f"MATLAB objects are not read, save them as structs: {list_names(opaque)}"] if opaque else []
     times = {name: v for name, v in vectors.items() if _is_time(name, v, units)}
     if how.time is not None:
         if how.time not in vectors:
-            raise UserError(f"{path}: [log] time: there is no {how.time!r}; it has {listed(vectors)}")
+            raise UserError(f"{path}: [log] time: there is no {how.time!r}; it has {list_names(vectors)}")
         times = {how.time: vectors[how.time]}
     if not times and len({len(v) for v in vectors.values()}) == 1:
-        columns = [Column(n, v.read if isinstance(v, Later) else v, rows=len(v)) for n, v in vectors.items()]
-        return recording_of(path, "MAT", columns, how, notes)  # in words of a table
+        columns = [
+            Column(n, v.read if isinstance(v, LazyVector) else v, rows=len(v)) for n, v in vectors.items()
+        ]
+        return make_recording(path, "MAT", columns, how, notes)  # with the errors of a table
     clocks: dict[str, np.ndarray] = {}
     channels: dict[str, Channel] = {}
     for name, v in vectors.items():
         if name in times:
             continue
-        own = _nearest(name, len(v), times)
+        own = _find_nearest_time(name, len(v), times)
         if own is None:
             continue
         if own not in clocks:
-            clocks[own] = _seconds(path, own, _read(times[own]), units.get(own, ""), how, notes)
-        plain, unit = with_unit(_tidy(name))
+            clocks[own] = _convert_time(path, own, _load(times[own]), units.get(own, ""), how, notes)
+        plain, unit = split_unit(_strip_wrappers(name))
         if how.wanted and not how.wanted(plain):
             continue
-        unit = unit or units.get(name, "") or units.get(name.rpartition(".")[0], "") or unit_at_end(plain)
-        channels[plain] = Channel(plain, clocks[own], _read(v), unit if kind(unit) != "time" else "")
+        unit = unit or units.get(name, "") or units.get(name.rpartition(".")[0], "")
+        unit = unit or find_unit_suffix(plain)
+        channels[plain] = Channel(plain, clocks[own], _load(v), unit if unit_kind(unit) != "time" else "")
     if not channels:
         raise UserError(
-            f"{path}: no vector has a time of its length; vectors: {listed(f'{n} ({len(v)})' for n, v in vectors.items())}. Say "
+            f"{path}: no vector has a time of its length; vectors: "
+            f"{list_names(f'{n} ({len(v)})' for n, v in vectors.items())}. Say "
             'which is the time in signals.toml: [log] time = "NAME"'
         )
     return Recording(path, "MAT", channels, notes)
 
 
-def _read(v: np.ndarray | Later) -> np.ndarray:
-    return v.read() if isinstance(v, Later) else v
+def _load(v: np.ndarray | LazyVector) -> np.ndarray:
+    """Return a vector, read if necessary."""
+    return v.read() if isinstance(v, LazyVector) else v
 
 
-def _tidy(name: str) -> str:
-    """wheel.signals.values is wheel; speed.Data is speed."""
+def _strip_wrappers(name: str) -> str:
+    """Return a name without its wrappers: wheel.signals.values gives wheel."""
     parts = name.split(".")
     while len(parts) > 1 and parts[-1].lower() in ("values", "value", "data", "signals", "samples", "y"):
         parts.pop()
     return ".".join(parts)
 
 
-def _is_time(name: str, v: np.ndarray | Later, units: dict[str, str]) -> bool:
-    w = words(name.rpartition(".")[2])
-    if not ((w and w[-1] in TIME_WORDS) or (w and w[0] in TIME_WORDS) or kind(units.get(name, "")) == "time"):
+def _is_time(name: str, v: np.ndarray | LazyVector, units: dict[str, str]) -> bool:
+    """Return whether name or unit is that of a time, and the values rise."""
+    w = split_words(name.rpartition(".")[2])
+    is_named = bool(w) and (w[-1] in TIME_WORDS or w[0] in TIME_WORDS)
+    if not is_named and unit_kind(units.get(name, "")) != "time":
         return False
-    v = _read(v)
+    v = _load(v)
     step = np.diff(v)
     return bool(np.isfinite(v).any() and (step >= 0).mean() > 0.9 and (step > 0).any())
 
 
-def _nearest(name: str, length: int, times: Mapping[str, np.ndarray | Later]) -> str | None:
-    """The time of that length that stands nearest in the tree."""
+def _find_nearest_time(name: str, length: int, times: Mapping[str, np.ndarray | LazyVector]) -> str | None:
+    """Return the time of this length with the shortest path from `name`, or None."""
     fits = [t for t, v in times.items() if len(v) == length]
     path = name.split(".")
 
-    def near(t: str) -> int:
+    def measure_path(t: str) -> int:
         other = t.split(".")
         same = 0
         while same < min(len(path), len(other)) and path[same] == other[same]:
             same += 1
         return len(path) + len(other) - 2 * same
 
-    return min(fits, key=near) if fits else None
+    return min(fits, key=measure_path) if fits else None
 
 
-def _seconds(path: Path, name: str, v: np.ndarray, unit: str, how: How, notes: list[str]) -> np.ndarray:
+def _convert_time(
+    path: Path, name: str, v: np.ndarray, unit: str, how: ReadOptions, notes: list[str]
+) -> np.ndarray:
+    """Return a time in s. Without a known unit it is converted as a column of a table."""
     unit = how.time_unit or unit
-    if unit and (per := factor(unit, "s")) is not None:
+    if unit and (per := unit_factor(unit, "s")) is not None:
         return v * per
-    return (
-        next(
-            iter(
-                recording_of(path, "MAT", [Column(name, v), Column("x", v)], How(time=with_unit(name)[0]), [])
-            )
-        ).time
-        if len(v)
-        else v
-    )
+    if not len(v):
+        return v
+    columns = [Column(name, v), Column("x", v)]
+    recording = make_recording(path, "MAT", columns, ReadOptions(time=split_unit(name)[0]), [])
+    return next(iter(recording)).time
 
 
-def _version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
+def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
+    """Yield vectors and texts of a file of version 5 with their paths."""
     import scipy.io
 
     arguments: dict[str, Any] = {"squeeze_me": True, "struct_as_record": False}
     try:
-        one_by_one = _unpacked(path) > MOST_AT_ONCE
+        one_by_one = _measure_unpacked(path) > MAX_BYTES_AT_ONCE
         for only in [[name] for name, _, _ in scipy.io.whosmat(path)] if one_by_one else [None]:
             for name, value in scipy.io.loadmat(path, variable_names=only, **arguments).items():
                 if not name.startswith("__"):
                     yield from _walk(name, value, opaque)
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # a damaged file: whatever its parser stumbles over
+    except Exception as error:  # parsers raise errors of many kinds
         raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
 
 
-def _unpacked(path: Path) -> int:
-    """Bytes of all variables of a file of version 5, which scipy unpacks whole; as their headers say, more is not read of any."""
+def _measure_unpacked(path: Path) -> int:
+    """Return the size of all unpacked variables of version 5 by their headers, bytes.
+
+    scipy reads at most this size of a variable, even if its data are longer."""
     total = 0
     with open(path, "rb") as file:
         head = file.read(128)
@@ -157,13 +170,13 @@ def _unpacked(path: Path) -> int:
         while len(tag := file.read(8)) == 8:
             kind_, size = struct.unpack(order + "II", tag)
             after = file.tell() + size
-            if kind_ == COMPRESSED:
+            if kind_ == COMPRESSED_TYPE:
                 inner = zlib.decompressobj().decompress(file.read(min(size, 4096)), 8)
                 size = struct.unpack(order + "II", inner)[1] if len(inner) == 8 else size
-            if size > LARGEST:
+            if size > MAX_VARIABLE_BYTES:
                 raise UserError(
-                    f"{path}: a variable has {size / 2**30:.1f} GB, it says; of MAT files of version 5, whose variables are read "
-                    "whole, up to 1 GB are: save it with -v7.3"
+                    f"{path}: a variable has {size / 2**30:.1f} GB, it says; of MAT files of version 5, "
+                    "whose variables are read whole, up to 1 GB are: save it with -v7.3"
                 )
             total += size
             file.seek(after)
@@ -171,6 +184,7 @@ def _unpacked(path: Path) -> int:
 
 
 def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Yield vectors and texts of a variable of scipy with their paths."""
     if hasattr(value, "_fieldnames"):
         if depth < 8:
             for f in value._fieldnames:
@@ -184,34 +198,37 @@ def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[
             for i, part in enumerate(value.ravel()[:200]):
                 yield from _walk(f"{name}.{i + 1}", part, opaque, depth + 1)
         else:
-            yield from _vectors(name, value)
+            yield from _split_columns(name, value)
 
 
-def _vectors(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
+def _split_columns(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
+    """Yield a vector, or the columns of a matrix with few columns, as floats."""
     if value.dtype.kind not in "biuf":
         return
     value = np.squeeze(value)
-    if value.ndim == 1 and len(value) >= SHORTEST:
+    if value.ndim == 1 and len(value) >= MIN_VECTOR_LENGTH:
         yield name, value.astype(float)
     elif value.ndim == 2:
         value = value if value.shape[0] >= value.shape[1] else value.T
-        if value.shape[1] <= WIDEST:
+        if value.shape[1] <= MAX_MATRIX_COLUMNS:
             for i in range(value.shape[1]):
                 yield f"{name}.{i + 1}", value[:, i].astype(float)
 
 
-def _version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
-    h5py = need("h5py", "mat", str(path))
+def _walk_version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
+    """Yield vectors and texts of a file of version 7.3 with their paths."""
+    h5py = import_optional("h5py", "mat", str(path))
     try:
         with h5py.File(path, "r") as file:
             yield from _walk_hdf(file, "", opaque, h5py)
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # a damaged file: whatever its library stumbles over
+    except Exception as error:  # parsers raise errors of many kinds
         raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
 
 
 def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tuple[str, Any]]:
+    """Yield vectors, texts and units of a group of HDF5 with their paths."""
     for key, item in group.items():
         name = f"{at}.{key}" if at else key
         if key.startswith("#"):
@@ -226,34 +243,29 @@ def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tup
             yield name, "".join(chr(c) for c in np.asarray(item).ravel() if c)
         elif item.dtype.kind in "biuf":
             check_rows(Path(item.file.filename), name, int(np.prod(item.shape, dtype=float)))
-            yield from _vectors_of(name, item, h5py)
+            yield from _split_dataset(name, item, h5py)
             unit = item.attrs.get("unit", item.attrs.get("units"))
             if unit is not None:
                 yield f"{name}.unit", unit.decode() if isinstance(unit, bytes) else str(unit)
 
 
-def _vectors_of(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
-    """As _vectors(), of a dataset whose columns are read when they are needed."""
+def _split_dataset(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the vector, or the columns of the matrix, of a dataset, read on demand."""
     long = [axis for axis, n in enumerate(item.shape) if n > 1]
     if not 1 <= len(long) <= 2:
-        yield from _vectors(name, np.asarray(item))
+        yield from _split_columns(name, np.asarray(item))
         return
-    along = max(long, key=lambda axis: item.shape[axis])  # of two that are as long the first
+    along = max(long, key=lambda axis: item.shape[axis])  # the first of equally long axes
     across = next((axis for axis in long if axis != along), None)
     count = 1 if across is None else item.shape[across]
-    file, at, place = (
-        item.file.filename,
-        item.name,
-        [slice(None) if axis == along else 0 for axis in range(len(item.shape))],
-    )
+    file, dataset = item.file.filename, item.name
+    place = [slice(None) if axis == along else 0 for axis in range(len(item.shape))]
 
-    def column(k: int) -> np.ndarray:
+    def read_column(k: int) -> np.ndarray:
         with h5py.File(file, "r") as again:
-            mine = tuple(k if axis == across else p for axis, p in enumerate(place))
-            return np.asarray(again[at][mine], float)
+            selection = tuple(k if axis == across else p for axis, p in enumerate(place))
+            return np.asarray(again[dataset][selection], float)
 
-    for k in range(count if count <= WIDEST else 0):
-        yield (
-            name if across is None else f"{name}.{k + 1}",
-            Later(item.shape[along], functools.partial(column, k)),
-        )
+    for k in range(count if count <= MAX_MATRIX_COLUMNS else 0):
+        column = f"{name}.{k + 1}" if across is not None else name
+        yield column, LazyVector(item.shape[along], functools.partial(read_column, k))

@@ -1,4 +1,4 @@
-"""MCAP: ROS 1 and 2 messages, JSON and protobuf, by the schemas in the file."""
+"""Read MCAP: messages of ROS 1 and 2, JSON and protobuf, by the schemas in the file."""
 
 import json
 from collections.abc import Iterator
@@ -6,57 +6,52 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tse.library.errors import UserError
-from tse.readers.recording import Collector, How, Recording, listed, need
+from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
 
-def read(path: Path, how: How) -> Recording:
-    """Fields of all messages by topic and path."""
-    mcap = need("mcap.reader", "ros", str(path))
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read the fields of all messages, named by topic and path."""
+    mcap = import_optional("mcap.reader", "ros", str(path))
     collect, notes = Collector(path, how.wanted), []
     decoders: dict[int, Any] = {}
     strange: dict[str, str] = {}
     count = 0
     try:
         with open(path, "rb") as file:
-            for schema, channel, message in _messages(mcap, file, notes):
+            for schema, channel, message in _read_messages(mcap, file, notes):
                 if channel.id not in decoders:
-                    decoders[channel.id] = _decoder(
-                        path, channel.message_encoding, schema, strange, channel.topic
-                    )
+                    decoders[channel.id] = _find_decoder(path, channel, schema, strange)
                 decoder = decoders[channel.id]
                 if decoder is not None:
-                    collect.add(
-                        channel.topic,
-                        1e-9 * message.log_time,
-                        decoder(message.data),
-                        schema.name if schema else "",
-                    )
+                    kind = schema.name if schema else ""
+                    collect.add(channel.topic, 1e-9 * message.log_time, decoder(message.data), kind)
                     count += 1
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # damage shows in many ways
+    except Exception as error:  # parsers raise errors of many kinds
         if not count:
             raise UserError(
                 f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}"
             ) from None
         notes.append(
-            f"the file is damaged after {count} messages ({type(error).__name__} {str(error)[:60]}): what is before is used"
+            f"the file is damaged after {count} messages ({type(error).__name__} {str(error)[:60]}): "
+            "what is before is used"
         )
+    unread = list_names(f"{t} ({e})" for t, e in strange.items())
     if strange and not count:
-        raise UserError(
-            f"{path}: its messages cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}; ROS 1, ROS 2, JSON, "
-            f"protobuf can"
-        )
+        raise UserError(f"{path}: its messages cannot be read: {unread}; ROS 1, ROS 2, JSON, protobuf can")
     if strange:
-        notes.append(f"topics that cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}")
+        notes.append(f"topics that cannot be read: {unread}")
     return Recording(path, "MCAP", collect.channels(), notes)
 
 
 MAGIC = b"\x89MCAP0\r\n"
 
 
-def _messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
-    """All messages. A file whose end is missing has no index: it is read from the front, chunk by chunk."""
+def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield schema, channel and message of all messages.
+
+    A file without its end has no index: it is read from the front."""
     file.seek(0, 2)
     file.seek(max(file.tell() - len(MAGIC), 0))
     whole = file.read() == MAGIC
@@ -68,7 +63,11 @@ def _messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any
         yield from mcap.NonSeekingReader(file).iter_messages(log_time_order=False)
 
 
-def _decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], topic: str) -> Any:
+def _find_decoder(path: Path, channel: Any, schema: Any, strange: dict[str, str]) -> Any:
+    """Return a decoder of the messages of a channel.
+
+    For an unknown encoding or schema return None, and name it in `strange`."""
+    encoding = channel.message_encoding
     if encoding == "json":
         return json.loads
     factory = {
@@ -77,16 +76,17 @@ def _decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], to
         "protobuf": ("mcap_protobuf.decoder", "ros"),
     }
     if encoding not in factory:
-        strange[topic] = f"encoding {encoding!r}"
+        strange[channel.topic] = f"encoding {encoding!r}"
         return None
-    module = need(*factory[encoding], str(path))
+    module = import_optional(*factory[encoding], str(path))
     found = module.DecoderFactory().decoder_for(encoding, schema)
     if found is None:
-        strange[topic] = f"schema {schema.encoding if schema else 'none'}"
-    return _of_protobuf(found) if encoding == "protobuf" and found else found
+        strange[channel.topic] = f"schema {schema.encoding if schema else 'none'}"
+    return _wrap_protobuf(found) if encoding == "protobuf" and found else found
 
 
-def _of_protobuf(decoder: Any) -> Any:
+def _wrap_protobuf(decoder: Any) -> Any:
+    """Return a decoder of protobuf that returns dicts."""
     from google.protobuf.json_format import MessageToDict
 
     return lambda data: MessageToDict(decoder(data), preserving_proto_field_name=True)

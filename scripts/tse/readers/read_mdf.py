@@ -1,4 +1,4 @@
-"""MDF 3 and 4 by asammdf; frames of a bus in them by the databases."""
+"""Read MDF 3 and 4 by asammdf, with the frames of a bus in them."""
 
 import gc
 import logging
@@ -12,43 +12,53 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tse.library.errors import UserError
-from tse.readers.read_can import Bus, databases_for
-from tse.readers.recording import PIECE, Channel, Growing, How, Recording, check_rows, need, unused
-from tse.readers.table import in_seconds
+from tse.readers.read_can import Bus, find_databases
+from tse.readers.recording import (
+    CHUNK_ROWS,
+    Channel,
+    Growing,
+    ReadOptions,
+    Recording,
+    check_rows,
+    find_unused_name,
+    import_optional,
+)
+from tse.readers.table import correct_time_units
 
-FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
+FRAME_CHANNELS = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
 
 
-def read(path: Path, how: How) -> Recording:
-    """Channels with their conversions; values that are marked invalid are missing. Frames are decoded and their messages named."""
-    asammdf = need("asammdf", "mf4", str(path))
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read converted channels, without values marked as invalid, and decoded frames."""
+    asammdf = import_optional("asammdf", "mf4", str(path))
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     notes: list[str] = []
     damage = ""
     _check_chains(path)
     hook = sys.unraisablehook
-    sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
+    sys.unraisablehook = lambda _: None  # hides messages about objects of a damaged file
     try:
         with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
-            channels = in_seconds(_plain(path, mdf, how), how, notes)
-            channels |= _of_frames(path, mdf, how, bool(channels), notes)
+            channels = correct_time_units(_read_channels(path, mdf, how), how, notes)
+            channels |= _decode_frames(path, mdf, how, bool(channels), notes)
             version = mdf.version
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # asammdf's parsers stumble over damage in many ways
+    except Exception as error:  # parsers raise errors of many kinds
         damage = f"{type(error).__name__}: {str(error)[:120]}"
     finally:
         gc.collect()
         sys.unraisablehook = hook
-    if damage:  # outside of the above, for an error keeps alive what it was raised beside
+    if damage:  # raised outside the block, because an error keeps its objects alive
         raise UserError(
-            f"{path}: is damaged or cut off: {damage}; what an MDF holds is described in blocks all over the file, and some are "
-            "missing: copy it again, or have the recorder's own tool repair it"
+            f"{path}: is damaged or cut off: {damage}; what an MDF holds is described in blocks all over "
+            "the file, and some are missing: copy it again, or have the recorder's own tool repair it"
         )
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-CHAINS = {
+# kind of a block of MDF 4: kinds of the lists that it begins
+CHILD_BLOCKS = {
     b"##DG": (b"##CG", b"##DL"),
     b"##CG": (b"##CN",),
     b"##CN": (b"##CN",),
@@ -56,104 +66,104 @@ CHAINS = {
     b"##DL": (),
     b"##HL": (b"##DL",),
 }
-MOST_BLOCKS = 5_000_000  # that are followed
+MAX_BLOCKS = 5_000_000  # that are followed
+LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")  # every link to them must lead to their kind
 
 
 def _check_chains(path: Path) -> None:
-    """Refuse an MDF 4 whose lists of groups, channels or data lead in a circle: its reader would follow them for ever.
+    """Refuse an MDF 4 whose lists of groups, channels or data form a circle.
 
-    A block begins with its kind, its length and the number of its links. The first link of those in CHAINS is the next of
-    its list."""
+    Its reader would follow them forever. The first link of a block in CHILD_BLOCKS leads
+    to the next block of its list."""
     with open(path, "rb") as file:
-
-        def links(at: int, kind: bytes, of_list: bool = False) -> list[int]:
-            file.seek(at)
-            head = file.read(24)
-            if len(head) < 24 or head[:4] != kind:
-                if of_list:
-                    raise UserError(
-                        f"{path}: is damaged or cut off: there is no {kind[2:].decode()} block at byte {at}; copy it again"
-                    )
-                return []  # data of another kind
-            count = min(struct.unpack("<Q", head[16:])[0], 8)
-            return (
-                list(struct.unpack(f"<{count}Q", part))
-                if len(part := file.read(8 * count)) == 8 * count
-                else []
-            )
-
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
-        start = links(64, b"##HD")
-        todo: list[tuple[bytes, int]] = [(b"##DG", at) for at in start[:1]] + [
-            (b"##FH", at) for at in start[1:2]
-        ]
+        start = _read_links(path, file, 64, b"##HD")
+        todo = [(b"##DG", at) for at in start[:1]] + [(b"##FH", at) for at in start[1:2]]
         met: set[int] = set()
         while todo:
             kind, at = todo.pop()
             chain: set[int] = set()
             while 0 < at < 1 << 62:
-                if at in chain or len(met) > MOST_BLOCKS:
+                if at in chain or len(met) > MAX_BLOCKS:
                     raise UserError(
-                        f"{path}: is damaged: its list of {kind[2:].decode()} blocks leads in a circle at byte {at}; copy it again"
+                        f"{path}: is damaged: its list of {kind[2:].decode()} blocks leads in a circle "
+                        f"at byte {at}; copy it again"
                     )
                 chain.add(at)
                 if at in met:
                     break
                 met.add(at)
-                found = links(at, kind, kind in (b"##DG", b"##CG", b"##FH") or len(chain) > 1)
+                found = _read_links(path, file, at, kind, kind in LISTED_BLOCKS or len(chain) > 1)
                 for other in found[1:3] if kind == b"##DG" else found[1:2]:
-                    todo += [(k, other) for k in CHAINS[kind] if other]
+                    todo += [(k, other) for k in CHILD_BLOCKS[kind] if other]
                 at = found[0] if found else 0
 
 
+def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool = False) -> list[int]:
+    """Return the links of the block at a byte; [] for a block of another kind.
+
+    A block begins with its kind, its length and the number of its links. `required`: a
+    block of another kind is damage."""
+    file.seek(at)
+    head = file.read(24)
+    if len(head) < 24 or head[:4] != kind:
+        if required:
+            raise UserError(
+                f"{path}: is damaged or cut off: there is no {kind[2:].decode()} block at byte {at}; "
+                "copy it again"
+            )
+        return []
+    count = min(struct.unpack("<Q", head[16:])[0], 8)
+    part = file.read(8 * count)
+    return list(struct.unpack(f"<{count}Q", part)) if len(part) == 8 * count else []
+
+
 def _is_finished(file: BinaryIO) -> bool:
-    """A file that was closed in order: asammdf reads it as it is. Given its name, it would map it, and all of it stay in memory;
-    of one that was not it makes a copy that it completes, and that needs the name."""
+    """Return whether a file was closed in order.
+
+    asammdf then reads it from the open file. By its name it would map it, and the whole
+    file would stay in memory. Of an unfinished file it makes a complete copy, by its
+    name."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished
 
 
-def _plain(path: Path, mdf: Any, how: How) -> dict[str, Channel]:
+def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]:
+    """Return the needed channels; those of one name with the title of their group."""
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
         master = mdf.masters_db.get(g)
         time = np.zeros(0)
-        title = (
-            getattr(group.channel_group, "acq_name", None)
-            or getattr(group.channel_group, "comment", "")
-            or ""
-        )
+        head = group.channel_group
+        title = getattr(head, "acq_name", None) or getattr(head, "comment", "") or ""
         for c, channel in enumerate(group.channels):
-            if (
-                c == master
-                or channel.name.startswith("CAN_DataFrame")
-                or (how.wanted and not how.wanted(channel.name))
-            ):
+            if c == master or channel.name.startswith("CAN_DataFrame"):
                 continue
-            if (signal := _samples(mdf, g, c)) is None:
+            if how.wanted and not how.wanted(channel.name):
+                continue
+            if (signal := _read_samples(mdf, g, c)) is None:
                 continue
             value, bad = signal.samples.astype(float), signal.invalidation_bits
             if bad is not None and len(np.atleast_1d(bad)) == len(value):
                 value = np.where(np.asarray(bad, bool), np.nan, value)
-            if len(time) != len(value):  # of the group
+            if len(time) != len(value):  # channels of a group share their time
                 time = np.asarray(signal.timestamps, float)
             text = str(signal.comment or "")[:200]
-            found.append(
-                (channel.name, str(title), Channel(channel.name, time, value, str(signal.unit or ""), text))
-            )
+            made = Channel(channel.name, time, value, str(signal.unit or ""), text)
+            found.append((channel.name, str(title), made))
     often = Counter(name for name, _, _ in found)
     channels: dict[str, Channel] = {}
     for name, title, c in found:
-        full = unused(f"{title}.{name}" if often[name] > 1 and title else name, channels)
+        full = find_unused_name(f"{title}.{name}" if often[name] > 1 and title else name, channels)
         channels[full] = Channel(full, c.time, c.value, c.unit, c.text)
     return channels
 
 
-def _samples(mdf: Any, group: int, index: int) -> Any | None:
-    """A channel as asammdf's Signal of numbers; of a table of texts the numbers below it. None: there are none."""
+def _read_samples(mdf: Any, group: int, index: int) -> Any | None:
+    """Return a channel as a Signal of numbers, before a conversion to texts, or None."""
     for raw in (False, True):
         signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
         if len(signal.samples) and signal.samples.dtype.kind in "biuf" and signal.samples.ndim == 1:
@@ -161,8 +171,8 @@ def _samples(mdf: Any, group: int, index: int) -> Any | None:
     return None
 
 
-def _pieces(mdf: Any, group: int, index: int) -> Iterator[Any]:
-    """Frames as asammdf's Signals of so many records each, until there are none."""
+def _read_chunks(mdf: Any, group: int, index: int) -> Iterator[Any]:
+    """Yield the frames of a channel as Signals of CHUNK_ROWS records."""
     done = 0
     while True:
         signal = mdf.get(
@@ -171,51 +181,54 @@ def _pieces(mdf: Any, group: int, index: int) -> Iterator[Any]:
             raw=True,
             ignore_invalidation_bits=True,
             record_offset=done,
-            record_count=PIECE,
+            record_count=CHUNK_ROWS,
         )
         if not len(signal.samples):
             return
         yield signal
-        done += PIECE
-        if len(signal.samples) < PIECE:
+        done += CHUNK_ROWS
+        if len(signal.samples) < CHUNK_ROWS:
             return
 
 
-def _of_frames(path: Path, mdf: Any, how: How, others: bool, notes: list[str]) -> dict[str, Channel]:
-    """Signals of the frames of all buses, in order of time. `others`: the file has other channels, too."""
+def _decode_frames(
+    path: Path, mdf: Any, how: ReadOptions, others: bool, notes: list[str]
+) -> dict[str, Channel]:
+    """Return the signals of the frames of all buses, in order of time.
+
+    `others`: the file has other channels, so it may lack a database."""
     bus, times = None, Growing()
     for g, group in enumerate(mdf.groups):
         for c, channel in enumerate(group.channels):
-            if channel.name != FRAMES[0]:
+            if channel.name != FRAME_CHANNELS[0]:
                 continue
-            for frame in _pieces(mdf, g, c):
-                samples = frame.samples
-                names = samples.dtype.names or ()
-                if not all(n in names for n in FRAMES[1:]):
+            for frame in _read_chunks(mdf, g, c):
+                columns = _read_frame_columns(frame.samples)
+                if columns is None:
                     break
                 if bus is None:
-                    databases = databases_for(path, how, required=not others)
+                    databases = find_databases(path, how, required=not others)
                     if not databases:
                         return {}
                     bus = Bus(path, databases, how)
-                raw = samples[FRAMES[2]]
-                length = (
-                    samples["CAN_DataFrame.DataLength"]
-                    if "CAN_DataFrame.DataLength" in names
-                    else np.full(len(raw), raw.shape[1])
-                )
-                data = [bytes(r[: int(n)]) for r, n in zip(raw, length, strict=True)]
                 times.extend(np.asarray(frame.timestamps, float))
-                ids = np.asarray(samples[FRAMES[1]], np.int64)
-                extended = (
-                    np.asarray(samples["CAN_DataFrame.IDE"], bool)
-                    if "CAN_DataFrame.IDE" in names
-                    else ids >> 31 > 0
-                )
-                channel_ = (
-                    samples["CAN_DataFrame.BusChannel"]
-                    if "CAN_DataFrame.BusChannel" in names
-                    else np.zeros(len(ids), int)
-                )
-                bus.add(ids, extended, [str(b) for b in channel_], data)
+                bus.add(*columns)
     return bus.channels(times.array(), None, notes) if bus is not None else {}
+
+
+def _read_frame_columns(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str], list[bytes]] | None:
+    """Return identifiers, extended flags, buses and bytes of frames, or None."""
+    names = samples.dtype.names or ()
+    if not all(n in names for n in FRAME_CHANNELS[1:]):
+        return None
+    ids = np.asarray(samples[FRAME_CHANNELS[1]], np.int64)
+    raw = samples[FRAME_CHANNELS[2]]
+    length, extended, bus = np.full(len(raw), raw.shape[1]), ids >> 31 > 0, np.zeros(len(ids), int)
+    if "CAN_DataFrame.DataLength" in names:
+        length = samples["CAN_DataFrame.DataLength"]
+    if "CAN_DataFrame.IDE" in names:
+        extended = np.asarray(samples["CAN_DataFrame.IDE"], bool)
+    if "CAN_DataFrame.BusChannel" in names:
+        bus = samples["CAN_DataFrame.BusChannel"]
+    data = [bytes(r[: int(n)]) for r, n in zip(raw, length, strict=True)]
+    return ids, extended, [str(b) for b in bus], data

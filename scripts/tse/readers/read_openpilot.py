@@ -1,4 +1,4 @@
-"""openpilot's rlog and qlog, by the schema in the Python package openpilot-logging."""
+"""Read openpilot's rlog and qlog, by the schema in the package openpilot-logging."""
 
 import bz2
 import importlib.util
@@ -6,24 +6,35 @@ from pathlib import Path
 from typing import Any
 
 from tse.library.errors import UserError
-from tse.readers.recording import Collector, How, Recording, need
+from tse.readers.recording import Collector, ReadOptions, Recording, import_optional
 
-# Services that say how the car moves. Cameras, models and states of the software are left out: they are most of a log.
-SERVICES = ("carState", "accelerometer", "gyroscope", "sensorEvents", "gpsLocation", "gpsLocationExternal", "livePose",
-            "liveLocationKalman", "liveParameters", "carControl")  # fmt: skip
+# Services about the motion of the car. Cameras, models and states of the software are
+# most of a log and are skipped.
+SERVICES = (
+    "carState",
+    "accelerometer",
+    "gyroscope",
+    "sensorEvents",
+    "gpsLocation",
+    "gpsLocationExternal",
+    "livePose",
+    "liveLocationKalman",
+    "liveParameters",
+    "carControl",
+)
 
 
-def read(path: Path, how: How) -> Recording:
-    """Fields of the services that say how the car moves, by their path: carState.wheelSpeeds.fl."""
-    capnp = need("capnp", "openpilot", str(path))
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read the fields of SERVICES, named by their path: carState.wheelSpeeds.fl."""
+    capnp = import_optional("capnp", "openpilot", str(path))
     spec = importlib.util.find_spec("openpilot_logging")
     if spec is None or not spec.submodule_search_locations:
-        need("openpilot_logging", "openpilot", str(path))
+        import_optional("openpilot_logging", "openpilot", str(path))
         raise UserError(f"{path}: the schema is not in the Python package openpilot_logging")
     capnp.remove_import_hook()
     folder = Path(next(iter(spec.submodule_search_locations))) / "cereal"
     log = capnp.load(str(folder / "log.capnp"))
-    raw = _bytes(path)
+    raw = _unpack(path)
     collect, notes, count = Collector(path, how.wanted), [], 0
     try:
         for event in log.Event.read_multiple_bytes(raw):
@@ -34,7 +45,7 @@ def read(path: Path, how: How) -> Recording:
             count += 1
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # Cap'n Proto throws what C++ throws
+    except Exception as error:  # parsers raise errors of many kinds
         if not count:
             raise UserError(
                 f"{path}: is no log of openpilot, or damaged: {str(error).splitlines()[0][:100]}"
@@ -46,6 +57,7 @@ def read(path: Path, how: How) -> Recording:
 
 
 def _add(collect: Collector, service: str, time: float, message: Any) -> None:
+    """Collect a message; of sensorEvents each sensor on its own."""
     if service == "sensorEvents":
         for part in message:
             collect.add(f"{service}.{part.which()}", time, part.to_dict())
@@ -53,15 +65,15 @@ def _add(collect: Collector, service: str, time: float, message: Any) -> None:
     collect.add(service, time, message.to_dict())
 
 
-def _bytes(path: Path) -> bytes:
+def _unpack(path: Path) -> bytes:
+    """Return the content of a file, unpacked from bzip2 or Zstandard."""
     raw = path.read_bytes()
     try:
         if raw.startswith(b"BZh"):
             return bz2.decompress(raw)
         if raw.startswith(b"\x28\xb5\x2f\xfd"):
-            return bytes(
-                need("zstandard", "openpilot", str(path)).ZstdDecompressor().stream_reader(raw).read()
-            )
+            zstandard = import_optional("zstandard", "openpilot", str(path))
+            return bytes(zstandard.ZstdDecompressor().stream_reader(raw).read())
     except (UserError, MemoryError):
         raise
     except (OSError, EOFError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""ROS 1 bags and the folders of ROS 2 bags by rosbags."""
+"""Read ROS 1 bags and folders of ROS 2 bags by rosbags."""
 
 import bz2
 import io
@@ -8,85 +8,96 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tse.library.errors import UserError
-from tse.readers.recording import Collector, How, Recording, listed, need
+from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
-CHUNK, CONNECTION, MESSAGE, HEADER = 5, 7, 2, 3  # op of a record of a ROS 1 bag
-LARGEST = 1 << 30  # bytes of a record or of a chunk; rosbag's own chunks are of 0.8 MB
-DAMAGE = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
+OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # kinds of records of a ROS 1 bag
+MAX_RECORD_BYTES = 1 << 30  # of a record or chunk; rosbag writes chunks of 0.8 MB
+DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 
 
 def _is_closed(path: Path) -> bool:
-    """Has a ROS 1 bag an index? Its first record says where, and 0 while it is written; where the end is cut off, it is behind."""
+    """Return whether a ROS 1 bag has an index.
+
+    The first record holds its place: 0 while the bag is written, beyond the end of the
+    file if that was cut off."""
     try:
         with open(path, "rb") as file:
             file.readline()
-            op, fields, _ = _record(file)
-        return op != HEADER or 0 < struct.unpack("<Q", fields[b"index_pos"])[0] < path.stat().st_size
-    except DAMAGE:
+            op, fields, _ = _read_record(file)
+        return op != OP_HEADER or 0 < struct.unpack("<Q", fields[b"index_pos"])[0] < path.stat().st_size
+    except DAMAGE_ERRORS:
         return True
 
 
-def _record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
-    """One record: op, fields of its header, data. EOFError: the file ends before it does."""
+def _read_record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
+    """Return op, fields of the header and data of a record.
 
-    def part() -> bytes:
+    EOFError: it is incomplete."""
+
+    def read_part() -> bytes:
         head = file.read(4)
         size = struct.unpack("<I", head)[0] if len(head) == 4 else -1
-        data = file.read(size) if 0 <= size <= LARGEST else b""
+        data = file.read(size) if 0 <= size <= MAX_RECORD_BYTES else b""
         if len(data) != size:
             raise EOFError
         return data
 
-    fields, data = _fields(part()), part()
+    fields, data = _split_fields(read_part()), read_part()
     return fields[b"op"][0], fields, data
 
 
-def _unpacked(compression: bytes, data: bytes) -> bytes:
+def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
+    """Return the records of a chunk."""
     if compression == b"none":
         return data
     if compression == b"bz2":
         work = bz2.BZ2Decompressor()
-        plain = work.decompress(data, LARGEST)
+        plain = work.decompress(data, MAX_RECORD_BYTES)
     else:
-        plain = need("lz4.frame", "ros", "the bag").decompress(data)
-    if len(plain) >= LARGEST:
+        plain = import_optional("lz4.frame", "ros", "the bag").decompress(data)
+    if len(plain) >= MAX_RECORD_BYTES:
         raise ValueError("a chunk is larger than 1 GB")
     return plain
 
 
-def _from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
-    """Messages of a ROS 1 bag without an index, up to the last whole chunk: topic, time s, message, its type."""
+def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
+    """Yield topic, time (s), message and type of the messages of a ROS 1 bag.
+
+    The bag is read from its front, because it has no index.
+
+    The last complete chunk ends the bag."""
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     known: dict[int, tuple[str, str]] = {}
     with open(path, "rb") as file:
         file.readline()
         while True:
             try:
-                op, fields, data = _record(file)
-                if op != CHUNK:
+                op, fields, data = _read_record(file)
+                if op != OP_CHUNK:
                     continue
-                inner = io.BytesIO(_unpacked(fields[b"compression"], data))
-            except DAMAGE:
+                inner = io.BytesIO(_unpack_chunk(fields[b"compression"], data))
+            except DAMAGE_ERRORS:
                 return
             while inner.tell() < len(inner.getbuffer()):
                 try:
-                    op, fields, data = _record(inner)
-                except DAMAGE:
+                    op, fields, data = _read_record(inner)
+                except DAMAGE_ERRORS:
                     break
-                if op == CONNECTION:
-                    number, said = struct.unpack("<I", fields[b"conn"])[0], _fields(data)
+                if op == OP_CONNECTION:
+                    number, said = struct.unpack("<I", fields[b"conn"])[0], _split_fields(data)
                     kind = said[b"type"].decode().replace("/", "/msg/")
                     if number not in known:
                         store.register(typesys.get_types_from_msg(said[b"message_definition"].decode(), kind))
                         known[number] = fields[b"topic"].decode(), kind
-                elif op == MESSAGE:
+                elif op == OP_MESSAGE:
                     topic, kind = known.get(struct.unpack("<I", fields[b"conn"])[0], ("", ""))
                     seconds, rest = struct.unpack("<II", fields[b"time"])
                     if topic:
                         yield topic, seconds + 1e-9 * rest, store.deserialize_ros1(data, kind), kind
 
 
-def _fields(data: bytes) -> dict[bytes, bytes]:
+def _split_fields(data: bytes) -> dict[bytes, bytes]:
+    """Return the fields of the header of a record."""
     found, at = {}, 0
     while at < len(data):
         size = struct.unpack_from("<I", data, at)[0]
@@ -96,33 +107,37 @@ def _fields(data: bytes) -> dict[bytes, bytes]:
     return found
 
 
-def read(path: Path, how: How) -> Recording:
-    """Fields of all messages by topic and path."""
-    highlevel = need("rosbags.highlevel", "ros", str(path))
-    typesys = need("rosbags.typesys", "ros", str(path))
-    bag = path
-    if path.is_file() and path.suffix.lower() != ".bag":
-        bag = path.parent
-        if not (bag / "metadata.yaml").exists():
-            with open(path, "rb") as file:
-                frames = b"arbitration_id" in file.read(
-                    1 << 16
-                )  # a column of the table that python-can writes
-            if frames:
-                raise UserError(
-                    f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: write them as BLF: "
-                    f"python -m can.logconvert {path.name} {path.stem}.blf"
-                )
-            raise UserError(
-                f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
-            )
+def _find_bag(path: Path) -> Path:
+    """Return the bag of a path: the file of a ROS 1 bag, or the folder of a ROS 2 bag."""
+    if not path.is_file() or path.suffix.lower() == ".bag":
+        return path
+    if (path.parent / "metadata.yaml").exists():
+        return path.parent
+    with open(path, "rb") as file:
+        has_frames = b"arbitration_id" in file.read(1 << 16)  # a column of python-can's table
+    if has_frames:
+        raise UserError(
+            f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: "
+            f"write them as BLF: python -m can.logconvert {path.name} {path.stem}.blf"
+        )
+    raise UserError(
+        f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: "
+        "give the folder of the bag"
+    )
+
+
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read the fields of all messages, named by topic and path."""
+    highlevel = import_optional("rosbags.highlevel", "ros", str(path))
+    typesys = import_optional("rosbags.typesys", "ros", str(path))
+    bag = _find_bag(path)
     collect, notes = Collector(path, how.wanted), []
     count = 0
     strange: dict[str, str] = {}
     try:
         if bag.is_file() and not _is_closed(bag):
             notes.append("the bag was not closed, or its end is missing: what is before is used")
-            for topic, time, message, kind in _from_front(bag, typesys):
+            for topic, time, message, kind in _read_from_front(bag, typesys):
                 collect.add(topic, time, message, kind)
                 count += 1
             if count:
@@ -141,16 +156,15 @@ def read(path: Path, how: How) -> Recording:
                 count += 1
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # damage shows in many ways
+    except Exception as error:  # parsers raise errors of many kinds
         if not count:
             raise UserError(
                 f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}"
             ) from None
         notes.append(f"the bag is damaged after {count} messages ({str(error)[:60]}): what is before is used")
     if strange:
-        notes.append(f"topics whose message types the bag does not define: {listed(strange)}")
+        notes.append(f"topics whose message types the bag does not define: {list_names(strange)}")
     if not count:
-        raise UserError(
-            f"{path}: has no message that can be read{f' (types unknown: {listed(strange.values())})' if strange else ''}"
-        )
+        unknown = f" (types unknown: {list_names(strange.values())})" if strange else ""
+        raise UserError(f"{path}: has no message that can be read{unknown}")
     return Recording(path, "ROS bag", collect.channels(), notes)

@@ -1,4 +1,4 @@
-"""Text tables, CSV of any dialect: delimiter, decimal comma, encoding, a preamble, a row of units, dates."""
+"""Read tables of text: CSV with any separator, decimal sign, encoding and preamble."""
 
 import itertools
 import re
@@ -13,74 +13,81 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
-from tse.log.units import known
+from tse.log.units import is_known_unit
 from tse.readers.readers import FORMATS
-from tse.readers.recording import PIECE, Channel, How, Recording, cells_of, check_columns
+from tse.readers.recording import CHUNK_ROWS, Channel, ReadOptions, Recording, check_table_width, split_cells
 from tse.readers.table import (
     TIME_WORDS,
     Column,
-    may_be_time,
-    numbers,
-    recording_of,
-    seconds,
-    unit_at_end,
-    with_unit,
-    words,
+    can_be_time,
+    convert_numbers,
+    convert_to_seconds,
+    find_unit_suffix,
+    make_recording,
+    split_unit,
+    split_words,
 )
 
-MOST_HEADERS = 4  # rows of names, units and sources
-HEAD = 400  # lines that are looked at
+MAX_HEADERS = 4  # rows above the data: names, units, sources
+HEAD_LINES = 400  # used to find the layout
 DELIMITERS = (",", ";", "\t", "|")
-NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
-CLOCK = re.compile(
-    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]?)?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?|\d{4}-\d{2}-\d{2}.*"
+NUMBER_CELL = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
+CLOCK_CELL = re.compile(
+    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]?)?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?"
+    r"|\d{4}-\d{2}-\d{2}.*"
 )
-EMPTY = {"", "nan", "na", "n/a", "null", "-", "none", "#n/a", "inf", "-inf", "true", "false"}
+EMPTY_CELLS = {"", "nan", "na", "n/a", "null", "-", "none", "#n/a", "inf", "-inf", "true", "false"}
 
 
-def read(path: Path, how: How) -> Recording:
-    """A table of text."""
-    encoding, errors = text_encoding(path, how)
+def read(path: Path, how: ReadOptions) -> Recording:
+    """Read a table of text."""
+    encoding, errors = detect_encoding(path, how)
     with open(path, encoding=encoding, errors=errors, newline="") as file:
         head = file.read(1 << 20)
     if "\0" in head[:65536]:
-        raise UserError(BINARY.format(path))
-    lines = head.splitlines()[:HEAD]
+        raise UserError(BINARY_MESSAGE.format(path))
+    lines = head.splitlines()[:HEAD_LINES]
     if not any(x.strip() for x in lines):
         raise UserError(f"{path}: is empty")
-    separator = _separator(path, lines, how)
-    cells = [_cells(path, x, separator) for x in lines]
-    header, units, first = _layout(path, cells, how, separator)
+    separator = _find_separator(path, lines, how)
+    cells = [_split_line(path, x, separator) for x in lines]
+    header, units, first = _find_layout(path, cells, how, separator)
     width = len(cells[first]) if first < len(cells) else 0
-    names = _names(path, cells[header] if header is not None else None, width, lines, header)
-    check_columns(path, names)
-    decimal = how.decimal or _decimal(cells[first:])
-    if decimal is None and separator != ",":  # whole numbers as far as was looked: a car that stands
+    names = _take_names(path, cells[header] if header is not None else None, width, lines, header)
+    check_table_width(path, names)
+    decimal = how.decimal or _find_decimal(cells[first:])
+    if decimal is None and separator != ",":  # all numbers are whole so far: the car stands
         with open(path, encoding=encoding, errors=errors, newline="") as file:
             further = (
-                _decimal([_cells(path, x, separator)])
+                _find_decimal([_split_line(path, x, separator)])
                 for x in itertools.islice(file, first, None)
                 if "," in x or "." in x
             )
             decimal = next(filter(None, further), None)
     decimal = decimal or "."
     of = dict(zip(names, units or [""] * len(names), strict=False))
-    long = _long_table(names, cells[first:])
-    needed = (
-        list(long)
-        if long
-        else [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
-    )
-    with open(path, encoding=encoding, errors=errors, newline="") as file, parsing(path):
+    long = _find_long_table(names, cells[first:])
+    needed = list(long)
+    if not long:
+        needed = [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
+    with open(path, encoding=encoding, errors=errors, newline="") as file, translate_parser_errors(path):
         parts = pd.read_csv(
-            file, sep=r"\s+" if separator == " " else separator, decimal=decimal, names=range(len(names)), header=None,
-            skiprows=first, index_col=False, skipinitialspace=True, low_memory=False, chunksize=PIECE,
-        )  # fmt: skip
+            file,
+            sep=r"\s+" if separator == " " else separator,
+            decimal=decimal,
+            names=range(len(names)),
+            header=None,
+            skiprows=first,
+            index_col=False,
+            skipinitialspace=True,
+            low_memory=False,
+            chunksize=CHUNK_ROWS,
+        )
         table = pd.concat([part[needed] for part in parts], ignore_index=True)
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
     if long:
-        return _pivoted(path, [names[i] for i in long], [table[i] for i in long], how)
+        return _pivot(path, [names[i] for i in long], [table[i] for i in long], how)
     columns = [
         Column(name, table[i] if i in table else np.full(len(table), np.nan), of.get(name, ""))
         for i, name in enumerate(names)
@@ -91,83 +98,86 @@ def read(path: Path, how: How) -> Recording:
         parts = [f"separator {separator!r}", f"decimal {decimal!r}"]
         parts += [f"names in line {header + 1}"] if header else []
         notes.append(f"read as CSV with {', '.join(parts)}{', a row of units' if units else ''}")
-    return recording_of(path, "CSV", columns, how, notes)
+    return make_recording(path, "CSV", columns, how, notes)
 
 
-# A long table has a value per row, and beside it the name of what was measured.
-OF_NAMES = re.compile(
-    r"(?:^|[_ .])(name|signal|channel|parameter|variable|metric|key|tag|measurement|sensor|kanal|messgroesse)$",
+# A long table has one value per row, with the name of its channel in another column.
+NAME_TITLE = re.compile(
+    r"(?:^|[_ .])"
+    r"(name|signal|channel|parameter|variable|metric|key|tag|measurement|sensor|kanal|messgroesse)$",
     re.I,
 )
-OF_VALUES = re.compile(r"(?:^|[_ .])(value|val|reading|wert|messwert)$", re.I)
-OF_CARS = re.compile(r"(?:^|[_ .])(vehicle|car|device|vin|fahrzeug)(?:[_ .]?(id|name|number))?$", re.I)
-MOST_LONG = 2000  # names in a long table
+VALUE_TITLE = re.compile(r"(?:^|[_ .])(value|val|reading|wert|messwert)$", re.I)
+CAR_TITLE = re.compile(r"(?:^|[_ .])(vehicle|car|device|vin|fahrzeug)(?:[_ .]?(id|name|number))?$", re.I)
+MAX_LONG_NAMES = 2000  # different names in a long table
 
 
-def _long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]:
-    """Return the columns of time, name, value and, where there is one, car of a long table; () where it is none."""
+def _find_long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]:
+    """Return the columns of time, name, value and car (if any) of a long table, or ()."""
     titles = [n.strip().lower() for n in names]
-    name, value = ([i for i, n in enumerate(titles) if p.search(n)] for p in (OF_NAMES, OF_VALUES))
+    name, value = ([i for i, n in enumerate(titles) if p.search(n)] for p in (NAME_TITLE, VALUE_TITLE))
     value = [i for i in value if i not in name]
     time = [
         i
         for i, n in enumerate(titles)
-        if i not in (*name, *value) and may_be_time(i, n, "") and any(w in TIME_WORDS for w in words(n))
+        if i not in (*name, *value) and can_be_time(i, n, "") and any(w in TIME_WORDS for w in split_words(n))
     ]
     good = [r for r in rows if len(r) == len(names)]
     if not value or not time or len(good) < 2:
         return ()
-    cars = [i for i, n in enumerate(titles) if OF_CARS.search(n)]
-    texts = [i for i in name if i not in cars and all(r[i] and not NUMBER.fullmatch(r[i]) for r in good)]
+    cars = [i for i, n in enumerate(titles) if CAR_TITLE.search(n)]
+    texts = [i for i in name if i not in cars and all(r[i] and not NUMBER_CELL.fullmatch(r[i]) for r in good)]
     numbers_ = [i for i in value if sum(_is_data(r[i]) for r in good) > 0.5 * len(good)]
     if not texts or not numbers_ or len({r[texts[0]] for r in good}) > 0.5 * len(good):
         return ()
     return (time[0], texts[0], numbers_[0], *cars[:1])
 
 
-def _pivoted(path: Path, titles: list[str], columns: list[pd.Series], how: How) -> Recording:
-    """Return a channel per name of a long table, each with its own times."""
+def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOptions) -> Recording:
+    """Return the channels of a long table, each with its own times."""
     notes = [f"a long table: the names are in column {titles[1]}, the values in {titles[2]}"]
-    time = seconds(path, Column(titles[0], columns[0]), notes, how)
-    value, _ = numbers(pd.to_numeric(columns[2], errors="coerce"))
+    time = convert_to_seconds(path, Column(titles[0], columns[0]), notes, how)
+    value, _ = convert_numbers(pd.to_numeric(columns[2], errors="coerce"))
     if value is None:
         raise UserError(f"{path}: a long table, and column {titles[2]} has no numbers")
     name = columns[1].astype("string").str.strip()
     if len(columns) > 3 and columns[3].nunique() > 1:
         name = columns[3].astype("string").str.strip() + "." + name
-        notes.append(
-            f"it is of {columns[3].nunique()} cars: each name begins with what is in column {titles[3]}"
-        )
-    if (count := name.nunique()) > MOST_LONG:
+        cars = columns[3].nunique()
+        notes.append(f"it is of {cars} cars: each name begins with what is in column {titles[3]}")
+    if (count := name.nunique()) > MAX_LONG_NAMES:
         raise UserError(
-            f"{path}: a long table with {count:,} names in column {titles[1]}; up to {MOST_LONG:,} are read"
+            f"{path}: a long table with {count:,} names in column {titles[1]}; "
+            f"up to {MAX_LONG_NAMES:,} are read"
         )
     channels: dict[str, Channel] = {}
     for given, rows in name.groupby(name).indices.items():
-        plain, unit = with_unit(str(given))
+        plain, unit = split_unit(str(given))
         if how.wanted and not how.wanted(plain):
             continue
         order = rows[np.argsort(time[rows], kind="stable")]
-        channels[plain] = Channel(plain, time[order], value[order], unit or unit_at_end(plain))
+        channels[plain] = Channel(plain, time[order], value[order], unit or find_unit_suffix(plain))
     shared: dict[bytes, np.ndarray] = {}
     channels = {n: replace(c, time=shared.setdefault(c.time.tobytes(), c.time)) for n, c in channels.items()}
     return Recording(path, "CSV", channels, notes)
 
 
-def _is_needed(place: int, name: str, unit: str, how: How) -> bool:
-    """Is it a channel that is wanted, or may it be the time? Others are read only when they are asked for."""
-    plain, own = with_unit(name)
-    return (
-        how.wanted is None or how.wanted(plain) or plain == how.time or may_be_time(place, plain, unit or own)
-    )
+def _is_needed(place: int, name: str, unit: str, how: ReadOptions) -> bool:
+    """Return whether a column is wanted or may be the time.
+
+    Other columns are not read."""
+    plain, own = split_unit(name)
+    if how.wanted is None or how.wanted(plain) or plain == how.time:
+        return True
+    return can_be_time(place, plain, unit or own)
 
 
 @contextmanager
-def parsing(path: Path) -> Iterator[None]:
-    """Errors of pandas' parser in our words."""
+def translate_parser_errors(path: Path) -> Iterator[None]:
+    """Raise errors of pandas' parser as UserError."""
     try:
         with warnings.catch_warnings():
-            # the first row of each part may have more cells than there are columns, and pandas only warns of it
+            # pandas only warns if the first row of a part has too many cells
             warnings.simplefilter("error", pd.errors.ParserWarning)
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
             yield
@@ -184,17 +194,23 @@ def parsing(path: Path) -> Iterator[None]:
         raise UserError(f"{path}: is not a well-formed CSV: {str(error)[:150]}") from None
 
 
-BINARY = "{}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
+BINARY_MESSAGE = "{}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
 
 
-def text_encoding(path: Path, how: How | None = None) -> tuple[str, str]:
-    """Return the encoding of a text, and what becomes of bytes that are none of it. UserError: it is binary."""
-    how = how or How()
+def detect_encoding(path: Path, how: ReadOptions | None = None) -> tuple[str, str]:
+    """Return the encoding of a text and the error handler for invalid bytes.
+
+    Raises
+    ------
+    UserError
+        The file is binary, or does not have the encoding of the options.
+    """
+    how = how or ReadOptions()
     with open(path, "rb") as file:
         start = file.read(4096)
     if how.encoding:
         try:
-            _decode(path, how.encoding)
+            _check_encoding(path, how.encoding)
         except (LookupError, UnicodeDecodeError) as error:
             raise UserError(f"{path}: [log] encoding = {how.encoding!r}: {error}") from None
         return how.encoding, "strict"
@@ -206,79 +222,78 @@ def text_encoding(path: Path, how: How | None = None) -> tuple[str, str]:
         if start.startswith(beginning):
             return encoding, "replace"
     try:
-        _decode(path, "utf-8")
+        _check_encoding(path, "utf-8")
     except UnicodeDecodeError:
         if sum(c < 32 and c not in (9, 10, 13, 12, 26, 27) for c in start) > 8:
-            raise UserError(BINARY.format(path)) from None
+            raise UserError(BINARY_MESSAGE.format(path)) from None
         return "cp1252", "replace"
     return "utf-8", "strict"
 
 
-def _decode(path: Path, encoding: str) -> None:
-    """The whole file must be text of that encoding. UnicodeDecodeError: it is not; LookupError: there is none of that name."""
+def _check_encoding(path: Path, encoding: str) -> None:
+    """Raise UnicodeDecodeError for another encoding, LookupError for an unknown one."""
     with open(path, encoding=encoding, newline="") as file:
         while file.read(1 << 20):
             pass
 
 
-def _separator(path: Path, lines: list[str], how: How) -> str:
-    """The one that cuts most lines into equally many cells, more than one."""
+def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
+    """Return the separator that splits most lines into the same number of cells."""
     if how.separator:
         return {"tab": "\t", "\\t": "\t", "space": " "}.get(how.separator, how.separator)
     filled = [x for x in lines if x.strip()]
     tail = filled[len(filled) // 3 :] or filled
     best, worth = ",", 0.0
     for d in (*DELIMITERS, " "):
-        rows = [_cells(path, x, d, tried=True) for x in tail]
+        rows = [_split_line(path, x, d, tried=True) for x in tail]
         width, often = Counter(map(len, rows)).most_common(1)[0]
-        # of a decimal comma that is taken as a separator the cells are whole numbers; prefer what cuts into numbers
+        # a decimal comma splits numbers into whole numbers; prefer cells that are numbers
         numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
-        value = (width > 1) * often / len(tail) * (0.2 + numeric) * (
-            1.0 if d != "," else 0.9
-        ) + 1e-3 * width * (width > 1)
+        several = width > 1
+        value = several * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9)
+        value += 1e-3 * width * several
         if d == "," and any(";" in x or "\t" in x for x in tail[:3]):
             value *= 0.5
         if value > worth:
             best, worth = d, value
     if worth == 0.0 and len(lines) > 1 and not any(_is_data(x.strip()) for x in tail):
         raise UserError(
-            f"{path}: is no table: no character separates its lines into columns; if one does: [log] separator in signals.toml"
+            f"{path}: is no table: no character separates its lines into columns; "
+            "if one does: [log] separator in signals.toml"
         )
     return best
 
 
-def _cells(path: Path, line: str, separator: str, tried: bool = False) -> list[str]:
+def _split_line(path: Path, line: str, separator: str, tried: bool = False) -> list[str]:
+    """Return the cells of a line; `tried`: accept long cells."""
     if separator == " ":
         return line.split()
-    return [c.strip() for c in cells_of(path, line, separator, True, tried)]
+    return [c.strip() for c in split_cells(path, line, separator, True, tried)]
 
 
 def _is_data(cell: str) -> bool:
-    return bool(NUMBER.fullmatch(cell) or CLOCK.fullmatch(cell)) or cell.lower() in EMPTY
+    """Return whether a cell holds a number, a time or nothing."""
+    return bool(NUMBER_CELL.fullmatch(cell) or CLOCK_CELL.fullmatch(cell)) or cell.lower() in EMPTY_CELLS
 
 
-def _layout(
-    path: Path, cells: list[list[str]], how: How, separator: str
+def _find_layout(
+    path: Path, cells: list[list[str]], how: ReadOptions, separator: str
 ) -> tuple[int | None, list[str] | None, int]:
-    """Line of the names, the units of the row below it if there is one, first line of data; all from 0."""
-    widths = Counter(
-        len(c)
-        for c in cells
-        if sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER.fullmatch(x) for x in c)
-    )
+    """Return line of the names, units in a line below, and first line of data, from 0.
+
+    Names and units may be None."""
+
+    def is_row(c: list[str]) -> bool:
+        return sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER_CELL.fullmatch(x) for x in c)
+
+    widths = Counter(len(c) for c in cells if is_row(c))
     if not widths:
-        if (
-            max((len(c) for c in cells), default=0) > 1
-            and sum(bool(c) for c in cells) <= 2
-            and separator != " "
-        ):
+        is_table = max((len(c) for c in cells), default=0) > 1 and separator != " "
+        if is_table and sum(bool(c) for c in cells) <= 2:
             raise UserError(f"{path}: has a header but no rows")
         raise UserError(f"{path}: is no table: no line of it is numbers; read are {FORMATS}")
     width = widths.most_common(1)[0][0]
-    good = [
-        len(c) == width and sum(_is_data(x) for x in c) >= 0.5 * width and any(NUMBER.fullmatch(x) for x in c)
-        for c in cells
-    ]
+    good = [len(c) == width and is_row(c) for c in cells]
     first = next(
         (i for i in range(len(good)) if good[i] and (i + 1 >= len(good) or good[i + 1] or not cells[i + 1])),
         good.index(True),
@@ -295,18 +310,19 @@ def _layout(
         if not above:
             return None, None, first
         full = [i for i in above if len(cells[i]) in (width, width + 1)] or above[-1:]
-        header = _row_of_names(cells, full)
+        header = _find_names_row(cells, full)
     between = [i for i in range(header + 1, first) if any(cells[i])]
     units = next((cells[i] for i in between if _are_units(cells[i])), None)
     return header, [u.strip("[]()") for u in units] if units else None, first
 
 
-def _row_of_names(cells: list[list[str]], full: list[int]) -> int:
-    """Return the row of the names among those that stand above the data, one below the other.
+def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
+    """Return the row of the names among the rows directly above the data.
 
-    Below the names there may be units, and where each column comes from: such a row says the same of many columns."""
+    Rows of units and of sources may follow the names. A row of sources repeats itself, so
+    the names are the last row with the most different cells."""
     block = full[-1:]
-    while len(block) < MOST_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
+    while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]
     if len(block) == 1:
         return block[0]
@@ -318,24 +334,28 @@ def _row_of_names(cells: list[list[str]], full: list[int]) -> int:
 
 
 def _are_units(cells: list[str]) -> bool:
+    """Return whether more than 60 % of the cells are units."""
     filled = [c for c in cells if c]
-    return bool(filled) and sum(known(c) or c in ("-", "1", "[-]", "[]") for c in filled) > 0.6 * len(filled)
+    units = sum(is_known_unit(c) or c in ("-", "1", "[-]", "[]") for c in filled)
+    return bool(filled) and units > 0.6 * len(filled)
 
 
-def _names(
+def _take_names(
     path: Path, cells: list[str] | None, width: int, lines: list[str], header: int | None
 ) -> list[str]:
+    """Return the names of the columns; refuse fewer names than cells."""
     if cells is None:
         raise UserError(f"{path}: the first line must name the columns; it is {lines[0][:60]!r}")
     if len(cells) < width:
         raise UserError(
-            f"{path}: line {(header or 0) + 1} has {len(cells)} names, the rows have {width} cells: one name per column is needed"
+            f"{path}: line {(header or 0) + 1} has {len(cells)} names, the rows have {width} cells: "
+            "one name per column is needed"
         )
     return [c.strip().strip('"') for c in cells[: max(width, 1)]]
 
 
-def _decimal(rows: list[list[str]]) -> str | None:
-    """A comma, where cells are numbers with one and none with a point; None: of neither."""
+def _find_decimal(rows: list[list[str]]) -> str | None:
+    """Return the decimal sign of most numbers; None if all are whole."""
     comma = sum(bool(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
     point = sum(bool(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
     return "," if comma > point else "." if point else None

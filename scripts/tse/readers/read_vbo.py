@@ -1,4 +1,4 @@
-"""VBOX files of Racelogic (.vbo): text in sections, time of day packed as HHMMSS.ss, angles of the receiver in minutes."""
+"""Read VBOX files of Racelogic (.vbo): text in sections, times packed as HHMMSS.ss."""
 
 import io
 import re
@@ -9,18 +9,42 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
-from tse.readers.read_text import parsing, text_encoding
-from tse.readers.recording import RECEIVER, Channel, How, Recording, check_columns, check_rows, listed, unused
-from tse.readers.table import numbers, of_packed, unit_at_end, with_unit
+from tse.readers.read_text import detect_encoding, translate_parser_errors
+from tse.readers.recording import (
+    RECEIVER_TEXT,
+    Channel,
+    ReadOptions,
+    Recording,
+    check_rows,
+    check_table_width,
+    find_unused_name,
+    list_names,
+)
+from tse.readers.table import convert_numbers, find_unit_suffix, split_unit, unpack_times
 
 SECTION = re.compile(r"\[([^\]\[]*)\]\s*$")
-LONGEST_HEAD = 1 << 20  # bytes before [data]
-# Columns of the receiver: their short names, what they become and in which unit. Others have theirs in [channel units].
-OWN = {"sats": "1", "time": "", "lat": "deg", "long": "deg", "velocity": "km/h", "heading": "deg", "height": "m",
-       "vert-vel": "km/h"}  # fmt: skip
-ALSO = {"satellites": "sats", "latitude": "lat", "longitude": "long", "speed": "velocity", "altitude": "height",
-        "vertical_velocity": "vert-vel"}  # fmt: skip
-SPEEDS = {
+MAX_HEAD_BYTES = 1 << 20  # before [data]
+# Columns of the receiver by their short names, with their units here. The units of other
+# columns are in [channel units].
+RECEIVER_UNITS = {
+    "sats": "1",
+    "time": "",
+    "lat": "deg",
+    "long": "deg",
+    "velocity": "km/h",
+    "heading": "deg",
+    "height": "m",
+    "vert-vel": "km/h",
+}
+SYNONYMS = {
+    "satellites": "sats",
+    "latitude": "lat",
+    "longitude": "long",
+    "speed": "velocity",
+    "altitude": "height",
+    "vertical_velocity": "vert-vel",
+}
+SPEED_UNITS = {
     "kmh": "km/h",
     "km/h": "km/h",
     "kph": "km/h",
@@ -29,73 +53,76 @@ SPEEDS = {
     "m/s": "m/s",
     "mps": "m/s",
 }
-MINUTES = 60.0  # in a degree
-SATELLITES = 0x3F  # of the column; the bits above say that the brake was pressed, or DGPS received
-FEWEST_SATELLITES = 4  # for a position
-OF_RECEIVER = ("lat", "long", "velocity", "heading", "height", "vert-vel")
+MINUTES_PER_DEGREE = 60.0
+SATELLITES_MASK = 0x3F  # number of satellites; higher bits are flags for brake and DGPS
+MIN_SATELLITES = 4  # for a position
+NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")  # columns of a position
 
 
-def read(path: Path, how: How) -> Recording:
+def read(path: Path, how: ReadOptions) -> Recording:
     """Return the columns of a VBOX file as channels.
 
     Parameters
     ----------
     path : Path
         The file.
-    how : How
-        Options: which names are wanted.
+    how : ReadOptions
+        Options: the needed names.
 
     Returns
     -------
     Recording
-        Times in s since midnight. Latitude and longitude in degrees, positive north and east. Other columns are as
-        they are in the file: yaw rate, lateral acceleration and lateral velocity of a VBOX are positive to the right.
+        Times in s since midnight. Latitude and longitude in degrees, positive north and
+        east. Other columns are as in the file: yaw rate, lateral acceleration and lateral
+        velocity of a VBOX are positive to the right.
 
     Raises
     ------
     UserError
         The file has no section of data, no names, or no time.
     """
-    sections, first = _sections(path)
-    names = _names(path, sections)
-    check_columns(path, names)
+    sections, first = _read_sections(path)
+    names = _find_names(path, sections)
+    check_table_width(path, names)
     notes: list[str] = []
-    table = _table(path, first, names, notes)
-    short = [ALSO.get(n.lower(), n.lower()) for n in names]
+    table = _read_table(path, first, names, notes)
+    short = [SYNONYMS.get(n.lower(), n.lower()) for n in names]
     if "time" not in short:
-        raise UserError(f"{path}: [column names] has no column time; it has {listed(names)}")
-    units = _units(names, short, sections)
+        raise UserError(f"{path}: [column names] has no column time; it has {list_names(names)}")
+    units = _find_units(names, short, sections)
     column = {s: i for i, s in reversed(list(enumerate(short)))}
-    time = of_packed(pd.to_numeric(table[column["time"]], errors="coerce").to_numpy(float))
-    lost = _without_fix(table, column, notes)
+    time = unpack_times(pd.to_numeric(table[column["time"]], errors="coerce").to_numpy(float))
+    lost = _find_lost_fix(table, column, notes)
     channels: dict[str, Channel] = {}
     for i, name in enumerate(names):
         if short[i] == "time" or (how.wanted and not how.wanted(name)):
             continue
-        value, note = numbers(_plain_numbers(table[i]) if short[i] in ("lat", "long") else table[i])
+        value, note = convert_numbers(_strip_letters(table[i]) if short[i] in ("lat", "long") else table[i])
         if value is None:
             continue
         if note:
             notes.append(f"column {name}: {note}")
         if short[i] == "sats":
-            value = np.where(np.isfinite(value), np.nan_to_num(value).astype(int) & SATELLITES, np.nan)
+            value = np.where(np.isfinite(value), np.nan_to_num(value).astype(int) & SATELLITES_MASK, np.nan)
         elif short[i] in ("lat", "long"):
-            value = value / (MINUTES if short[i] == "lat" else -MINUTES)  # VBOX counts west as positive
-        if short[i] in OF_RECEIVER and lost.any():
+            # a VBOX counts west as positive
+            value = value / (MINUTES_PER_DEGREE if short[i] == "lat" else -MINUTES_PER_DEGREE)
+        if short[i] in NEEDS_FIX and lost.any():
             value = np.where(lost, np.nan, value)
-        free = unused(name, channels)
-        channels[free] = Channel(free, time, value, units[i], RECEIVER if short[i] in OWN else "")
+        free = find_unused_name(name, channels)
+        text = RECEIVER_TEXT if short[i] in RECEIVER_UNITS else ""
+        channels[free] = Channel(free, time, value, units[i], text)
     return Recording(path, "VBOX", channels, notes)
 
 
-def _sections(path: Path) -> tuple[dict[str, list[str]], int]:
-    """Return the lines of each section before the data, by its name, and how many lines stand before the data."""
-    encoding, errors = text_encoding(path)
+def _read_sections(path: Path) -> tuple[dict[str, list[str]], int]:
+    """Return the sections before the data by name, and the number of their lines."""
+    encoding, errors = detect_encoding(path)
     found: dict[str, list[str]] = {}
     now: list[str] = []
     read = 0
     with open(path, encoding=encoding, errors=errors) as file:
-        for count, line in enumerate(iter(lambda: file.readline(LONGEST_HEAD), ""), 1):
+        for count, line in enumerate(iter(lambda: file.readline(MAX_HEAD_BYTES), ""), 1):
             read += len(line)
             if head := SECTION.match(line.strip()):
                 if head[1].strip().lower() == "data":
@@ -103,17 +130,17 @@ def _sections(path: Path) -> tuple[dict[str, list[str]], int]:
                 now = found.setdefault(head[1].strip().lower(), [])
             else:
                 now.append(line.rstrip("\r\n"))
-            if read > LONGEST_HEAD:
+            if read > MAX_HEAD_BYTES:
                 break
     raise UserError(
         f"{path}: has no section [data], which every VBOX file has: it is cut off, or of another format"
     )
 
 
-def _names(path: Path, sections: dict[str, list[str]]) -> list[str]:
-    """Return the names of the columns: those of [column names], else those of [header] with _ for blanks."""
+def _find_names(path: Path, sections: dict[str, list[str]]) -> list[str]:
+    """Return the names of the columns: [column names], else [header], blanks as _."""
     words = " ".join(sections.get("column names", [])).split()
-    names = words or [_name_of(x.strip()) for x in sections.get("header", []) if x.strip()]
+    names = words or [_shorten_title(x.strip()) for x in sections.get("header", []) if x.strip()]
     if not names:
         raise UserError(
             f"{path}: has neither [column names] nor [header], so nothing says which column is which"
@@ -121,63 +148,75 @@ def _names(path: Path, sections: dict[str, list[str]]) -> list[str]:
     return names
 
 
-def _name_of(title: str) -> str:
-    """Return the name of a column whose title is in [header]: "velocity kmh" is velocity."""
-    plain = re.sub(rf"\s+({'|'.join(map(re.escape, SPEEDS))})$", "", title, flags=re.IGNORECASE)
+def _shorten_title(title: str) -> str:
+    """Return the name in a title of [header]: "velocity kmh" is velocity."""
+    plain = re.sub(rf"\s+({'|'.join(map(re.escape, SPEED_UNITS))})$", "", title, flags=re.IGNORECASE)
     name = re.sub(r"\s+", "_", plain)
-    return ALSO.get(name.lower(), name)
+    return SYNONYMS.get(name.lower(), name)
 
 
-def _units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[str]]) -> list[str]:
+def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[str]]) -> list[str]:
     """Return the unit of each column.
 
-    Those of the receiver are fixed, but that [header] may say "velocity mph". [channel units] has the others, and they belong to
-    the last columns. A file may leave out units at its end, and give as many as there are columns behind the receiver's."""
-    said = [_unit(x) for x in sections.get("channel units", [])]
-    others = [i for i, s in enumerate(short) if s not in OWN]
+    Units of the receiver's columns are fixed, but [header] may say "velocity mph".
+    [channel units] belongs to the last columns. A file may omit the last units, or have
+    units for all columns after the receiver's."""
+    said = [_clean_unit(x) for x in sections.get("channel units", [])]
+    others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):
         said.pop()
     if said and not said[-1] and len(said) < len(others):
         said.pop()  # the blank line that ends the section
-    units = [OWN.get(s, "") for s in short]
+    units = [RECEIVER_UNITS.get(s, "") for s in short]
     if said:
         for i, unit in zip(reversed(range(len(names))), reversed(said), strict=False):
-            if short[i] not in OWN:
+            if short[i] not in RECEIVER_UNITS:
                 units[i] = unit
     titles = [x.strip() for x in sections.get("header", []) if x.strip()]
     if len(titles) == len(names):
         for i, title in enumerate(titles):
             if short[i] in ("velocity", "vert-vel"):
-                units[i] = SPEEDS.get(title.split()[-1].lower(), units[i])
+                units[i] = SPEED_UNITS.get(title.split()[-1].lower(), units[i])
             else:
-                units[i] = units[i] or with_unit(title)[1] or unit_at_end(title)
-    return [u or unit_at_end(n) for u, n in zip(units, names, strict=True)]
+                units[i] = units[i] or split_unit(title)[1] or find_unit_suffix(title)
+    return [u or find_unit_suffix(n) for u, n in zip(units, names, strict=True)]
 
 
-def _unit(line: str) -> str:
+def _clean_unit(line: str) -> str:
+    """Return the unit in a line of [channel units]; "" for none."""
     unit = line.strip()
     return "" if unit.lower() in ("(null)", "null", "none", "n/a") else unit
 
 
-def _table(path: Path, first: int, names: Sequence[str], notes: list[str]) -> pd.DataFrame:
+def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) -> pd.DataFrame:
     """Return the rows of [data], a column per name; NaN where a row ends early."""
-    encoding, errors = text_encoding(path)
+    encoding, errors = detect_encoding(path)
     with open(path, encoding=encoding, errors=errors, newline="") as file:
         for _ in range(first):
-            file.readline(LONGEST_HEAD)
+            file.readline(MAX_HEAD_BYTES)
         text = file.read()
     if not text.strip():
         raise UserError(f"{path}: has a section [data] without rows")
     begin = text[:4096]
     check_rows(path, "[data]", text.count("\n"), 5)
     decimal = "," if "," in begin and "." not in begin else "."
-    with parsing(path):
-        table = pd.read_csv(io.StringIO(text), sep=r"\s+", names=range(len(names)), header=None, index_col=False,
-                            decimal=decimal, low_memory=False, on_bad_lines="skip", quoting=3)  # fmt: skip
+    with translate_parser_errors(path):
+        table = pd.read_csv(
+            io.StringIO(text),
+            sep=r"\s+",
+            names=range(len(names)),
+            header=None,
+            index_col=False,
+            decimal=decimal,
+            low_memory=False,
+            on_bad_lines="skip",
+            quoting=3,
+        )
     rows = sum(1 for x in text.splitlines() if x.strip())
     if len(table) < rows:
         notes.append(
-            f"{rows - len(table)} rows of [data] have more cells than there are names ({len(names)}): left out"
+            f"{rows - len(table)} rows of [data] have more cells than there are names ({len(names)}): "
+            "left out"
         )
     if table.empty:
         raise UserError(
@@ -189,23 +228,26 @@ def _table(path: Path, first: int, names: Sequence[str], notes: list[str]) -> pd
     return table
 
 
-def _plain_numbers(cells: pd.Series) -> pd.Series:
-    """Return cells without the letter that some loggers write behind minutes."""
+def _strip_letters(cells: pd.Series) -> pd.Series:
+    """Return cells without the letter that some loggers append to minutes."""
     if pd.api.types.is_numeric_dtype(cells):
         return cells
     return cells.astype("string").str.rstrip("MmNnEe")
 
 
-def _without_fix(table: pd.DataFrame, column: dict[str, int], notes: list[str]) -> np.ndarray:
-    """Return the rows in which the receiver had too few satellites for a position, if it ever had enough."""
+def _find_lost_fix(table: pd.DataFrame, column: dict[str, int], notes: list[str]) -> np.ndarray:
+    """Return the rows with too few satellites for a position.
+
+    If all rows have too few, the numbers are wrong, and no row is returned."""
     if "sats" not in column:
         return np.zeros(len(table), bool)
     said = pd.to_numeric(table[column["sats"]], errors="coerce").fillna(0).to_numpy(float)
-    count = np.clip(np.nan_to_num(said), 0, 1 << 20).astype(int) & SATELLITES
-    lost = count < FEWEST_SATELLITES
+    count = np.clip(np.nan_to_num(said), 0, 1 << 20).astype(int) & SATELLITES_MASK
+    lost = count < MIN_SATELLITES
     if lost.all() or not lost.any():
         return np.zeros(len(table), bool)
     notes.append(
-        f"the receiver had fewer than {FEWEST_SATELLITES} satellites in {lost.sum()} rows: its values are treated as missing there"
+        f"the receiver had fewer than {MIN_SATELLITES} satellites in {lost.sum()} rows: "
+        "its values are treated as missing there"
     )
     return lost

@@ -1,4 +1,4 @@
-"""Readers, one per family of formats: a path in, a Recording out. Which: by what the file begins with, then by its suffix."""
+"""Choose the reader of a log by its first bytes, then by its suffix, and read it."""
 
 import gzip
 import importlib
@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from tse.library.errors import NoFile, UserError
-from tse.readers.bus_text import kind_of
-from tse.readers.databases import SUFFIXES as DATABASES
-from tse.readers.recording import How, Recording, in_room, in_time
+from tse.readers.bus_text import detect_bus_text
+from tse.readers.databases import DATABASE_SUFFIXES as DATABASES
+from tse.readers.recording import ReadOptions, Recording, limit_memory, limit_time
 
-# module, its suffixes, what a file of it begins with
+# module read_*: suffixes, first bytes
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "mdf": ((".mf4", ".mdf", ".dat", ".mf3"), (b"MDF     ", b"UnFinMF ")),
     "can": ((".blf", ".asc", ".trc", ".log", ".can"), (b"LOGG",)),
@@ -26,23 +26,41 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "vbo": ((".vbo",), ()),
     "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
 }
-OTHERS = {  # what people have, that nobody reads here, and what to do
-    ".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV", ".ods": "save the sheet as CSV", ".zip": "unpack it first",
-    ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it first",
-    ".pcap": "record the bus as BLF, ASC or MF4", ".pcapng": "record the bus as BLF, ASC or MF4",
+UNREADABLE = {  # suffixes of files without a reader: advice
+    ".xlsx": "save the sheet as CSV",
+    ".xls": "save the sheet as CSV",
+    ".ods": "save the sheet as CSV",
+    ".zip": "unpack it first",
+    ".7z": "unpack it first",
+    ".rar": "unpack it first",
+    ".tar": "unpack it first",
+    ".pcap": "record the bus as BLF, ASC or MF4",
+    ".pcapng": "record the bus as BLF, ASC or MF4",
     ".dbc": "this is the database, not the log: name it with --database",
-    ".arxml": "this is the database, not the log: name it with --database", ".a2l": "this describes an ECU, it is not a log",
-    ".toml": "a log is needed here", ".pkl": "save the table as Parquet", ".pickle": "save the table as Parquet",
-    ".npz": "save the arrays as MAT or Parquet", ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV",
-    ".d97": "export it as MF4", ".ld": "export it as CSV or MAT",
+    ".arxml": "this is the database, not the log: name it with --database",
+    ".a2l": "this describes an ECU, it is not a log",
+    ".toml": "a log is needed here",
+    ".pkl": "save the table as Parquet",
+    ".pickle": "save the table as Parquet",
+    ".npz": "save the arrays as MAT or Parquet",
+    ".npy": "save the arrays as MAT or Parquet",
+    ".tdms": "export it as MF4 or CSV",
+    ".d97": "export it as MF4",
+    ".ld": "export it as CSV or MAT",
     ".json": "save the table as Parquet or CSV",
-}  # fmt: skip
-HEAD = 1 << 14  # bytes from which a format is recognised
+}
+HEAD_BYTES = 1 << 14  # read to detect the format
 FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
-def reader_of(path: Path) -> str:
-    """Name of the module that reads it. UserError: nobody does."""
+def choose_reader(path: Path) -> str:
+    """Return the name of the module that reads a log, without read_.
+
+    Raises
+    ------
+    UserError
+        No module reads it.
+    """
     if path.is_dir():
         if (path / "metadata.yaml").exists():
             return "rosbag"
@@ -51,7 +69,7 @@ def reader_of(path: Path) -> str:
         raise UserError(f"{path}: is no file; a log is read more than once, so write it to a file first")
     try:
         with open(path, "rb") as file:
-            head = file.read(HEAD)
+            head = file.read(HEAD_BYTES)
     except FileNotFoundError:
         raise NoFile(f"{path}: no such file") from None
     except OSError as error:
@@ -62,18 +80,19 @@ def reader_of(path: Path) -> str:
         if head.startswith(beginnings):
             return name
     suffix = path.suffix.lower()
-    if kind_of(head, suffix):
+    if detect_bus_text(head, suffix):
         return "can"
-    if suffix in OTHERS:
-        raise UserError(f"{path}: cannot be read as it is: {OTHERS[suffix]}; read are {FORMATS}")
+    if suffix in UNREADABLE:
+        raise UserError(f"{path}: cannot be read as it is: {UNREADABLE[suffix]}; read are {FORMATS}")
     text = b"\0" not in head[:256] or head.startswith((b"\xff\xfe", b"\xfe\xff"))
     found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
     if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
         raise UserError(
-            f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; read are {FORMATS}"
+            f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; "
+            f"read are {FORMATS}"
         )
-    if found == "can" and suffix in (".log", ".can") and text:
-        return "text"  # .log is the end of many a name
+    if found == "can" and suffix in (".log", ".can") and text:  # many kinds of text end in .log
+        return "text"
     if found in ("can", "openpilot", "vbo"):
         return found
     if text:
@@ -82,12 +101,13 @@ def reader_of(path: Path) -> str:
 
 
 GZIP = b"\x1f\x8b"
-LEAST_UNPACKED, MOST_UNPACKED = 64 << 20, 40  # bytes that any packed log may have; and times its own size
+MIN_UNPACKED_LIMIT = 64 << 20  # bytes that any packed log may have
+MAX_UNPACKED_RATIO = 40  # allowed size over packed size
 
 
 @contextmanager
-def unpacked(path: Path) -> Iterator[Path]:
-    """Give a log that is packed by gzip as a file that is not, for as long as the block lasts.
+def unpack_log(path: Path) -> Iterator[Path]:
+    """Yield the path of a log; a gzip file is unpacked until the block ends.
 
     Parameters
     ----------
@@ -97,23 +117,23 @@ def unpacked(path: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        The unpacked file, whose name has no .gz. The file itself where it is not packed.
+        The unpacked file, without .gz in its name; `path` itself if it is not packed.
 
     Raises
     ------
     UserError
-        It is damaged, or unpacks to far more than a log does.
+        It is damaged, or much larger than a log after unpacking.
     """
     try:
         with open(path, "rb") as file:
             packed = path.is_file() and file.read(2) == GZIP
     except OSError:
-        packed = False  # who reads it says so
+        packed = False  # the reader raises the error
     if not packed:
         yield path
         return
     name = path.name[:-3] if path.suffix.lower() == ".gz" else path.name
-    room = max(LEAST_UNPACKED, MOST_UNPACKED * path.stat().st_size)
+    room = max(MIN_UNPACKED_LIMIT, MAX_UNPACKED_RATIO * path.stat().st_size)
     with tempfile.TemporaryDirectory(prefix="tselab-") as folder:
         plain = Path(folder) / (name or "log")
         try:
@@ -121,8 +141,8 @@ def unpacked(path: Path) -> Iterator[Path]:
                 while part := source.read(1 << 20):
                     if target.tell() + len(part) > room:
                         raise UserError(
-                            f"{path}: unpacks to more than {room >> 20:,} MB, {MOST_UNPACKED} times its size: "
-                            "unpack it first, if it is a log"
+                            f"{path}: unpacks to more than {room >> 20:,} MB, {MAX_UNPACKED_RATIO} times "
+                            "its size: unpack it first, if it is a log"
                         )
                     target.write(part)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
@@ -132,13 +152,26 @@ def unpacked(path: Path) -> Iterator[Path]:
         yield plain
 
 
-def read_recording(path: Path, how: How | None = None) -> Recording:
-    """A log as it is in its file. UserError: it cannot be read; the text says what helps."""
+def read_recording(path: Path, how: ReadOptions | None = None) -> Recording:
+    """Read a log of any format.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    how : ReadOptions, optional
+        Options of the reader.
+
+    Raises
+    ------
+    UserError
+        It cannot be read. The text contains the remedy.
+    """
     path = Path(path)
-    with in_time(path), unpacked(path) as plain:
+    with limit_time(path), unpack_log(path) as plain:
         if plain == path:
             return _read_plain(path, how)
-        how = how or How()
+        how = how or ReadOptions()
         beside = how.databases or tuple(
             sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASES)
         )
@@ -149,23 +182,24 @@ def read_recording(path: Path, how: How | None = None) -> Recording:
         return replace(found, path=path)
 
 
-def _read_plain(path: Path, how: How | None) -> Recording:
-    module = importlib.import_module(f"tse.readers.read_{reader_of(path)}")
+def _read_plain(path: Path, how: ReadOptions | None) -> Recording:
+    """Read an unpacked log."""
+    module = importlib.import_module(f"tse.readers.read_{choose_reader(path)}")
     try:
-        with in_room(path):
-            found: Recording = module.read(path, how or How())
+        with limit_memory(path):
+            found: Recording = module.read(path, how or ReadOptions())
     except UserError:
         raise
     except MemoryError:
         raise UserError(
-            f"{path}: takes more memory to read than there is: it is damaged, made to fill the machine, or very long: "
-            "cut it into drives"
+            f"{path}: takes more memory to read than there is: it is damaged, made to fill the machine, "
+            "or very long: cut it into drives"
         ) from None
-    except Exception as error:  # what a reader did not expect: damage, nearly always
+    except Exception as error:  # mostly a damaged file
         said = f"{type(error).__name__}: {str(error)[:120]}"
         raise UserError(
-            f"{path}: cannot be read ({said}): it is damaged, or of a form that nobody has met; if another program reads it, it is "
-            "worth a report"
+            f"{path}: cannot be read ({said}): it is damaged, or of a form that nobody has met; "
+            "if another program reads it, it is worth a report"
         ) from error
     if not any(len(c) for c in found) and (how is None or how.wanted is None):
         raise UserError(f"{path}: has no channel with numbers in it")

@@ -1,4 +1,4 @@
-"""Tables: columns that share one time. Which column that is, and in which unit it counts."""
+"""Tables, whose columns share one time: find the column of the time and its unit."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -9,86 +9,119 @@ import numpy as np
 import pandas as pd
 
 from tse.library.errors import UserError
-from tse.log.units import factor, kind, known
-from tse.readers.recording import Channel, How, Recording, check_columns, listed, near, unused
+from tse.log.clock import DAY
+from tse.log.units import is_known_unit, unit_factor, unit_kind
+from tse.readers.recording import (
+    Channel,
+    ReadOptions,
+    Recording,
+    check_table_width,
+    find_unused_name,
+    list_names,
+    suggest_channels,
+)
 
-TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
-    "stamp",
-              "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc")  # fmt: skip
-FEW_WRONG = 0.05  # share of cells that are no number, above which a column is none
-# A clock's ticks: by how far rows are apart, median. Logs have 1 ms .. 1 s between rows; whoever counts otherwise is off by 1000.
-TICKS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
-EPOCH = 1e8  # s: later than 1973, if seconds since 1970
+# words in the name of a column of times, the most likely first
+TIME_WORDS = (
+    "time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime",
+    "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
+)  # fmt: skip
+MAX_WRONG = 0.05  # share of cells without a number; above it the column holds no numbers
+# largest median step between rows, unit and its length, s. Logs have 1 ms .. 1 s between
+# rows; another unit changes that by a factor of 1000.
+TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
 @dataclass
 class Column:
-    """A column of a table: any dtype, here or read when it is needed, each time anew. `dates`: of what is not here: is it times?"""
+    """A column of a table, in memory or read on demand (each time anew)."""
 
     name: str
     values: pd.Series | np.ndarray | Callable[[], pd.Series | np.ndarray]
     unit: str = ""
     text: str = ""
-    rows: int | None = None
-    dates: bool = False
+    rows: int | None = None  # None: those of `values`
+    dates: bool = False  # True if values that are read on demand are dates or spans of time
 
     def read(self) -> pd.Series | np.ndarray:
-        """All of it."""
+        """Return all values."""
         return self.values() if callable(self.values) else self.values
 
     def __len__(self) -> int:
         return self.rows if self.rows is not None else len(self.values)  # type: ignore[arg-type]
 
     def is_dates(self) -> bool:
-        """Times of a calendar, or spans of time."""
+        """Return whether the values are dates or spans of time."""
         return self.dates or (isinstance(self.values, pd.Series | np.ndarray) and _are_dates(self.values))
 
 
 def _are_dates(x: pd.Series | np.ndarray) -> bool:
+    """Return whether the values are dates or spans of time."""
     return pd.api.types.is_datetime64_any_dtype(x) or pd.api.types.is_timedelta64_dtype(x)
 
 
-def recording_of(
-    path: Path, format_: str, columns: Sequence[Column], how: How, notes: Sequence[str] = ()
+def make_recording(
+    path: Path, format_: str, columns: Sequence[Column], how: ReadOptions, notes: Sequence[str] = ()
 ) -> Recording:
-    """Columns as channels. UserError: none can be the time."""
+    """Return the columns of a table as channels.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    format_ : str
+        Name of its format.
+    columns : sequence of Column
+        All columns.
+    how : ReadOptions
+        Options: the time, the needed names.
+    notes : sequence of str
+        Notes of the reader.
+
+    Raises
+    ------
+    UserError
+        No column can be the time.
+    """
     said = list(notes)
-    check_columns(path, [str(c.name) for c in columns])
+    check_table_width(path, [str(c.name) for c in columns])
     named = []
     for c in columns:
-        name, unit = with_unit(str(c.name))
+        name, unit = split_unit(str(c.name))
         named.append(replace(c, name=name or str(c.name), unit=c.unit or unit))
     rows = max((len(c) for c in named), default=0)
     if not rows:
         raise UserError(f"{path}: has a header but no rows")
-    at = _time_column(path, named, how)
+    at = _find_time_column(path, named, how)
     if at is None:
         time = np.arange(rows) * float(how.step or 0.0)
         said.append(f"without a time of its own: rows are {how.step:g} s apart, as [log] step says")
     else:
-        time = seconds(path, named[at], said, how)
+        time = convert_to_seconds(path, named[at], said, how)
     channels: dict[str, Channel] = {}
     skipped = []
     for i, c in enumerate(named):
         if i == at or (how.wanted and not how.wanted(c.name)):
             continue
-        value, note = numbers(c.read())
+        value, note = convert_numbers(c.read())
         if value is None:
             skipped.append(c.name)
             continue
         if note:
             said.append(f"column {c.name}: {note}")
-        name = unused(c.name, channels)
+        name = find_unused_name(c.name, channels)
         if name != c.name:
             said.append(f"column {c.name} appears more than once: the next one is called {name}")
-        channels[name] = Channel(name, time, value, c.unit or unit_at_end(name), c.text)
+        channels[name] = Channel(name, time, value, c.unit or find_unit_suffix(name), c.text)
     if skipped and not how.wanted:
-        said.append(f"not numbers, not used: {listed(skipped)}")
+        said.append(f"not numbers, not used: {list_names(skipped)}")
     return Recording(path, format_, channels, said)
 
 
-def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
-    """As floats, NaN: missing, and what is to be said; None where it holds no numbers."""
+def convert_numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
+    """Return a column as floats, with a note about cells that are no numbers.
+
+    NaN: missing. A column without numbers gives None."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return values, ""
     x = values if isinstance(values, pd.Series) else pd.Series(values)
@@ -104,45 +137,52 @@ def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
         found.isna()
         & there
         & (x.astype(str).str.strip() != "")
-        & ~x.astype(str).str.strip().str.lower().isin(BLANKS)
+        & ~x.astype(str).str.strip().str.lower().isin(MISSING_WORDS)
     ).to_numpy()
     if not found.notna().any():
         return None, ""
-    if wrong.sum() > FEW_WRONG * there.sum():
+    if wrong.sum() > MAX_WRONG * there.sum():
         return None, ""
     note = ""
     if wrong.any():
         i = int(wrong.argmax())
-        note = f"{wrong.sum()} cells that are no numbers are treated as missing (first: {str(x.iloc[i])[:20]!r} in row {i + 1})"
+        note = (
+            f"{wrong.sum()} cells that are no numbers are treated as missing "
+            f"(first: {str(x.iloc[i])[:20]!r} in row {i + 1})"
+        )
     return found.to_numpy(dtype=float, na_value=np.nan), note
 
 
-BLANKS = {"nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind",
-    "inval",
-          "invalid", "sna", "init", "missing", "nil", "."}  # fmt: skip
+MISSING_WORDS = {
+    "nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan",
+    "-1.#ind", "inval", "invalid", "sna", "init", "missing", "nil", ".",
+}  # fmt: skip
 
 
-def may_be_time(place: int, name: str, unit: str) -> bool:
-    """Can a column of this name and unit be the time? The first one can whatever its name."""
-    return place == 0 or any(w in TIME_WORDS for w in words(name)) or kind(unit) == "time"
+def can_be_time(place: int, name: str, unit: str) -> bool:
+    """Return whether a column may be the time: it is the first, or has such a name."""
+    return place == 0 or any(w in TIME_WORDS for w in split_words(name)) or unit_kind(unit) == "time"
 
 
-def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
+def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -> int | None:
+    """Return the column of the time; None if the options give a step instead."""
     names = [c.name for c in columns]
     if how.time is not None:
         if how.time not in names:
-            raise UserError(f"{path}: [log] time: there is no column {how.time!r}{near(how.time, names)}")
+            raise UserError(
+                f"{path}: [log] time: there is no column {how.time!r}{suggest_channels(how.time, names)}"
+            )
         return names.index(how.time)
     ranked = []
     for i, c in enumerate(columns):
         if c.is_dates():
             ranked.append((0, i))
             continue
-        w = words(c.name)
+        w = split_words(c.name)
         said = [TIME_WORDS.index(x) for x in w if x in TIME_WORDS]
-        if w and said and (len(w) <= 3):
+        if said and len(w) <= 3:
             ranked.append((1 + min(said) + 10 * (len(w) > 1), i))
-        elif kind(c.unit) == "time":
+        elif unit_kind(c.unit) == "time":
             ranked.append((60, i))
     for _, i in sorted(ranked):
         if _increases(columns[i]):
@@ -154,22 +194,25 @@ def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
     if columns and _increases(columns[0], strictly=True):
         return 0
     raise UserError(
-        f'{path}: no column is a time; its columns: {listed(names)}. Say which in signals.toml: [log] time = "NAME", or, where '
-        f"rows "
-        "are at a steady beat, [log] step = 0.01 (seconds)"
+        f"{path}: no column is a time; its columns: {list_names(names)}. Say which in signals.toml: "
+        '[log] time = "NAME", or, where rows are at a steady beat, [log] step = 0.01 (seconds)'
     )
 
 
 def _increases(c: Column, strictly: bool = False) -> bool:
+    """Return whether a column mostly rises, as a time does.
+
+    Texts must be dates or numbers."""
     if c.is_dates():
         return True
     values = c.read()
     x = values if isinstance(values, pd.Series) else pd.Series(values)
     if x.dtype == object or pd.api.types.is_string_dtype(x):
         x = x.dropna()
-        return len(x) > 0 and (
-            bool(_CLOCK.search(str(x.iloc[0]))) or pd.to_numeric(x.iloc[:50], errors="coerce").notna().all()
-        )
+        if not len(x):
+            return False
+        is_clock = bool(_CLOCK_TIME.search(str(x.iloc[0])))
+        return is_clock or pd.to_numeric(x.iloc[:50], errors="coerce").notna().all()
     step = np.diff(x.to_numpy(dtype=float, na_value=np.nan))
     step = step[np.isfinite(step)]
     if not len(step):
@@ -177,38 +220,55 @@ def _increases(c: Column, strictly: bool = False) -> bool:
     return bool((step > 0).all()) if strictly else bool((step >= 0).mean() > 0.9 and (step > 0).mean() > 0.1)
 
 
-_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2})?")
+_CLOCK_TIME = re.compile(r"\d{1,2}:\d{2}(:\d{2})?")
 
 
-def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> np.ndarray:
-    """A column that is the time, s, NaN: missing: numbers, dates (since 1970), times of day, spans. UserError: it is none."""
-    how = how or How()
+def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions | None = None) -> np.ndarray:
+    """Return the column of the time in s. NaN: missing.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    c : Column
+        Numbers, dates (counted from 1970), times of day or spans.
+    notes : list of str
+        Receives a note about a guessed unit.
+    how : ReadOptions, optional
+        Options: the unit.
+
+    Raises
+    ------
+    UserError
+        The column holds no time.
+    """
+    how = how or ReadOptions()
     values = c.read()
     x = values if isinstance(values, pd.Series) else pd.Series(values)
     if pd.api.types.is_datetime64_any_dtype(x):
-        return _of_dates(x)
+        return _convert_dates(x)
     if pd.api.types.is_timedelta64_dtype(x):
         return (x / pd.Timedelta(seconds=1)).to_numpy(float)
     if not pd.api.types.is_numeric_dtype(x):
         text = x.astype("string").str.strip()
         found = pd.to_numeric(text, errors="coerce")
         if found.notna().mean() < 0.5:
-            return _of_text(path, c.name, text)
+            return _parse_times(path, c.name, text)
         x = found
     time = x.to_numpy(dtype=float, na_value=np.nan)
-    unit = how.time_unit or (c.unit if kind(c.unit) == "time" else "") or _unit_of_name(c.name)
+    unit = how.time_unit or (c.unit if unit_kind(c.unit) == "time" else "") or _find_time_unit(c.name)
     if unit in ("", "s") and how.time_unit is None and is_packed(time):
-        notes.append(PACKED)
-        return of_packed(time)
+        notes.append(PACKED_NOTE)
+        return unpack_times(time)
     if unit:
-        per = factor(unit, "s")
+        per = unit_factor(unit, "s")
         if per is None:
             raise UserError(f"{path}: [log] time_unit: {unit!r} is no unit of time; s, ms, us, ns are")
         return time * per
     step = np.diff(time)
     step = step[np.isfinite(step) & (step > 0)]
     usual = float(np.median(step)) if len(step) else 0.01
-    _, name, per = next(t for t in TICKS if usual <= t[0])
+    _, name, per = next(t for t in TICK_UNITS if usual <= t[0])
     if name != "s":
         notes.append(
             f"time: rows are {usual:g} apart, so they are taken as {name} ([log] time_unit says otherwise)"
@@ -216,82 +276,94 @@ def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> 
     return time * per
 
 
-SLOWEST_GROUP = 2.0  # s between the entries of the fastest group, above which a file does not count in s
-FEWEST = 100  # entries of a group that is looked at
-LIKE = 0.03  # of a ratio of durations
+MAX_GROUP_STEP = 2.0  # s; a group with longer steps between its entries counts in another unit
+MIN_GROUP_ENTRIES = 100  # of a group whose steps are used
+DURATION_TOLERANCE = 0.03  # relative deviation of a duration from that of the other groups
 
 
-def in_seconds(channels: dict[str, Channel], how: How, notes: list[str]) -> dict[str, Channel]:
-    """Return channels whose times are in s, of a file that should count in s.
+def correct_time_units(
+    channels: dict[str, Channel], how: ReadOptions, notes: list[str]
+) -> dict[str, Channel]:
+    """Return the channels of a file that should count in s with their times in s.
 
     Parameters
     ----------
     channels : dict of str to Channel
         By name.
-    how : How
-        Options: time_unit says in which unit all count.
+    how : ReadOptions
+        Options: time_unit is the unit of all times.
     notes : list of str
-        Is extended by what was found.
+        Receives notes about guessed units.
 
     Returns
     -------
     dict of str to Channel
-        The same channels. Where the entries of all groups are more than 2 s apart, or one group lasts 1000 times as
-        long as the others, times are taken as ms, us or ns.
+        The same channels. If the entries of all groups are more than 2 s apart, or one
+        group lasts 1000 times as long as the others, times are taken as ms, us or ns.
     """
     times = {id(c.time): c.time for c in channels.values()}
     per: dict[int, float] = dict.fromkeys(times, 1.0)
     if how.time_unit:
-        per = dict.fromkeys(times, factor(how.time_unit, "s") or 1.0)
+        per = dict.fromkeys(times, unit_factor(how.time_unit, "s") or 1.0)
     else:
-        steps = {
-            i: float(np.median(d[d > 0]))
-            for i, t in times.items()
-            if len(t) >= FEWEST and (d := np.diff(t))[d > 0].size
-        }
-        spans = {i: float(np.ptp(times[i][np.isfinite(times[i])])) for i in steps}
-        if steps and min(steps.values()) > SLOWEST_GROUP:
-            _, unit, each = next(t for t in TICKS if min(steps.values()) <= t[0])
-            per = dict.fromkeys(times, each)
-            notes.append(
-                f"time seems to be in {unit}: entries are {min(steps.values()):g} apart, so it is taken as such "
-                "([log] time_unit says otherwise)"
-            )
-        for i in steps if len(steps) > 1 and per[next(iter(times))] == 1.0 else ():
-            others = [s for j, s in spans.items() if j != i and steps[j] <= SLOWEST_GROUP]
-            for unit, each in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
-                if (
-                    others
-                    and steps[i] > SLOWEST_GROUP
-                    and abs(spans[i] * each / np.median(others) - 1) < LIKE
-                ):
-                    per[i] = each
-                    named = listed(c.name for c in channels.values() if id(c.time) == i)
-                    notes.append(
-                        f"time of {named} seems to be in {unit}, unlike that of the others: it is taken as such"
-                    )
+        per |= _guess_units(times, channels, notes)
     if all(p == 1.0 for p in per.values()):
         return channels
     scaled = {i: t * per[i] for i, t in times.items()}
     return {n: replace(c, time=scaled[id(c.time)]) for n, c in channels.items()}
 
 
-PACKED = "time: its numbers are times of day as HHMMSS.ss, so they are taken as such ([log] time_unit says otherwise)"
-DAY = 86400.0  # s
+def _guess_units(
+    times: dict[int, np.ndarray], channels: dict[str, Channel], notes: list[str]
+) -> dict[int, float]:
+    """Return guessed units, s, of times that are not in s, by the id of their array."""
+    steps = {
+        i: float(np.median(d[d > 0]))
+        for i, t in times.items()
+        if len(t) >= MIN_GROUP_ENTRIES and (d := np.diff(t))[d > 0].size
+    }
+    if not steps:
+        return {}
+    shortest = min(steps.values())
+    if shortest > MAX_GROUP_STEP:
+        _, unit, per = next(t for t in TICK_UNITS if shortest <= t[0])
+        notes.append(
+            f"time seems to be in {unit}: entries are {shortest:g} apart, so it is taken as such "
+            "([log] time_unit says otherwise)"
+        )
+        return dict.fromkeys(times, per)
+    spans = {i: float(np.ptp(times[i][np.isfinite(times[i])])) for i in steps}
+    usual = np.median([spans[i] for i, step in steps.items() if step <= MAX_GROUP_STEP])
+    found: dict[int, float] = {}
+    for i in (i for i, step in steps.items() if step > MAX_GROUP_STEP):
+        for unit, per in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+            if abs(spans[i] * per / usual - 1) < DURATION_TOLERANCE:
+                found[i] = per
+                named = list_names(c.name for c in channels.values() if id(c.time) == i)
+                notes.append(
+                    f"time of {named} seems to be in {unit}, unlike that of the others: it is taken as such"
+                )
+    return found
 
 
-def of_packed(time: np.ndarray) -> np.ndarray:
-    """Return times of day that are packed as HHMMSS.ss, s since the first midnight.
+PACKED_NOTE = (
+    "time: its numbers are times of day as HHMMSS.ss, so they are taken as such "
+    "([log] time_unit says otherwise)"
+)
+
+
+def unpack_times(time: np.ndarray) -> np.ndarray:
+    """Return times of day, packed as HHMMSS.ss, in s since the first midnight.
 
     Parameters
     ----------
     time : ndarray, (rows,)
-        Hours times 10000 plus minutes times 100 plus seconds. NaN: missing.
+        10000 hours + 100 minutes + seconds. NaN: missing.
 
     Returns
     -------
     ndarray, (rows,)
-        Seconds. After midnight they go on.
+        Seconds. They continue after midnight.
     """
     with np.errstate(invalid="ignore"):
         whole = np.floor(time)
@@ -307,8 +379,8 @@ def of_packed(time: np.ndarray) -> np.ndarray:
 def is_packed(time: np.ndarray) -> bool:
     """Return whether numbers are times of day packed as HHMMSS.ss.
 
-    They are where none has 60 or more seconds or minutes and the time jumps from 59 to 100 as often as a minute ends. A count of
-    seconds has 60 in its second minute."""
+    Such numbers never have 60 or more seconds or minutes, and they jump from 59 to 100 at
+    the end of each minute. A count of seconds has 60 in its second minute."""
     t = time[np.isfinite(time)]
     if len(t) < 10 or t.min() < 0 or t.max() >= 240000:
         return False
@@ -319,26 +391,41 @@ def is_packed(time: np.ndarray) -> bool:
     minute = np.diff(t // 100) != 0
     if not 0 < usual <= 1.0 or not minute.any():
         return False
-    after = np.diff(of_packed(t))
+    after = np.diff(unpack_times(t))
     return bool((step[minute] > 39).all() and np.median(after[minute]) < 5 * usual + 1e-3)
 
 
-def _unit_of_name(name: str) -> str:
-    last = (words(name) or [""])[-1]
-    return {"ms": "ms", "us": "us", "ns": "ns", "millis": "ms", "micros": "us", "nanos": "ns", "msec": "ms", "usec": "us",
-            "nsec": "ns", "logmonotime": "ns", "nanoseconds": "ns", "milliseconds": "ms",
-            "microseconds": "us"}.get(last, "")  # fmt: skip
+_TIME_SUFFIXES = {  # last word of a name: unit
+    "ms": "ms",
+    "millis": "ms",
+    "msec": "ms",
+    "milliseconds": "ms",
+    "us": "us",
+    "micros": "us",
+    "usec": "us",
+    "microseconds": "us",
+    "ns": "ns",
+    "nanos": "ns",
+    "nsec": "ns",
+    "nanoseconds": "ns",
+    "logmonotime": "ns",
+}
 
 
-def _of_dates(x: pd.Series) -> np.ndarray:
-    """Seconds since 1970, NaN: missing."""
+def _find_time_unit(name: str) -> str:
+    """Return the unit of time at the end of a name, or ""."""
+    return _TIME_SUFFIXES.get((split_words(name) or [""])[-1], "")
+
+
+def _convert_dates(x: pd.Series) -> np.ndarray:
+    """Return dates in s since 1970. NaN: missing."""
     x = x.dt.tz_convert("UTC").dt.tz_localize(None) if getattr(x.dt, "tz", None) is not None else x
     ns = x.to_numpy("datetime64[ns]")
     return np.where(np.isnat(ns), np.nan, ns.astype(np.int64) * 1e-9)
 
 
-def _of_text(path: Path, name: str, text: pd.Series) -> np.ndarray:
-    """Dates and times of day in words."""
+def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
+    """Return dates (s since 1970) or times of day (s) from texts. NaN: missing."""
     text = text.str.replace(r"(\d{1,2}:\d{2}:\d{2}),(\d)", r"\1.\2", regex=True)
     first = str(text.dropna().iloc[0]) if text.notna().any() else ""
     if re.fullmatch(r"\d{1,3}:\d{2}(:\d{2})?(\.\d+)?", first):
@@ -350,42 +437,59 @@ def _of_text(path: Path, name: str, text: pd.Series) -> np.ndarray:
         except (ValueError, TypeError):
             continue
         if found.notna().mean() > 0.5:
-            return _of_dates(found)
+            return _convert_dates(found)
     raise UserError(
-        f"{path}: column {name}: {first[:30]!r} is no time; seconds, a date as 2024-05-01 12:00:00.010 or a time of day as "
-        "12:00:00.010 are; another column: [log] time in signals.toml"
+        f"{path}: column {name}: {first[:30]!r} is no time; seconds, a date as 2024-05-01 12:00:00.010 or "
+        "a time of day as 12:00:00.010 are; another column: [log] time in signals.toml"
     )
 
 
-# ---- Names as logs have them: units in brackets or at the end, words in them.
+# ---- Names in logs, with units in brackets or at the end
 
 
 _BRACKETS = re.compile(r"^(.*?)\s*[\[\(\{<]\s*([^\[\]\(\)\{\}<>]*)\s*[\]\)\}>]\s*$")
-_AT_END = {  # suffix after _ or a capital -> unit
-    "kmh": "km/h", "kph": "km/h", "mph": "mph", "mps": "m/s", "rpm": "rpm", "rads": "rad/s", "radps": "rad/s", "radpers": "rad/s",
-    "degs": "deg/s", "degps": "deg/s", "dps": "deg/s", "deg": "deg", "degrees": "deg", "rad": "rad", "mps2": "m/s2", "mpss": "m/s2",
-    "ms2": "m/s2", "g": "g",
-}  # fmt: skip
+_AT_END = {  # last word of a name: unit
+    "kmh": "km/h",
+    "kph": "km/h",
+    "mph": "mph",
+    "mps": "m/s",
+    "rpm": "rpm",
+    "rads": "rad/s",
+    "radps": "rad/s",
+    "radpers": "rad/s",
+    "degs": "deg/s",
+    "degps": "deg/s",
+    "dps": "deg/s",
+    "deg": "deg",
+    "degrees": "deg",
+    "rad": "rad",
+    "mps2": "m/s2",
+    "mpss": "m/s2",
+    "ms2": "m/s2",
+    "g": "g",
+}
 
 
-def with_unit(name: str) -> tuple[str, str]:
-    """Name and unit of "Speed [km/h]"; "" where there is none in brackets."""
+def split_unit(name: str) -> tuple[str, str]:
+    """Return name and unit of "Speed [km/h]"; the unit "" without brackets."""
     found = _BRACKETS.match(name.strip())
     if found and found[1]:
         unit = found[2].strip()
-        if known(unit) or unit in ("", "-", "1"):
+        if is_known_unit(unit) or unit in ("", "-", "1"):
             return found[1].strip(), unit
     return name.strip(), ""
 
 
-def unit_at_end(name: str) -> str:
-    """The unit that the last word of a name is: vx_kmh, steeringAngleDeg; "" where it is none."""
-    last = (words(name) or [""])[-1]
-    return _AT_END.get(last, "") if len(words(name)) > 1 else ""
+def find_unit_suffix(name: str) -> str:
+    """Return the unit at the end of a name, vx_kmh or steeringAngleDeg, or ""."""
+    last = (split_words(name) or [""])[-1]
+    return _AT_END.get(last, "") if len(split_words(name)) > 1 else ""
 
 
-def words(name: str) -> list[str]:
-    """Words of a name, lower case: ESP_v_Signal_VL -> esp v signal vl; wheelSpeedFL -> wheel speed fl; AccelX -> accel x."""
+def split_words(name: str) -> list[str]:
+    """Return the words of a name in lower case.
+
+    ESP_v_Signal_VL: esp v signal vl; wheelSpeedFL: wheel speed fl; AccelX: accel x."""
     text = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", name)
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
     return [w for w in re.split(r"[^a-zäöüß0-9]+", text.lower()) if w]

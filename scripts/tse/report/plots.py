@@ -14,8 +14,8 @@ from tse.estimation.regimes import REGIMES, Change, Spell, spoken_of
 from tse.estimation.verdict import NAMES, UNITS
 from tse.library.core import GRIP, NOMINAL, STATUS, STIFFNESS, Config, library
 from tse.library.errors import UserError
-from tse.library.files import atomic
-from tse.log.rows import MEASURES, Log
+from tse.library.files import write_atomically
+from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
@@ -80,7 +80,7 @@ def picture_of(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
 
     with plt.rc_context(style):
         yield plt
-        with atomic(path, "wb") as file:
+        with write_atomically(path, "wb") as file:
             plt.savefig(file, format="png", metadata={"Software": None})
         plt.close()
 
@@ -163,7 +163,7 @@ class Data:
     """What the figures draw, thinned to what a screen can show. The estimates are added block by block, as the run makes them:
     all but the last block of a multiple of `stride` rows."""
 
-    def __init__(self, log: Log):
+    def __init__(self, log: CheckedLog):
         self.stride = stride_of(len(log))
         self.rows = 0
         self._log = log

@@ -19,8 +19,8 @@ from tse.estimation.estimate import Estimate
 from tse.estimation.verdict import Finding, findings
 from tse.library import __version__
 from tse.library.core import Config, library
-from tse.library.files import atomic
-from tse.log.rows import Log
+from tse.library.files import write_atomically
+from tse.log.rows import CheckedLog
 from tse.report import plots
 from tse.report.results import run_facts
 
@@ -32,7 +32,7 @@ LEVEL = 4  # of compression; 9 takes three times as long for 3 %
 def write_report(
     path: Path,
     est: Estimate,
-    log: Log,
+    log: CheckedLog,
     vehicle: Vehicle,
     config: Config,
     notes: list[str],
@@ -87,7 +87,7 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
         version=__version__,
         **words,
     )
-    with atomic(path) as file:
+    with write_atomically(path) as file:
         file.write(page)
 
 

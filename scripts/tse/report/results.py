@@ -17,8 +17,8 @@ from tse.estimation.verdict import Finding, Quantity, Verdict
 from tse.library import __version__
 from tse.library.core import Config, library
 from tse.library.errors import UserError
-from tse.library.files import atomic, check_writable, is_parquet
-from tse.log.rows import Log
+from tse.library.files import check_writable, is_parquet, write_atomically
+from tse.log.rows import CheckedLog
 
 USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; 2 is bad input
 CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}
@@ -163,7 +163,7 @@ def write_rows(
 ) -> None:
     """Rows as Parquet or CSV, by the name. `columns`: their order and types; else those of the first row."""
     frame = as_frame(table, columns) if columns else pd.DataFrame([plain(r) for r in table])
-    with atomic(path, "wb") as file:
+    with write_atomically(path, "wb") as file:
         if is_parquet(path):
             frame.to_parquet(file, index=False)
         else:
@@ -174,7 +174,7 @@ def write_rows(
 
 
 def run_facts(
-    est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride: int = 1
+    est: Estimate, log: CheckedLog, vehicle: Vehicle, config: Config, stride: int = 1
 ) -> list[tuple[str, str]]:
     """The run in a few lines: name and value."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tse.library.errors import NoFile, UserError
-from tse.library.files import atomic, check_regular
+from tse.library.files import check_regular, write_atomically
 
 Array = npt.NDArray[np.float64]
 
@@ -338,7 +338,7 @@ def write_road(road: Road, path: Path) -> None:
         [_cell(x, 0 if n == "closed" else digits.get(n, 6)) for x in c]
         for n, c in zip(names, columns, strict=True)
     ]
-    with atomic(Path(path)) as file:
+    with write_atomically(Path(path)) as file:
         file.write(",".join(names) + "\n")
         file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 

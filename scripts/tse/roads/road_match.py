@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import Log
+from tse.log.rows import CheckedLog
 from tse.roads.road import PROFILE, SMOOTH, Array, Road, make_road, to_local
 
 GNSS, PATH = "GNSS position", "path"  # how a place is found
@@ -113,7 +113,7 @@ class Profile:
         return f"{100 * self.share:.0f} % of the rows are on the road, found by {self.how}"
 
 
-def track_of(log: Log, config: Config | None = None) -> Track:
+def track_of(log: CheckedLog, config: Config | None = None) -> Track:
     """Return the path of a log from wheel speeds and yaw rate, and its positions.
 
     Parameters
@@ -153,7 +153,7 @@ def _filled(x: Array) -> Array:
     return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
 
 
-def along(road: Road, log: Log, config: Config | None = None) -> Profile:
+def along(road: Road, log: CheckedLog, config: Config | None = None) -> Profile:
     """Find bank and grade under every row of a log.
 
     Parameters
@@ -192,7 +192,7 @@ def along(road: Road, log: Log, config: Config | None = None) -> Profile:
     return Profile(distance, bank, grade, bank_sd, grade_sd, how)
 
 
-def on_road(log: Log, road: Road, config: Config | None = None) -> tuple[Log, Profile]:
+def on_road(log: CheckedLog, road: Road, config: Config | None = None) -> tuple[CheckedLog, Profile]:
     """Return a log that has the bank and grade of a road as columns, as the filter and the replay use them.
 
     Parameters
@@ -221,7 +221,7 @@ def on_road(log: Log, road: Road, config: Config | None = None) -> tuple[Log, Pr
     return replace(log, extra=pd.DataFrame(columns, index=range(len(log))), notes=notes), profile
 
 
-def common(logs: Sequence[Log], config: Config | None = None) -> tuple[list[Array], Road]:
+def common(logs: Sequence[CheckedLog], config: Config | None = None) -> tuple[list[Array], Road]:
     """Find one distance for all rows of several logs of one road.
 
     Parameters

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from tse.library.errors import NoFile, UserError, meant
-from tse.library.files import check_regular, real
+from tse.library.errors import NoFile, UserError, suggest_names
+from tse.library.files import check_regular, resolve_path
 from tse.readers.readers import READERS
 
 # Of what a reader takes these are too common for other things to be taken for logs in a folder; named one by one they are.
@@ -60,7 +60,7 @@ def drives(
 def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
     """Every log once, with the folder that names its car. UserError: a word that stands for none."""
     found: dict[Path, tuple[Path, Path]] = {}
-    not_logs = {real(out), *([real(table)] if table is not None else [])}
+    not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}
     for word in words:
         path = Path(word)
         if path.is_dir() and not _is_bag(path):
@@ -81,7 +81,7 @@ def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Pat
             if not mine:
                 raise NoFile(f"{word}: no such file or folder, and no file has a name of this pattern")
         for p, folder in mine:
-            found.setdefault(real(p), (p, real(folder)))
+            found.setdefault(resolve_path(p), (p, resolve_path(folder)))
     return list(found.values())
 
 
@@ -91,7 +91,7 @@ def _is_bag(path: Path) -> bool:
 
 def _below(folder: Path, not_logs: set[Path]) -> Iterator[Path]:
     for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or real(path) in not_logs:
+        if path.name.startswith(".") or resolve_path(path) in not_logs:
             continue
         if path.is_dir() and not _is_bag(path):
             yield from _below(path, not_logs)
@@ -125,15 +125,15 @@ def _name(folder: Path, others: Sequence[Path]) -> str:
 def _of_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
     """The first row whose pattern is that of a log says its car."""
     rows = _read_table(table)
-    base = real(table).parent
-    vehicles = sorted({real(base / r["vehicle"]).with_suffix("") for r in rows})
+    base = resolve_path(table).parent
+    vehicles = sorted({resolve_path(base / r["vehicle"]).with_suffix("") for r in rows})
     found = []
     for path, _ in logs:
-        row = next((r for r in rows if _fits(real(path), base, r["log"])), None)
+        row = next((r for r in rows if _fits(resolve_path(path), base, r["log"])), None)
         if row is None:
             found.append(Drive("", path, error=f"{path}: no row of {table.name} is for this log"))
             continue
-        vehicle = real(base / row["vehicle"])
+        vehicle = resolve_path(base / row["vehicle"])
         name = row["car"] or _name(vehicle.with_suffix(""), vehicles)
         found.append(Drive(name, path, vehicle, base / row["signals"] if row["signals"] else None))
     return found
@@ -173,7 +173,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
             "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
         )
     for column in (c for c in read if c not in TABLE_COLUMNS):
-        hint = meant(str(column), TABLE_COLUMNS, 1)
+        hint = suggest_names(str(column), TABLE_COLUMNS, 1)
         raise UserError(f"{table}: column {column} is not known{hint}; columns: {', '.join(TABLE_COLUMNS)}")
     rows = [{c: str(r.get(c, "")).strip() for c in TABLE_COLUMNS} for r in read.to_dict("records")]
     of: dict[str, str] = {}
@@ -188,7 +188,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
             if not row[column]:
                 raise UserError(f"{table}: line {line}, column {column}: is empty")
         for column in ("vehicle", "signals"):
-            if row[column] and not (real(table).parent / row[column]).is_file():
+            if row[column] and not (resolve_path(table).parent / row[column]).is_file():
                 raise NoFile(f"{table}: line {line}, column {column}: {row[column]}: no such file")
     return rows
 

@@ -16,8 +16,8 @@ import pandas as pd
 from tse.car.vehicle import read_vehicle
 from tse.estimation.estimate import write_learnt
 from tse.estimation.verdict import NAMES
-from tse.library.files import atomic, make_directory, read_sealed, real, write_sealed
-from tse.log.rows import Reading, files_of
+from tse.library.files import make_directory, read_sealed, resolve_path, write_atomically, write_sealed
+from tse.log.rows import Reading, list_log_files
 from tse.report import results
 from tse.runs.find import Drive
 from tse.runs.work import Outcome, Task
@@ -54,11 +54,11 @@ class Store:
 
     def name(self, drive: Drive) -> str:
         """Of its files: for people, and of no other log."""
-        return f"{_plain(drive.car)}-{_plain(drive.log.stem)}-{_digest(str(real(drive.log)))}"
+        return f"{_plain(drive.car)}-{_plain(drive.log.stem)}-{_digest(str(resolve_path(drive.log)))}"
 
     def estimates(self, drive: Drive) -> Path:
         (self.out / ESTIMATES).mkdir(exist_ok=True)
-        return real(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
+        return resolve_path(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
 
     def calibrated(self, drive: Drive, text: str) -> Path:
         """Keep the vehicle file that was made of a drive's; what is there already stays as it is."""
@@ -66,7 +66,7 @@ class Store:
         folder.mkdir(exist_ok=True)
         path = folder / f"{_of_car(drive.car)}-{_plain(drive.vehicle.stem if drive.vehicle else '')}.toml"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            with atomic(path) as file:
+            with write_atomically(path) as file:
                 file.write(text)
         return path
 
@@ -92,7 +92,7 @@ class Store:
         report = ""
         if outcome.report is not None:
             report = f"{REPORTS}/{self.name(drive)}.html"
-            with atomic(self.out / report, "wb") as file:
+            with write_atomically(self.out / report, "wb") as file:
                 file.write(outcome.report)
             outcome.report = None
         said = {k: v for k, v in vars(outcome).items() if k != "report"}
@@ -108,7 +108,7 @@ class Store:
             if mine:
                 write_learnt(self.out / LEARNT / f"{_of_car(car)}.tse", mine[-1].outcome.learnt or b"")
         frame = table(done)
-        with atomic(self.out / TABLE, "wb") as file:
+        with write_atomically(self.out / TABLE, "wb") as file:
             frame.to_parquet(file, index=False)
         return frame
 
@@ -163,9 +163,9 @@ def key_of(task: Task) -> str:
     others = [
         f
         for log, signals in task.others
-        for f in (*files_of(log), *replace(reading, signals=signals).files(log))
+        for f in (*list_log_files(log), *replace(reading, signals=signals).files(log))
     ]
-    for path in sorted({*files_of(task.log), *reading.files(task.log), *others}):
+    for path in sorted({*list_log_files(task.log), *reading.files(task.log), *others}):
         with contextlib.suppress(OSError):
             found = path.stat()
             digest.update(f"{path} {found.st_size} {found.st_mtime_ns}\n".encode())

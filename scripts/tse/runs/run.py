@@ -12,8 +12,16 @@ from typing import Any
 from tqdm import tqdm
 
 from tse.library.errors import Interrupted
-from tse.library.files import real
-from tse.library.processes import Cluster, Died, Here, Local, Workers, check_workers, killed_as_interrupted
+from tse.library.files import resolve_path
+from tse.library.processes import (
+    DaskCluster,
+    Died,
+    InProcess,
+    LocalPool,
+    Workers,
+    check_workers,
+    treat_kill_as_interrupt,
+)
 from tse.log.rows import Reading
 from tse.runs.find import Drive
 from tse.runs.keep import Done, Store
@@ -58,7 +66,7 @@ def run(
             bar.set_postfix_str(one.drive.log.name[-40:])
 
         try:
-            with killed_as_interrupted(), contextlib.ExitStack() as stack:
+            with treat_kill_as_interrupt(), contextlib.ExitStack() as stack:
                 workers: Workers | None = None
                 waiting = deque(chains)
                 running: dict[Path, _Chain] = {}
@@ -85,8 +93,8 @@ def run(
 
 def _workers(jobs: int, scheduler: str | None) -> Workers:
     if scheduler is not None:
-        return Cluster(work, scheduler, check_workers)
-    return Local(work, jobs) if jobs else Here(work)
+        return DaskCluster(work, scheduler, check_workers)
+    return LocalPool(work, jobs) if jobs else InProcess(work)
 
 
 def outcome_of(task: Task, result: Callable[[], Outcome]) -> Outcome:
@@ -166,7 +174,7 @@ class _Chain:
 
 def _whole(path: Path | None) -> Any:
     """Whoever works on it may stand elsewhere."""
-    return real(path) if path is not None else None
+    return resolve_path(path) if path is not None else None
 
 
 def each(done: Sequence[Done]) -> Iterator[tuple[str, list[Done]]]:

@@ -13,14 +13,7 @@ import pandas as pd
 from tse.calibration.own import STOPPED, Own, calibrated, of_class, uncalibrated
 from tse.car.config import check_effect, make_config
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
-from tse.channels.agree import (
-    MAX_CHECKED_ROWS,
-    PERHAPS,
-    check_car,
-    find_false_stops,
-    late_across,
-    select_certain,
-)
+from tse.channels.agree import MAX_CHECKED_ROWS, PERHAPS, check_car, find_false_stops, late_across, sure
 from tse.channels.log import read_log
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimate, Learnt, estimate_to
@@ -36,7 +29,7 @@ from tse.estimation.verdict import (
 )
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import Log, Reading, liveliest, sampling_notes, steering_notes
+from tse.log.rows import CheckedLog, Reading, describe_sampling, describe_steering, select_liveliest
 from tse.log.rows import average as average_log
 from tse.roads.road import Road
 
@@ -47,7 +40,7 @@ class Prepared:
     they perhaps do, if the rows say so, too. `own`: what a calibration on the log itself has found."""
 
     vehicle: Vehicle
-    log: Log
+    log: CheckedLog
     config: Config
     notes: list[str]
     warnings: list[str]
@@ -61,7 +54,7 @@ class Calibrate:
     Ctrl-C ends the calibration alone, and the estimate is that of an ordinary car."""
 
     say: Callable[[str], None] = lambda _: None
-    others: Sequence[Log] = ()
+    others: Sequence[CheckedLog] = ()
     goes_on: bool = False
 
 
@@ -98,7 +91,7 @@ def prepare(
 
 def assemble(
     vehicle: Vehicle,
-    log: Log,
+    log: CheckedLog,
     config_path: Path | None,
     average: float | None,
     options: Mapping[str, Any],
@@ -122,7 +115,7 @@ def assemble(
         from tse.roads.road_match import on_road  # scipy: for those who have a road
 
         log, profile = on_road(log, road, Config.exact(vehicle.values))
-    lively = liveliest(log, MAX_CHECKED_ROWS)
+    lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
     else:
@@ -138,7 +131,7 @@ def assemble(
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
     if calibrate is not None and form == "default" and uncalibrated(stated):
         if said:
-            found = of_class(f"its channels {'' if select_certain(said) else PERHAPS}contradict each other")
+            found = of_class(f"its channels {'' if sure(said) else PERHAPS}contradict each other")
         else:
             try:
                 found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
@@ -170,12 +163,12 @@ def assemble(
         *late,
         *find_false_stops(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
         *log.notes,
-        *sampling_notes(log, config.max_gap),
-        *steering_notes(log, config.max_steer),
+        *describe_sampling(log, config.max_gap),
+        *describe_steering(log, config.max_steer),
         *notes,
         *vehicle.notes,
     ]
-    warnings = [*select_certain(said), *late, *vehicle.wrong]
+    warnings = [*sure(said), *late, *vehicle.wrong]
     return Prepared(vehicle, log, config, notes, warnings, [w for w in said if w not in warnings])
 
 

@@ -13,9 +13,9 @@ from tse.car.vehicle import read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.estimation.estimate import Learnt
 from tse.library import __version__
-from tse.library.core import Filter, library_hash
+from tse.library.core import NativeFilter, hash_library
 from tse.library.errors import UserError
-from tse.log.rows import Log, Reading
+from tse.log.rows import CheckedLog, Reading
 from tse.report import results
 from tse.runs import single
 from tse.runs.single import Calibrate, prepare
@@ -65,7 +65,7 @@ class Outcome:
 def code_of() -> tuple[str, str]:
     """tselab and the library of this process."""
 
-    return __version__, library_hash()
+    return __version__, hash_library()
 
 
 def work(task: Task) -> Outcome:
@@ -94,7 +94,7 @@ def _work(task: Task) -> Outcome:
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     itself, of_others = None, list[str]()
     if task.calibrate and uncalibrated(car := read_vehicle(task.vehicle)):
-        others: list[Log] = []
+        others: list[CheckedLog] = []
         for log, signals in task.others:
             with suppress(UserError):
                 others += read_agreeing([log], of_others, replace(reading, signals=signals, car=car))
@@ -107,7 +107,7 @@ def _work(task: Task) -> Outcome:
     learnt = Learnt(Path("the drive before"), before, task.age, True) if before is not None else None
     if learnt is not None:
         try:
-            learnt.load(Filter(prepared.config))
+            learnt.load(NativeFilter(prepared.config))
         except UserError as error:
             prepared.notes.append(f"what the drive before taught is not used: {error}")
             learnt = None

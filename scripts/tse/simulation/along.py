@@ -9,8 +9,8 @@ import pandas as pd
 
 from tse.library.core import Config, Replay
 from tse.library.errors import UserError
-from tse.log.noise import channel_noise, filled
-from tse.log.rows import DRIVES, MEASURES, ROAD, Log
+from tse.log.noise import estimate_channel_noise, fill_gaps
+from tse.log.rows import DRIVES, MEASURES, ROAD_COLUMNS, CheckedLog
 from tse.report.plots import CHANNEL_UNITS
 from tse.roads.road import STEEPEST
 
@@ -29,7 +29,7 @@ class Apart:
     unit: str
 
 
-def along(log: Log, config: Config) -> pd.DataFrame:
+def along(log: CheckedLog, config: Config) -> pd.DataFrame:
     """Return time, accel_x, accel_y, yaw_rate as logged, and simulated with the end
     _simulated; vel_x, vel_y. The road is level but for columns bank and grade of the log,
     and the settings. Inputs are read as much later as the settings call them late, and
@@ -39,7 +39,7 @@ def along(log: Log, config: Config) -> pd.DataFrame:
     for c, x in inputs.items():
         if not np.isfinite(x).any():
             raise UserError(f"{c} is missing: nothing drives the model")
-    inputs = {c: _later(log.time, filled(x), late[c]) for c, x in inputs.items()}
+    inputs = {c: _later(log.time, fill_gaps(x), late[c]) for c, x in inputs.items()}
     config, road = _road(log, config, inputs)
     simulated = Replay((*MEASURES, "vel_x", "vel_y"), dt=log.dt, **inputs, **road).run(config)
     table = {"time": log.time, **{c: log.data[c].to_numpy(float) for c in MEASURES}}
@@ -50,17 +50,17 @@ def along(log: Log, config: Config) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def _road(log: Log, config: Config, inputs: Mapping[str, Values]) -> tuple[Config, dict[str, Values]]:
+def _road(log: CheckedLog, config: Config, inputs: Mapping[str, Values]) -> tuple[Config, dict[str, Values]]:
     """Return settings and profiles of the road [rad]: what the log says of bank and
     grade, the whole of it, and the settings where it does not. The lean into curves of
     the settings is a bank of -share v r/g there."""
-    given = {n: log.extra[n].to_numpy(float) for n in ROAD if n in log.extra}
+    given = {n: log.extra[n].to_numpy(float) for n in ROAD_COLUMNS if n in log.extra}
     profiles = {}
     if "grade" in given:
         profiles["grade"] = np.where(np.isfinite(given["grade"]), given["grade"] - config.grade_angle, 0.0)
     if "bank" in given:
         speed = config.wheel_radius_rear * inputs["wheel_speed_rear"]
-        turn = filled(log.data["yaw_rate"].to_numpy(float)) if log.data["yaw_rate"].notna().any() else 0.0
+        turn = fill_gaps(log.data["yaw_rate"].to_numpy(float)) if log.data["yaw_rate"].notna().any() else 0.0
         lean = np.clip(-config.bank_superelevation * speed * turn / GRAVITY, -STEEPEST, STEEPEST)
         profiles["bank"] = np.where(np.isfinite(given["bank"]), given["bank"] - config.bank_angle, lean)
         config = Config(config.as_dict())
@@ -79,7 +79,7 @@ def apart(table: pd.DataFrame) -> dict[str, Apart]:
     found = {}
     for c in MEASURES:
         off = (table[c] - table[f"{c}_simulated"])[fast]
-        noise = channel_noise(c, table[c].to_numpy(), fast)
+        noise = estimate_channel_noise(c, table[c].to_numpy(), fast)
         rms = float(off.std(ddof=0))
         found[c] = Apart(
             rms,

@@ -8,7 +8,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from tse.library.core import NOMINAL, SIM_OUTPUT, STIFFNESS, Config, SimConfig, Simulator, library
-from tse.log.rows import ROAD, columns
+from tse.log.rows import ROAD_COLUMNS, list_columns
 from tse.roads.road import Road
 from tse.simulation.maneuvers import Maneuver
 
@@ -95,7 +95,7 @@ def drive(
             _follow_speed(inputs, i, maneuver, float(now), config, front)
         if road is not None:
             at += float(outputs["true_vel_x"][i - 1] * inputs["dt"][i]) if i else 0.0
-            for name in ROAD:
+            for name in ROAD_COLUMNS:
                 inputs[name][i] = np.nan_to_num(road.at(name, np.array([at]))[0])
         simulator.step_into(inputs, outputs, i)
     return inputs, outputs
@@ -118,12 +118,12 @@ def _follow_speed(
 
 
 def _log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
-    return pd.DataFrame({"time": time, **{name: outputs[name] for name in columns()[1:]}})
+    return pd.DataFrame({"time": time, **{name: outputs[name] for name in list_columns()[1:]}})
 
 
 def _truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
     """All outputs of the simulator, stiffness in N and N/rad, and the torques that were applied."""
-    log_columns = set(columns())
+    log_columns = set(list_columns())
     table = {"time": maneuver.time}
     for f in library().fields(SIM_OUTPUT):
         if f.name in log_columns:

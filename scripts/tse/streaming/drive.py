@@ -38,14 +38,14 @@ from tse.estimation.estimate import (
 )
 from tse.estimation.regimes import Change
 from tse.estimation.verdict import Finding, Verdict, findings, implausible
-from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Filter, library
+from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, NativeFilter, library
 from tse.library.errors import UserError
 from tse.library.files import make_directory
-from tse.log.rows import checked, give_optional, liveliest
-from tse.log.units import factor
-from tse.readers.bus_text import Frame
+from tse.log.rows import check_log, fill_optional, select_liveliest
+from tse.log.units import unit_factor
+from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import Bus
-from tse.readers.recording import How, Recording, listed, need
+from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
 TICK = 0.002  # s between two looks at what has come
 QUIET = 1.0  # s without a frame, or without a value of a channel, after which it is said
@@ -74,7 +74,7 @@ Say = Callable[[str], None]
 class Arrived:
     """A frame, and when it came, s of the machine's clock."""
 
-    frame: Frame
+    frame: CanFrame
     at: float
 
 
@@ -148,7 +148,7 @@ class Reader(threading.Thread):
             self.count += 1
             self._record(message)
             bus = str(message.channel or 0)
-            frame = Frame(
+            frame = CanFrame(
                 message.timestamp, message.arbitration_id, message.is_extended_id, bus, bytes(message.data)
             )
             self._came.append(Arrived(frame, time.monotonic()))
@@ -170,7 +170,7 @@ class Reader(threading.Thread):
 
 def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
     """Return what opens a bus of python-can. UserError, when it is called: what its maker says."""
-    can = need("can", "can", f"live, interface {interface}")
+    can = import_optional("can", "can", f"live, interface {interface}")
 
     def opened() -> Any:
         try:
@@ -207,7 +207,7 @@ class Record:
     def frame(self, message: Any) -> None:
         """Keep a message of python-can."""
         if self._frames is None and not self._failed:
-            can = need("can", "can", "live")
+            can = import_optional("can", "can", "live")
             self._guarded(lambda: setattr(self, "_frames", can.BLFWriter(str(self.folder / "frames.blf"))))
         if self._frames is not None and not self._failed:
             self._guarded(lambda: self._frames.on_message_received(message))
@@ -309,10 +309,10 @@ class Live:
         if signals is not None:
             self.stream = Stream(self.databases, signals, vehicle, rate)
         else:
-            self._bus = Bus(Path("the bus"), self.databases, How())
+            self._bus = Bus(Path("the bus"), self.databases, ReadOptions())
         if learnt is not None:
-            learnt.load(Filter(config))  # what is wrong with it is said before anything begins
-        self.filter: Filter | None = None
+            learnt.load(NativeFilter(config))  # what is wrong with it is said before anything begins
+        self.filter: NativeFilter | None = None
         self._valid = dict.fromkeys(STIFFNESS, 0)  # rows in which it was
         self.reader = Reader(open_bus, self.say, lambda message: self.record.frame(message))
         try:
@@ -433,7 +433,7 @@ class Live:
         known, unknown = (self.stream.known, self.stream.unknown) if self.stream else self._count()
         if unknown and not known:
             self._foreign = True
-            few = listed(f"{i:#x}" for i in sorted(unknown))
+            few = list_names(f"{i:#x}" for i in sorted(unknown))
             names = ", ".join(p.name for p in self.databases)
             self.say(
                 f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of another bus"
@@ -470,7 +470,7 @@ class Live:
         """Propose signals from what has come. Runs beside the reader."""
         try:
             notes: list[str] = []
-            bus = Bus(Path("the bus"), self.databases, How())
+            bus = Bus(Path("the bus"), self.databases, ReadOptions())
             frames = [a.frame for a in came]
             bus.add(np.array([f.identifier for f in frames], np.int64), np.array([f.extended for f in frames], bool),
                     [f.bus for f in frames], [f.data for f in frames])  # fmt: skip
@@ -549,7 +549,7 @@ class Live:
             self.say(text)
         if stream.one_speed:
             self.config.wheel_signals = 1
-        self.filter = Filter(self.config)
+        self.filter = NativeFilter(self.config)
         if self._learnt is not None:
             self._learnt.load(self.filter)
         changed = {
@@ -572,7 +572,7 @@ class Live:
         rows["dt"] = np.diff(times, prepend=before)
         for f in lib.channels:
             rows[f.name] = columns[f.name]
-        give_optional(rows, columns)
+        fill_optional(rows, columns)
         return rows
 
     def _look_at_channels(self) -> None:
@@ -670,10 +670,10 @@ class Live:
             time_ = data.pop("time")
             notes: list[str] = []
             data = {n: x for n, x in data.items() if np.isfinite(x).any()}
-            log = checked(Path("the bus"), time_, data, np.arange(len(time_)), notes, place="row")
+            log = check_log(Path("the bus"), time_, data, np.arange(len(time_)), notes, place="row")
             for text in (n for n in notes if "measures nothing" in n or "computed" in n or "no value" in n):
                 self._say_once(text)
-            said = check_car(liveliest(log, MOST_CHECKED), self.vehicle, self.config)
+            said = check_car(select_liveliest(log, MOST_CHECKED), self.vehicle, self.config)
             for text in said:
                 self._say_once(f"warning: {text}")
             self.drive.contradicted = select_certain(said)
@@ -774,7 +774,7 @@ def _pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
 def _warm_up(config: Config) -> None:
     """Load what is loaded at its first use, before the first frame would wait for it."""
     for wanted in ("rad", "rad/s", "m/s2"):
-        factor(wanted, wanted)
+        unit_factor(wanted, wanted)
     csv_rows(single(block_of(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))
 
 

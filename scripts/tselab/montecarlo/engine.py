@@ -23,10 +23,10 @@ from tqdm import tqdm
 
 from tse.estimation.estimate import write_table
 from tse.library import core
-from tse.library.core import STIFFNESS, Config, library, library_hash
+from tse.library.core import STIFFNESS, Config, hash_library, library
 from tse.library.errors import Interrupted, UserError
 from tse.library.files import make_directory
-from tse.library.processes import each, killed_as_interrupted
+from tse.library.processes import run_in_processes, treat_kill_as_interrupt
 from tse.log.rows import MEASURES
 from tse.simulation import maneuvers, simulate
 from tselab.montecarlo import estimators, scores, studies
@@ -57,7 +57,7 @@ class Plan:
 
     @property
     def units(self) -> list[Unit]:
-        common = self.form, dict(self.settings), dict(self.sim_settings), library_hash()
+        common = self.form, dict(self.settings), dict(self.sim_settings), hash_library()
         return [Unit(self.study.name, c.name, seed, *common) for c in self.study.cases for seed in self.seeds]
 
 
@@ -88,7 +88,7 @@ def _study(name: str) -> Study:
 
 def run_unit(unit: Unit) -> list[dict[str, Any]]:
     """Simulate once, run every estimator of the case on it: one row each."""
-    if library_hash() != unit.library:
+    if hash_library() != unit.library:
         raise UserError(
             f"the tse library {library().path} is not, or no longer, the one that the study began with; start it again"
         )
@@ -148,8 +148,8 @@ def run(
     ) as bar:
         try:
             with (
-                killed_as_interrupted(),
-                contextlib.closing(each(run_unit, left, jobs, scheduler)) as results,
+                treat_kill_as_interrupt(),
+                contextlib.closing(run_in_processes(run_unit, left, jobs, scheduler)) as results,
             ):
                 for unit, result in results:
                     done[unit.mark] = _said_where(unit, result)

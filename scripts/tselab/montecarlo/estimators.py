@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.library.core import NOMINAL, STIFFNESS, Config, Filter, library
+from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, library
 from tse.library.errors import UserError
 from tselab.montecarlo import peers
 from tselab.montecarlo.case import START, Drive
@@ -116,7 +116,7 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
         return _run_yours(name, d, config)
     if name in PEERS:
         return peers.run(name, d.rows, config, _known(d, config, name == "known"))
-    return Filter(config).over(d.rows)
+    return NativeFilter(config).estimate_rows(d.rows)
 
 
 def _known(d: Drive, config: Config, changes: bool = False) -> Known:

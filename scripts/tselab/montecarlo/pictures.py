@@ -14,7 +14,7 @@ from tse.estimation.estimate import write_table
 from tse.estimation.verdict import NAMES, UNITS
 from tse.library import __version__
 from tse.library.core import STIFFNESS, library
-from tse.library.files import atomic
+from tse.library.files import write_atomically
 from tse.report.plots import BLUE, GREEN, GREY, INK, ORANGE, picture_of
 from tselab.montecarlo import summary
 from tselab.montecarlo.case import Drive
@@ -199,7 +199,7 @@ def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
     text = markdown(plan, facts, tables)
     path = {end: out / f"{plan.study.name}.{end}" for end in ("csv", "md", "png")}
     write_table(lines, path["csv"])
-    with atomic(path["md"]) as file:
+    with write_atomically(path["md"]) as file:
         file.write(text)
     if plan.study.base != "paper" or not draw(plan, runs, path["png"]):
         del path["png"]

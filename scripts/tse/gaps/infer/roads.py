@@ -23,7 +23,7 @@ from tse.identify.laps import Laps, laps, profile
 from tse.identify.problem import Problem
 from tse.identify.unknowns import prior_of
 from tse.library.core import Config
-from tse.log.rows import Log
+from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 
 ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
@@ -78,7 +78,7 @@ def find(
     vehicle: Vehicle,
     jobs: int,
     say: Callable[[str], None] = lambda _: None,
-    read: Sequence[Log] = (),
+    read: Sequence[CheckedLog] = (),
 ) -> Roads:
     """Return the roads of logs as data.prepare() leaves them; of logs whose road is known, none.
 

@@ -20,7 +20,7 @@ from tse.identify.data import BLOCK, CHANNELS, SLOWEST
 from tse.identify.lasting import Piece
 from tse.identify.problem import ACTIVE_TIME
 from tse.identify.unknowns import COMPLIANCE
-from tse.log.noise import smooth
+from tse.log.noise import compute_moving_average
 
 STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
 ABSENT = 0.5  # sd of the strength of an effect that is not there, over the size that is negligible
@@ -188,7 +188,7 @@ class Space:
     def piece(self, g: int, residual: np.ndarray) -> Piece:
         """Return residuals of a group with the size of their channel."""
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
-        square = smooth((level - np.median(level)) ** 2, max(1, round(ACTIVE_TIME / BLOCK)))
+        square = compute_moving_average((level - np.median(level)) ** 2, max(1, round(ACTIVE_TIME / BLOCK)))
         return Piece(self.time[g], np.sqrt(square) * weight, residual)
 
     def one_at_speed(self, g: int) -> np.ndarray:

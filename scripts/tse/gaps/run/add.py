@@ -32,7 +32,7 @@ from tse.identify.unknowns import SUPERELEVATION
 from tse.identify.vehicle_file import toml
 from tse.library import __version__
 from tse.library.core import NOMINAL, Config, library
-from tse.library.files import atomic
+from tse.library.files import write_atomically
 
 VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
 FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
@@ -47,11 +47,11 @@ def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tup
         (out / name).unlink(missing_ok=True)  # of an earlier run
     if formula is not None:
         write_formula(out / FORMULA, formula)
-        with atomic(out / FORMULA_HEADER) as file:
+        with write_atomically(out / FORMULA_HEADER) as file:
             file.write(c_header(formula))
-    with atomic(path) as file:
+    with write_atomically(path) as file:
         file.write(improved(replace(vehicle, formula=formula), problem, result))
-    with atomic(out / HEADER) as file:
+    with write_atomically(out / HEADER) as file:
         file.write(header(read_vehicle(path)))
     return path, out / HEADER
 

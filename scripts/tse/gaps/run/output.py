@@ -25,8 +25,8 @@ from tse.gaps.run import add, pictures, report
 from tse.gaps.run.workflow import FIT, HELD_OUT, Result
 from tse.identify.data import CHANNELS
 from tse.library.core import NOMINAL, STIFFNESS
-from tse.library.files import atomic
-from tse.log.rows import Log
+from tse.library.files import write_atomically
+from tse.log.rows import CheckedLog
 from tse.report.results import plain
 from tse.roads.road import write_road
 
@@ -67,7 +67,7 @@ def write_all(
     result.words.insert(0, stiffness_words(read_vehicle(improved)))
     say("residuals before and after")
     rows = table(parts, before, after)
-    with atomic(out / RESIDUALS, "wb") as file:
+    with write_atomically(out / RESIDUALS, "wb") as file:
         rows.to_parquet(file, engine="pyarrow", index=False, compression="zstd")
     changes = {FIT: compare(problem, naming.baseline.residuals, result.final.residuals)}
     if result.held_out:
@@ -87,7 +87,7 @@ def write_all(
     named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
     shown = report.Shown(result, named, rows, changes, gained, stiffness, [*old.filled])
     report.write_report(out / REPORT, shown)
-    with atomic(out / VERDICT) as file:
+    with write_atomically(out / VERDICT) as file:
         json.dump(
             plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}),
             file,
@@ -187,7 +187,7 @@ def log_names(problem: Problem) -> list[str]:
 
 
 def gain(
-    logs: Sequence[tuple[str, str, Log]],
+    logs: Sequence[tuple[str, str, CheckedLog]],
     before: Vehicle,
     after: Vehicle,
     jobs: int = 1,
@@ -196,7 +196,7 @@ def gain(
     """For verdict.json: of all logs together and of each, before and after: nats per row, and share of the rows that are valid.
     `logs`: (part, name, log)."""
 
-    def one(task: tuple[tuple[str, str, Log], Vehicle]) -> pd.DataFrame:
+    def one(task: tuple[tuple[str, str, CheckedLog], Vehicle]) -> pd.DataFrame:
         (_, name, log), vehicle = task
         say(f"the estimator over {name}")
         return estimate(log, make_config(vehicle, log)[0]).table

@@ -20,7 +20,7 @@ from tse.gaps.infer.detect import WAVE
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.knots import KNOT, PROFILES
 from tse.library.core import Config
-from tse.library.errors import UserError, meant
+from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
 
 NEED = 8.0  # nats: by which two effects are separable
@@ -124,7 +124,7 @@ def pair(separate: str) -> tuple[Effect, Effect]:
     ids = [x.strip() for x in separate.split(",") if x.strip()]
     for i in ids:
         if i not in known:
-            raise UserError(f"option --separate: there is no effect '{i}'{meant(i, known)}")
+            raise UserError(f"option --separate: there is no effect '{i}'{suggest_names(i, known)}")
     if len(ids) != 2 or ids[0] == ids[1]:
         raise UserError(
             f"option --separate: {separate!r} is not two effects, for instance relaxation,steering_lag"

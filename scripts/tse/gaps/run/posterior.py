@@ -23,7 +23,7 @@ from tse.identify.slip import STIFFNESS, longitudinal
 from tse.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
 from tse.identify.vehicle_file import model_sd
 from tse.library.core import NOMINAL
-from tse.log.rows import Log
+from tse.log.rows import CheckedLog
 
 # Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and what was known of it stays.
 SCALE = "mass_sd"
@@ -76,7 +76,7 @@ def posterior(
     fit: Fit,
     vehicle: Vehicle,
     settings: Mapping[str, float],
-    logs: Sequence[Log] = (),
+    logs: Sequence[CheckedLog] = (),
     spread: np.ndarray | None = None,
 ) -> Posterior:
     """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with; `logs`: that were fitted, as they were

@@ -31,7 +31,7 @@ from tse.identify.knots import PROFILES
 from tse.library import __version__
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.log.rows import Log, Reading
+from tse.log.rows import CheckedLog, Reading
 from tse.roads.road import Road
 from tse.roads.road_match import along, on_road
 
@@ -50,7 +50,7 @@ class Found:
         None  # a formula for what the names leave; None: nothing is left, or nobody asked
     )
     rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
-    read: list[tuple[str, Log]] = field(default_factory=list)  # part, log
+    read: list[tuple[str, CheckedLog]] = field(default_factory=list)  # part, log
     roads: Roads | None = None  # under the fitted logs
 
     @property
@@ -151,11 +151,11 @@ class Result(Found):
 
 
 def read(
-    paths: Sequence[Path | Log],
+    paths: Sequence[Path | CheckedLog],
     vehicle: Vehicle,
     reading: Reading | None = None,
     notes: list[str] | None = None,
-) -> tuple[list[Log], Config]:
+) -> tuple[list[CheckedLog], Config]:
     """Logs that can be read, and the settings of the vehicle with sensors filled in from the first."""
     if not paths:
         raise UserError("no logs to fit: at least one is needed")
@@ -165,9 +165,9 @@ def read(
 
 
 def run(
-    logs: Sequence[Path | Log],
+    logs: Sequence[Path | CheckedLog],
     vehicle_path: Path,
-    hold_out: Sequence[Path | Log] = (),
+    hold_out: Sequence[Path | CheckedLog] = (),
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
     formula: bool = False,
@@ -287,7 +287,7 @@ def on_found(
     roads: Sequence[Road],
     held: Problem,
     ready: list[Prepared],
-    logs: Sequence[Log],
+    logs: Sequence[CheckedLog],
     config: Config,
     notes: list[str],
 ) -> Problem:

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What the tests reach, what is proven, what is deviated from:   scripts/proof.sh WHAT [--write] [...]      --write: its table anew
+# What the tests reach, what is proven, what is deviated from:   scripts/dev/proof.sh WHAT [--write] [...]      --write: its table anew
 #   coverage              lines, branches and MC/DC of src/; fails on what is neither covered nor in its list; about five minutes; needs
 #                         clang 19 or later
 #   python [ARGUMENTS]    statements and branches of the Python packages, by all tests or those of pytest ARGUMENTS; half an hour. Nothing is
@@ -10,7 +10,7 @@
 #   eva [--format F] [TARGET ...]
 #                         Frama-C's EVA on tse_prepare, tse_learnt_load, tse_step; fails on alarms that its list does not explain
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 case ${1:-} in
   coverage | mutation | misra | eva) program=$1 ;;
   python)

@@ -1,7 +1,7 @@
 """The typed names of the Python API, from the tables of the C library: scripts/tse/_tables.py.
 
-    .venv/bin/python scripts/api_tables.py             write it
-    .venv/bin/python scripts/api_tables.py --check     say whether it is what the tables say; a test does
+    .venv/bin/python scripts/dev/api_tables.py             write it
+    .venv/bin/python scripts/dev/api_tables.py --check     say whether it is what the tables say; a test does
 
 A file and not something made while Python runs: type checkers and editors read it, too.
 """
@@ -13,14 +13,14 @@ from pathlib import Path
 
 from tse.library.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
-FILE = Path(__file__).resolve().parent / "tse" / "_tables.py"
+FILE = Path(__file__).resolve().parents[1] / "tse" / "_tables.py"
 UNITS = {
     "cx_front": "N",
     "cy_front": "N/rad",
     "cy_rear": "N/rad",
 }  # in which the API has what the library has relative to nominal
 HEAD = '''\
-"""Names, units and ranges of the C library's tables. Written by scripts/api_tables.py, not by hand."""
+"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py, not by hand."""
 
 from __future__ import annotations
 
@@ -143,7 +143,10 @@ def main() -> int:
     if there == (new := text()):
         return 0
     if check:
-        print(f"{FILE.name} is not what the library's tables say: run scripts/api_tables.py", file=sys.stderr)
+        print(
+            f"{FILE.name} is not what the library's tables say: run scripts/dev/api_tables.py",
+            file=sys.stderr,
+        )
         return 1
     FILE.write_text(new, encoding="utf-8")
     return 0

@@ -1,7 +1,7 @@
 """The machines that the filter is replayed and measured on: how a program of tests/embedded is built for each and run. Used by
-scripts/platforms.py (the same bits) and scripts/budgets.py (instructions, code, memory).
+scripts/dev/platforms.py (the same bits) and scripts/dev/budgets.py (instructions, code, memory).
 
-A program is tse.c of scripts/amalgamate.py, one main, one port, and the recorded drive as a table. Microcontrollers are emulated by
+A program is tse.c of scripts/dev/amalgamate.py, one main, one port, and the recorded drive as a table. Microcontrollers are emulated by
 qemu-system-arm, other processors by qemu-user; what is not installed is left out, with the reason.
 """
 
@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 HERE = ROOT / "tests" / "embedded"
 DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 
@@ -268,7 +268,7 @@ class Work:
         folder = self.folder / "sources"
         if "sources" not in self.made:
             folder.mkdir(parents=True, exist_ok=True)
-            command = [sys.executable, str(ROOT / "scripts" / "amalgamate.py"), "--out", str(folder)]
+            command = [sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(folder)]
             subprocess.run(command, check=True, capture_output=True)
             (folder / "rows.h").write_text(rows())
             (folder / "frames.h").write_text(frames())

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # Run both commands of README as a new user does: on a bare Debian 12 with a C compiler, CMake and Python, and nothing
 # else. A step that installs too little fails here, and nowhere on a machine that has everything.
-#   scripts/bare.sh [COMMAND ...]     these commands in place of scripts/demo.sh and scripts/test.sh
+#   scripts/dev/bare.sh [COMMAND ...]     these commands in place of scripts/demo.sh and scripts/test.sh
 # The system is made in a folder by mmdebstrap and entered by chroot, so root is needed. What is committed is tested.
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 release=bookworm
 packages=ca-certificates,gcc,libc6-dev,make,cmake,python3,python3-venv
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What the result of a study changes by when a constant of src/tables/constants.toml is halved or doubled.
 
-    .venv/bin/python scripts/sweep.py --cars DIR [--runs N] [NAME ...]      all; table: scripts/results/constants.md
+    .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N] [NAME ...]      all; table: scripts/results/constants.md
 
 Every constant is compiled into a library of its own, by a changed copy of tables/constants.h, which runs on the drives of the
 library in use. A result counts as changed when the 95 % interval of the ratio of its RMS error, run by run, does not hold 1.
@@ -19,13 +19,13 @@ from tqdm import tqdm
 
 import tables
 from tse.channels.log import read_log
-from tse.library.core import STIFFNESS, Config, Library, library_path
-from tse.library.files import atomic
+from tse.library.core import STIFFNESS, Config, Library, find_library
+from tse.library.files import write_atomically
 from tselab.montecarlo import estimators, studies
 from tselab.montecarlo.case import START, Case, Drive, drive
 from tselab.montecarlo.scores import inside
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 from tests.cars import ROADS, events, study  # noqa: E402
 
@@ -67,7 +67,7 @@ def build(name: str, factor: float) -> Library:
         ["cmake", "--build", folder, "--parallel", "2"],
     ):
         subprocess.run([str(c) for c in command], check=True, capture_output=True)
-    made = next(f for f in folder.rglob(library_path().name) if f.is_file())
+    made = next(f for f in folder.rglob(find_library().name) if f.is_file())
     kept = folder / f"{name}-{factor:g}{made.suffix}"
     kept.write_bytes(made.read_bytes())
     return Library(kept)
@@ -156,7 +156,7 @@ Simulated cases: ratio of the RMS error (three stiffnesses pooled) to that with 
 same drives; `*`: the 95 % interval of the ratio (bootstrap over runs) does not hold 1. Calibrated cars with 14 degrees of
 freedom, {len(cars.calm)} drives on which nothing happens and {len(cars.events)} with an event: of the valid rows, share more than
 10 % off; false changes; seconds of the minute after an event in which a cornering stiffness is valid and more than 20 % off,
-mean. Command: `.venv/bin/python scripts/sweep.py --cars DIR --runs {args.runs}`."""
+mean. Command: `.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.runs}`."""
     lines = [
         head,
         "",
@@ -177,7 +177,7 @@ mean. Command: `.venv/bin/python scripts/sweep.py --cars DIR --runs {args.runs}`
     if args.names:
         print("\n".join(lines))
     else:
-        with atomic(TABLE) as file:
+        with write_atomically(TABLE) as file:
             file.write("\n".join(lines) + "\n")
         print(TABLE)
     return 0

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """The same bits everywhere: the recorded drive on every machine and with every compiler that is installed, in every number format.
 
-    python3 scripts/platforms.py              all; writes scripts/results/platforms.md
-    python3 scripts/platforms.py --short      those that differ most, half a minute: in the tests
-    python3 scripts/platforms.py --only TEXT  those with this in their name; prints, writes nothing
+    python3 scripts/dev/platforms.py              all; writes scripts/results/platforms.md
+    python3 scripts/dev/platforms.py --short      those that differ most, half a minute: in the tests
+    python3 scripts/dev/platforms.py --only TEXT  those with this in their name; prints, writes nothing
 
 A machine agrees when the hash of every bit of every output of every row is that of tests/replay/golden_<format>.csv: of the default
 form everywhere, and of the form with particles, in each way of resampling, where nothing is emulated. Fails when one does not, and
@@ -29,11 +29,11 @@ KEPT = m.ROOT / "build" / "platforms.json"
 STACK = 5_500  # bytes below main(): 4 476 of tse_step() in float at -O2, then settings and outputs; of double more
 SAME, REFUSED = "yes", "refused, as it must be"
 HEAD = """\
-<!-- Written by `python3 scripts/platforms.py`. -->
+<!-- Written by `python3 scripts/dev/platforms.py`. -->
 
 Does the recorded drive (tests/replay, {rows} rows) have the same bits? Hash of every bit of every output of every row against the
 golden one, by machine, compiler and number format. All with `-std=c99 {flags}`, of the two
-files of `scripts/amalgamate.py` without effects. Nothing emulated: default, robust and paper's form with all ways of resampling;
+files of `scripts/dev/amalgamate.py` without effects. Nothing emulated: default, robust and paper's form with all ways of resampling;
 emulated: the default form. -: not asked of it.
 
 """

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """What a row costs on microcontrollers: instructions, flash, RAM and stack, against the limits of tests/budgets.toml.
 
-    python3 scripts/budgets.py                     all; writes scripts/results/budgets.md; fails where a limit is passed
-    python3 scripts/budgets.py --short             the targets that are marked so: in the tests
-    python3 scripts/budgets.py --profile FROM TO   instructions by function over these rows of the drive, of the first target
+    python3 scripts/dev/budgets.py                     all; writes scripts/results/budgets.md; fails where a limit is passed
+    python3 scripts/dev/budgets.py --short             the targets that are marked so: in the tests
+    python3 scripts/dev/budgets.py --profile FROM TO   instructions by function over these rows of the drive, of the first target
 
 Instructions are those that qemu executes: with -icount shift=6 each takes 64 ns of the machine's time, which SysTick counts; a loop
 of a known length checks it in every run. So they are the same in each run and on each host. They are no clock cycles.
@@ -228,7 +228,7 @@ def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
 # ---- the table
 
 HEAD = """\
-<!-- Written by `python3 scripts/budgets.py`. -->
+<!-- Written by `python3 scripts/dev/budgets.py`. -->
 
 Cost of the default form, {compiler}: instructions of a row (-O3, as CMakeLists.txt does, where a row says no other; mean
 over the recorded drive as an ordinary car, longest of that and of rows which no drive has), flash at -Os without effects and

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Measure what README and the pages state, and write the tables to scripts/results.
 
-    .venv/bin/python scripts/facts.py                    all but the studies: about a minute and a half
-    .venv/bin/python scripts/facts.py --fmu              only what the FMUs compute and what their variables are: some seconds
-    .venv/bin/python scripts/facts.py --study NAME ...   a Monte-Carlo study, or all: it goes on where it was interrupted
+    .venv/bin/python scripts/dev/facts.py                    all but the studies: about a minute and a half
+    .venv/bin/python scripts/dev/facts.py --fmu              only what the FMUs compute and what their variables are: some seconds
+    .venv/bin/python scripts/dev/facts.py --study NAME ...   a Monte-Carlo study, or all: it goes on where it was interrupted
 
 What validators and other clients say of the FMUs: tests/fmu/importers.py.
 
@@ -18,7 +18,7 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
@@ -116,7 +116,7 @@ def measure() -> None:
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
     print("sizes, time ...", flush=True)
-    (RESULTS / "bench.md").write_text(sizes() + "\n" + output(ROOT / "scripts" / "bench.sh"))
+    (RESULTS / "bench.md").write_text(sizes() + "\n" + output(ROOT / "scripts" / "dev" / "bench.sh"))
     print("picture ...", flush=True)
     output(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """tse as two files, tse.h and tse.c; in which builds: scripts/dropin/README.md.
 
-    python3 scripts/amalgamate.py --out FOLDER                              tse.h, tse.c, LICENSE, NOTICE
-    python3 scripts/amalgamate.py --out FOLDER --real float --no-effects    what both files have as default
+    python3 scripts/dev/amalgamate.py --out FOLDER                              tse.h, tse.c, LICENSE, NOTICE
+    python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects    what both files have as default
 
 The files and the order in which they stand are those of src/CMakeLists.txt. What another file of the library calls, and no user,
 becomes static: only the public API is visible. The options of
@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 FORMATS = ("double", "float", "fixed")
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"[^\n]*\n', re.M)
 C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n', re.M)
@@ -305,7 +305,7 @@ def without_c_plus_plus(path: Path) -> str:
 
 
 ABOUT = """\
-/* {name} - tse {version}, a tyre-stiffness estimator, in two files: tse.h and tse.c. Written by scripts/amalgamate.py, not by hand.
+/* {name} - tse {version}, a tyre-stiffness estimator, in two files: tse.h and tse.c. Written by scripts/dev/amalgamate.py, not by hand.
  *
  * Copyright the tse authors. Licensed under the Apache License, Version 2.0: see LICENSE and NOTICE, which belong to these files.
  * SPDX-License-Identifier: Apache-2.0

@@ -2,9 +2,9 @@
 # Time per particle and step: double and float, baseline and AVX2, 64 .. 4096 particles; and time of a row with the settings as
 # they come, beside that of a plain extended Kalman filter (tests/bench/ekf.c). A benchmark, not a test: compare figures within
 # one run only. Prints two Markdown tables.
-#   scripts/bench.sh rows    only the second
+#   scripts/dev/bench.sh rows    only the second
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 variants=(double: float:)
 if grep -qs '^flags.* avx2 ' /proc/cpuinfo; then variants=(double: double:-mavx2 float: float:-mavx2); fi

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Write what C sources and headers have of the tables in src/tables/*.toml: structs, enumerations, rows.
 
-scripts/tables.py            write
-scripts/tables.py --check    change nothing; fails, and names the files, where something would be
+scripts/dev/tables.py            write
+scripts/dev/tables.py --check    change nothing; fails, and names the files, where something would be
 
 A file says where: between `/* table: NAME */` and `/* end of table */` stands what REGIONS has of that name.
 """
@@ -21,7 +21,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
 SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
 CONFIG = (
@@ -105,9 +105,9 @@ def text(x: str) -> str:
 
 
 def packed(parts: Iterable[str]) -> list[str]:
-    """Return parts one behind the other, in lines of 130 columns."""
+    """Return parts one behind the other, in lines of 106 columns."""
     return textwrap.wrap(
-        " ".join(p.replace(" ", "\0") for p in parts), 128, break_long_words=False, break_on_hyphens=False
+        " ".join(p.replace(" ", "\0") for p in parts), 106, break_long_words=False, break_on_hyphens=False
     )
 
 
@@ -295,10 +295,10 @@ def truths() -> list[tuple[str, str, str, Row]]:
 
 def listed(name: str, rows: Iterable[str]) -> Iterator[str]:
     """Yield a list as a macro, a row a line."""
-    *others, last = rows
+    lines = [line for row in rows for line in fold(f"  {row} \\")]
     yield f"#define {name} \\"
-    yield from (f"  {row} \\" for row in others)
-    yield f"  {last}"
+    yield from lines[:-1]
+    yield lines[-1].removesuffix(" \\")
 
 
 ENUMERATIONS = {
@@ -379,6 +379,22 @@ def changes() -> list[str]:
     return [f"{{ {text(r['word'])}, {text(r['text'])} }}," for r in read("output")["change"].values()]
 
 
+DEFINITION = re.compile(  # of a function or an array that other files may use
+    r"^(?!static|typedef|#|\s|TSE_INLINE)[a-z][\w *]*?\b(\w+)(?:\([^;{}]*\)\s*\{|\[[^\]]*\] = \{)", re.M
+)
+
+
+def internal_names() -> Iterator[str]:
+    """Name what several files of src share and is no part of the API, by folder."""
+    for folder in sorted(p for p in (ROOT / "src").iterdir() if p.is_dir() and p.name != "number"):
+        texts = [path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.c"))]
+        names = sorted({m[1] for text in texts for m in DEFINITION.finditer(text)})
+        internal = [name for name in names if not name.startswith("tse_")]
+        if internal:
+            yield f"/* {folder.name} */"
+            yield from (f"#define {name} TSE_NAME(tse_{name})" for name in internal)
+
+
 REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lines
     "settings_lists": settings_lists,
     "output_members": output_members,
@@ -388,6 +404,7 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
     "effect_numbers": effect_numbers,
     "effect_parameters": effect_parameters,
     "formula_operations": formula_operations,
+    "internal_names": internal_names,
     "columns": columns,
     "changes": changes,
     # a log row
@@ -474,17 +491,60 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
 }
 
 
+MAX_COLUMNS = 110
+REMARK = re.compile(r"(.*\S)(\s+)/\* (.*) \*/$")
+
+
+def fold_remark(code: str, gap: str, remark: str) -> list[str]:
+    """Continue a remark that is too long below itself."""
+    column = len(code) + len(gap)
+    first, *rest = textwrap.wrap(remark, MAX_COLUMNS - column - 6, break_long_words=False)
+    lines = [f"{code}{gap}/* {first}", *(f"{' ' * column} * {part}" for part in rest)]
+    return [*lines[:-1], lines[-1] + " */"]
+
+
+def split_text(word: str, room: int) -> list[str]:
+    """Split a C string that is longer than a line into neighbours, which C joins."""
+    if not word.startswith('"') or len(word) <= room:
+        return [word]
+    end = word.rindex('"')
+    parts = textwrap.wrap(word[1:end], room - 4, break_long_words=False, drop_whitespace=False)
+    return [f'"{part}"' for part in parts[:-1]] + [f'"{parts[-1]}"{word[end + 1 :]}']
+
+
+def fold_row(line: str) -> list[str]:
+    """Break a row of a table between its parts; a macro continues by backslashes."""
+    is_macro = line.endswith(" \\")
+    body = line.removesuffix(" \\")
+    indent = " " * (len(body) - len(body.lstrip()) + 4)
+    room = MAX_COLUMNS - 2 - len(indent)
+    words = re.findall(r'(?:"(?:\\.|[^"\\])*"|[^\s"])+', body)
+    lines = [indent[4:]]
+    for word in (part for whole in words for part in split_text(whole, room)):
+        if len(lines[-1]) + 1 + len(word) > MAX_COLUMNS - 2:
+            lines.append(indent)
+        lines[-1] += word if not lines[-1].strip() else f" {word}"
+    if body.lstrip().startswith("#define"):
+        return [*(f"{x} \\" for x in lines[:-1]), lines[-1]]
+    return [f"{x} \\" for x in lines] if is_macro else lines
+
+
+def fold(line: str) -> list[str]:
+    """Return a generated line in lines of at most MAX_COLUMNS."""
+    if len(line) <= MAX_COLUMNS:
+        return [line]
+    if m := REMARK.match(line):
+        return fold_remark(m[1], m[2], m[3])
+    return fold_row(line)
+
+
 def filled(source: str) -> str:
     """Return a source or header with its tables as they are now."""
 
     def put(m: re.Match[str]) -> str:
         indent = m[1][: m[1].index("/")]
-        lines = REGIONS[m[2]]()
-        return (
-            m[1]
-            + "".join(f"{'' if x.startswith('#') else indent}{x}\n".replace("\0", " ") for x in lines)
-            + m[3]
-        )
+        made = (f"{'' if x.startswith('#') else indent}{x}".replace("\0", " ") for x in REGIONS[m[2]]())
+        return m[1] + "".join(f"{line}\n" for x in made for line in fold(x)) + m[3]
 
     return REGION.sub(put, source)
 
@@ -502,7 +562,7 @@ def main() -> int:
             continue
         if check:
             print(
-                f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/tables.py",
+                f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/dev/tables.py",
                 file=sys.stderr,
             )
             status = 1

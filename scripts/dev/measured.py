@@ -1,4 +1,4 @@
-"""What a command takes: scripts/long_logs.py, tests/gap/scale.py."""
+"""Measure time and memory of a command, for long_logs.py and tests/gap/scale.py."""
 
 import os
 import subprocess
@@ -8,11 +8,12 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 TSELAB = [sys.executable, "-m", "tselab"]
 PATHS = os.pathsep.join([str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")])
 ENV = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": PATHS}
-# The greatest memory of a process begins with that of who starts it: this one is small.
+# The peak memory of a process includes that of its parent at the start. This parent is
+# small.
 LAUNCH = """
 import os, sys
 quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
@@ -22,16 +23,22 @@ print(status, usage.ru_utime + usage.ru_stime, usage.ru_maxrss)
 
 
 class Taken(NamedTuple):
-    """Of a process with its children."""
+    """Time and memory of a process with its children."""
 
     code: int
-    clock: float  # s
-    busy: float  # s of processors
-    memory: float  # bytes, the most of one process
+    clock: float  # s, elapsed time
+    busy: float  # s, time of the processors
+    memory: float  # bytes, maximum of a single process
 
 
-def measured(*command: object, codes: Collection[int] = (0, 3), env: Mapping[str, str] = ENV) -> Taken:
-    """Run a command. RuntimeError: it was stopped, or its exit code is none of `codes`."""
+def measure_command(*command: object, codes: Collection[int] = (0, 3), env: Mapping[str, str] = ENV) -> Taken:
+    """Run a command and return its time and memory.
+
+    Raises
+    ------
+    RuntimeError
+        A signal stopped the command, or its exit code is not one of `codes`.
+    """
     start = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-c", LAUNCH, *map(str, command)],

@@ -2,7 +2,7 @@
 # Looks for inputs that break something: the C targets of tests/fuzz with libFuzzer, address and undefined-behaviour sanitizers, in
 # double, float and fixed point, and the readers of files (tests/fuzz/readers.py). A table at the end; fails when anything was found, which
 # is then in build/fuzz/found/TARGET.
-#   scripts/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise] [--table FILE]
+#   scripts/dev/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise] [--table FILE]
 #     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...; float_step, fixed_step ...; reader_log, reader_vehicle ...;
 #                   default: all
 #     --runs N      inputs of each target, for instance 1000000; with --seconds whichever comes first; default: --seconds 3, about
@@ -13,7 +13,7 @@
 # Without clang and its libFuzzer the C targets are skipped; exit code 77 when nothing could run.
 set -uo pipefail
 asked="$*"
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 longest=600                                   # bytes of an input: some 160 rows
 kept=40                                       # inputs of a corpus in the repository: all targets together some 100 kB
@@ -136,7 +136,7 @@ printf '%-22s %10s %10s %10s %8s\n' target inputs inputs/s edges corpus
 printf '%s\n' "${table[@]}"
 if [ -n "$page" ]; then
   {
-    printf '`scripts/fuzz.sh %s`: each target until its inputs or its seconds are over, whichever comes first. An input is up to %d bytes,\n' "$asked" "$longest"
+    printf '`scripts/dev/fuzz.sh %s`: each target until its inputs or its seconds are over, whichever comes first. An input is up to %d bytes,\n' "$asked" "$longest"
     printf 'which are a drive of up to 160 rows, a sequence of calls, or a file; a C target runs with the sanitizers for addresses and undefined\n'
     printf 'behaviour. Inputs a second, of a shared machine. Edges: places in the program that libFuzzer saw reached; corpus: inputs that each\n'
     printf 'reach something of their own; the readers of files are in Python, where neither is counted.\n\n'

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The fixed-point build beside double, on the same drives: writes scripts/results/fixed.md.
 
-    .venv/bin/python scripts/fixed.py [--runs R]
+    .venv/bin/python scripts/dev/fixed.py [--runs R]
 
 Every drive is simulated once, in double; both builds read the same log. Libraries are made in build/fixed (cmake, a C compiler).
 Six minutes for 20 runs on one free core, nearly all of it the form with particles. What counts, and when a run has
@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from tse.library.core import STIFFNESS, Config, Filter, Library  # noqa: E402
+from tse.library.core import STIFFNESS, Config, Library, NativeFilter  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
 from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
 
@@ -74,7 +74,7 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                     for filter_seed in FILTER_SEEDS[form]:
                         config = settings(lib, form, d.about)
                         config.set("seed", filter_seed)
-                        estimate = Filter(config).over(d.rows)
+                        estimate = NativeFilter(config).estimate_rows(d.rows)
                         row = {"case": case.name, "form": form, "build": build, "seed": seed}
                         row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
                         rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))
@@ -137,7 +137,7 @@ def page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
     text = [
         "# Fixed point beside double",
         "",
-        f"Written by `.venv/bin/python scripts/fixed.py --runs {many} --paper-runs {few}`: seeds 1, 2, ... of each case, every "
+        f"Written by `.venv/bin/python scripts/dev/fixed.py --runs {many} --paper-runs {few}`: seeds 1, 2, ... of each case, every "
         "drive simulated once (in double) and read by both builds; by the form with particles with four seeds of its own each. "
         "RMS of the relative errors of cx_front, cy_front, cy_rear over "
         "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest difference of these shares. Limits: RMS at "

@@ -2,13 +2,13 @@
 # Millions of rows of simulated drives, with all that happens to cars and sensors, through the default filter (tests/fuzz/soak.c):
 # estimates that are no number, states that are refused, recoveries where nothing was lost, stiffness that is off by more than its
 # interval on average where nothing happens, or rows come late. Fails when there is one.
-#   scripts/soak.sh [ROWS]        default 10,000,000: about two minutes of one core; writes scripts/results/soak.md
-#   scripts/soak.sh --drives [ROWS [FIRST_DRIVE]]
+#   scripts/dev/soak.sh [ROWS]        default 10,000,000: about two minutes of one core; writes scripts/results/soak.md
+#   scripts/dev/soak.sh --drives [ROWS [FIRST_DRIVE]]
 #                                 long random drives of any settings (tests/fuzz/drives.c) in double, float, fixed point and the
 #                                 small build: numbers out of range, states that are refused. Default 10,000,000 rows of each:
 #                                 20 minutes of one core
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 if [ "${1:-}" = --drives ]; then
   code=0
@@ -36,7 +36,7 @@ code=0
 $dir/tests/fuzz/soak "$rows" >"$table" || code=$?
 cat "$table"
 {
-  printf '`scripts/soak.sh %s`: drives of a minute each, one event in each, the default settings in double; cars with 0.6 .. 1.2 of the\n' "$rows"
+  printf '`scripts/dev/soak.sh %s`: drives of a minute each, one event in each, the default settings in double; cars with 0.6 .. 1.2 of the\n' "$rows"
   printf 'nominal stiffness, 8 .. 40 m/s. False: a recovery (status 7) more than 5 s from the start and not within 15 s of the event.\n'
   printf 'Errors are those of valid cornering stiffness beside the simulator'"'"'s, where it is constant, from the start of the event on.\n\n'
   cat "$table"

@@ -1,4 +1,4 @@
-"""Software bill of materials of a release: CycloneDX 1.6, as JSON. Called by scripts/release.py.
+"""Software bill of materials of a release: CycloneDX 1.6, as JSON. Called by scripts/dev/release.py.
 
 What the release is made of: its files with their hashes, third-party sources in them, and the Python packages that tse needs when
 it runs, in the versions of scripts/lock.txt, with who needs whom. The C library needs the C standard library alone.

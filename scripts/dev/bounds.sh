@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Are the lower bounds of pyproject.toml true? Installs the lowest versions it allows into build/bounds and runs the tests of the API,
 # of `tselab estimate` and of the examples with them. Needs the program uv, and what scripts/setup.sh has made. A few minutes.
-#   scripts/bounds.sh [PYTHON]       default: the Python of .venv
+#   scripts/dev/bounds.sh [PYTHON]       default: the Python of .venv
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 command -v uv >/dev/null || { echo "bounds: the program uv is needed (Python package uv)" >&2; exit 1; }
 python=${1:-$(.venv/bin/python -c 'import sys; print(sys.executable)')}
 rm -rf build/bounds

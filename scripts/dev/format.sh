@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # Format the sources: Python by ruff, C by clang-format (.clang-format; what is laid out by hand: .clang-format-ignore).
-#   scripts/format.sh            in place
-#   scripts/format.sh --check    change nothing; fails, and names the files, where something would be
+#   scripts/dev/format.sh            in place
+#   scripts/dev/format.sh --check    change nothing; fails, and names the files, where something would be
 # Versions are those of scripts/lock.txt: another clang-format lays out otherwise.
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 check=
 case ${1:-} in
   "") ;;

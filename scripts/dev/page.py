@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """The page that estimates and drives in a browser: one file with everything in it, build/site/try.html.
 
-    .venv/bin/python scripts/page.py                 build it
-    .venv/bin/python scripts/page.py --out FILE      somewhere else
-    .venv/bin/python scripts/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
+    .venv/bin/python scripts/dev/page.py                 build it
+    .venv/bin/python scripts/dev/page.py --out FILE      somewhere else
+    .venv/bin/python scripts/dev/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
 
 The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What
 the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when it
@@ -88,7 +88,7 @@ def compilers() -> list[list[str]]:
 def wasm(cc: list[str] | None = None) -> bytes:
     """The library as WebAssembly."""
     BUILD.mkdir(parents=True, exist_ok=True)
-    call([sys.executable, str(ROOT / "scripts" / "amalgamate.py"), "--out", str(BUILD / "src")])
+    call([sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(BUILD / "src")])
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or compilers()[0]
     libc = ROOT / "tests" / "embedded" / "wasm"  # what a compiler calls of a C library
@@ -189,10 +189,10 @@ def known() -> dict[str, Any]:
 
     factors: dict[str, dict[str, float]] = {}
     for si in ("s", "rad", "rad/s", "m/s", "m/s2"):
-        found = {spelling: units.factor(spelling, si) for spelling in units.SPELT if spelling}
+        found = {spelling: units.unit_factor(spelling, si) for spelling in units.SPELLINGS if spelling}
         factors[si] = {spelling: value for spelling, value in found.items() if value is not None}
     return {
-        "spelt": units.SPELT, "factors": factors, "atEnd": _AT_END,
+        "spelt": units.SPELLINGS, "factors": factors, "atEnd": _AT_END,
         "roles": vocabulary.ROLE_WORDS, "not": vocabulary.NOT_ROLE_WORDS, "places": vocabulary.PLACE_WORDS,
         "names": verdict.NAMES, "wheel": vocabulary.WHEEL_WORDS.pattern, "noWheel": vocabulary.NO_WHEEL_WORDS.pattern,
         "rules": {
@@ -212,7 +212,7 @@ def known() -> dict[str, Any]:
             "turned": agree.MIN_IMU_TURN, "aside": agree.SIDE_LEVER, "asideShare": agree.MIN_SIDE_SHARE,
             "rate": physics.COMPARISON_RATE, "smooth": physics.MEAN_TIME, "moving": physics.MOVING_SPEED,
             "fewest": physics.MIN_ROWS, "mostRows": MOST_CHECKED,
-            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.TURN_SHOWN,
+            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.MIN_TURN_SHARE,
         },
     }  # fmt: skip
 

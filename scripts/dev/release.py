@@ -1,10 +1,10 @@
-"""Everything that a release holds, in one folder, of the last commit: called by scripts/release.sh, which brings the tools.
+"""Everything that a release holds, in one folder, of the last commit: called by scripts/dev/release.sh, which brings the tools.
 
-    scripts/release.sh 0.2.0                                          all of it, in release/0.2.0
-    scripts/release.sh 0.2.0 --only wheels --platforms win_amd64      a part
-    scripts/release.sh 0.2.0 --twice                                  two times, in two folders, and byte by byte the same
+    scripts/dev/release.sh 0.2.0                                          all of it, in release/0.2.0
+    scripts/dev/release.sh 0.2.0 --only wheels --platforms win_amd64      a part
+    scripts/dev/release.sh 0.2.0 --twice                                  two times, in two folders, and byte by byte the same
 
-The same commit and the same tools (scripts/lock-release.txt) give the same bytes: all is built from an export of the commit, in a
+The same commit and the same tools (scripts/dev/lock-release.txt) give the same bytes: all is built from an export of the commit, in a
 folder of its own, archives carry the commit's time and no owner, and every library is compiled by the same compiler, zig's.
 """
 
@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 WHEELS = {  # tag of the wheel -> target of zig
     "manylinux_2_17_x86_64.manylinux2014_x86_64": "x86_64-linux-gnu.2.17",
     "manylinux_2_17_aarch64.manylinux2014_aarch64": "aarch64-linux-gnu.2.17",
@@ -137,7 +137,7 @@ def with_headers(r: Release) -> None:
 
 def amalgamation(r: Release) -> None:
     """The library as tse.h and tse.c."""
-    script = r.source / "scripts" / "amalgamate.py"
+    script = r.source / "scripts" / "dev" / "amalgamate.py"
     folder = r.source.parent / "amalgamation"
     r.run(sys.executable, script, "--out", folder / "tse")
     r.archive(f"tse-{r.version}-amalgamation.tar.gz", folder, f"tse-{r.version}")
@@ -152,7 +152,7 @@ def site(r: Release) -> None:
     for made in (r.source / "build" / "lab" / "src").glob("libtse.[sd][oy]*"):
         if made.suffix in (".so", ".dylib"):
             shutil.copy(made.resolve(), r.source / "scripts" / "tse" / "library" / "lib" / made.name)
-    r.run("bash", r.source / "scripts" / "docs.sh", TSE_DOCS_PYTHON=sys.executable)
+    r.run("bash", r.source / "scripts" / "dev" / "docs.sh", TSE_DOCS_PYTHON=sys.executable)
     r.archive(f"tse-{r.version}-site.tar.gz", r.source / "build" / "site", f"tse-{r.version}-site")
 
 

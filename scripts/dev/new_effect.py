@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A contributor's first hour: the skeleton of an effect - its row, its function, its test, its place among the equations.
 
-    python3 scripts/new_effect.py brake_pull --hook BODY --parameter arm --unit m --low -0.5 --high 0.5 --typical 0.01 0.05
+    python3 scripts/dev/new_effect.py brake_pull --hook BODY --parameter arm --unit m --low -0.5 --high 0.5 --typical 0.01 0.05
 
 Afterwards everything builds, all tests pass but the new one, which says what to write. CONTRIBUTING.md, "Add an effect", explains
 each part. Nothing is written where the name is taken or a value makes no sense; exit code 2, and a sentence says why.
@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 # hook -> where it acts, and its function: signature, what it begins with
 HOOKS = {
     "CONSTANT": ("parameters", "void {id}_constant(tse_config *c)", "  /* c->mass += r_mul(c->mass, {at}); */\n  (void)c;"),
@@ -153,13 +153,13 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     for path, text in files.items():
         path.write_text(text, encoding="utf-8")
-    subprocess.run([sys.executable, ROOT / "scripts" / "tables.py"], check=True)
+    subprocess.run([sys.executable, ROOT / "scripts" / "dev" / "tables.py"], check=True)
     print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
     print(f"""  1. the equation and the formula, in src/model/{laws_of(asked.hook)}
   2. the texts of its row in src/tables/effects.toml: title, channels that show it, look-alikes
   3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with
      cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}
-  4. the row in src/EQUATIONS.md, .venv/bin/python scripts/facts.py --fmu""")
+  4. the row in src/EQUATIONS.md, .venv/bin/python scripts/dev/facts.py --fmu""")
     return 0
 
 

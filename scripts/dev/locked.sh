@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Install what a lock file names, to the hash.   scripts/locked.sh PYTHON LOCK.txt
+# Install what a lock file names, to the hash.   scripts/dev/locked.sh PYTHON LOCK.txt
 # Exit code 3: this Python or machine has no such files, and the caller may take others. Any other failure stops: a hash that differs, a
 # download that breaks off, a registry that is not there - nothing may then be installed without its hash.
 set -uo pipefail
